@@ -1,0 +1,1 @@
+"""Models and parameters into FMUs, and the checks that an FMU must pass."""

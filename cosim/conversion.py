@@ -1,0 +1,69 @@
+"""Conversion between the units that two components define themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cosim.component import UnitDefinition, Variable
+from eightpost import units
+from eightpost.errors import UnknownUnitError, WiringError
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """`target = factor * source + offset`."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __call__(self, value: float) -> float:
+        """Return the value in the target's unit."""
+        return self.factor * value + self.offset
+
+
+def named_unit(name: str) -> UnitDefinition:
+    """Return the definition of a unit that this project knows by name."""
+    factor, offset = units.conversion(name, units.si_unit(name))
+    return UnitDefinition(name, units.si_exponents(name), factor, offset)
+
+
+def convert_between(source: UnitDefinition | None, target: UnitDefinition | None, what: str) -> Conversion:
+    """Return the conversion from one unit to another; none where a side states no unit.
+
+    Args:
+        source: Unit of the values that come.
+        target: Unit that is needed.
+        what: The connection, for the message.
+
+    Raises:
+        WiringError: The dimensions differ.
+    """
+    if source is None or target is None:
+        return Conversion()
+    source, target = _defined(source), _defined(target)
+    if source.exponents != target.exponents:
+        raise WiringError(f"{what}: cannot connect [{source.name}] to [{target.name}]: the dimensions differ")
+    if (source.factor, source.offset) == (target.factor, target.offset):
+        return Conversion()
+    return Conversion(source.factor / target.factor, (source.offset - target.offset) / target.factor)
+
+
+def to_si(variable: Variable) -> tuple[Conversion, str]:
+    """Return the conversion of a variable to SI and the SI unit's name; as it is where it states no unit."""
+    if variable.unit is None:
+        return Conversion(), "1"
+    definition = _defined(variable.unit)
+    for name in units.SI_UNITS:
+        if units.si_exponents(name) == definition.exponents:
+            return Conversion(definition.factor, definition.offset), name
+    return Conversion(), "1"
+
+
+def _defined(definition: UnitDefinition) -> UnitDefinition:
+    """Read the unit's name where the component names a unit without defining it in SI base units."""
+    if "?" not in definition.exponents:
+        return definition
+    try:
+        return named_unit(definition.name)
+    except UnknownUnitError as error:
+        raise WiringError(f"unit {definition.name!r} is not defined by its component and not known: {error}") from error

@@ -1,0 +1,257 @@
+"""A system made ready to run: what each component's inputs are fed with, now and at the end of the step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.component import Component
+from cosim.conversion import Conversion, convert_between, named_unit
+from cosim.scenario import Scenario
+from cosim.system import System
+from eightpost.errors import WiringError
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A share of an input: `gain * conversion(output)`."""
+
+    source: str
+    gain: float
+    conversion: Conversion
+
+    def __call__(self, outputs: Mapping[str, float]) -> float:
+        """Return the share for the outputs' values."""
+        return self.gain * self.conversion(outputs[self.source])
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """All that goes into one input: the terms of connections, a channel of the drive, a constant."""
+
+    target: str
+    terms: tuple[Term, ...]
+    drive: int | None
+    drive_conversion: Conversion
+    constant: float
+
+
+class Coupling:
+    """The values on every connection during a run.
+
+    `now` holds the outputs at the start of the step, `ahead` those at its end of the components that have stepped.
+    `used` holds the value of each input at the start and end of the last step, as its component saw it.
+    """
+
+    def __init__(self, system: System, scenario: Scenario, watched: frozenset[str]) -> None:
+        """Resolve every connection.
+
+        Args:
+            system: Components and connections.
+            scenario: Its drive.
+            watched: Variables to read at recorded points besides the connected ones, as `component.variable`.
+
+        Raises:
+            WiringError: A drive channel has no input, an input has no source or two, units do not fit.
+        """
+        self._drive = scenario.drive
+        self._drive_rows: tuple[list[list[float]], list[list[float]]] = ([], [])
+        self._index = 0
+        self.components: Mapping[str, Component] = system.components
+        self.feeds = _feeds(system, scenario)
+        sources = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
+        self.outputs = {name: _names_of(name, sources) for name in self.components}
+        self.watched = {name: _names_of(name, watched - sources) for name in self.components}
+        self.now: dict[str, float] = {}
+        self.ahead: dict[str, float] = {}
+        self.used: dict[str, tuple[float, float]] = {}
+
+    def prepare(self, times: NDArray[np.float64]) -> None:
+        """Sample the drive at the coupling points `times` (K+1,) [s], and its exact means between them."""
+        if self._drive:
+            self._drive_rows = (self._drive.sample(times).T.tolist(), self._drive.means(times).T.tolist())
+        else:
+            self._drive_rows = ([[]] * times.size, [[]] * (times.size - 1))
+
+    def feed_start(self, name: str) -> None:
+        """Set a component's inputs to their values at the start from the outputs at hand (0 where none yet)."""
+        known = {source: self.now.get(source, 0.0) for feed in self.feeds[name] for source in _sources(feed)}
+        drive = self._drive_rows[0][0]
+        feeds = self.feeds[name]
+        if feeds:
+            self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
+
+    def read(self, name: str) -> dict[str, float]:
+        """Return a component's connected outputs, by full name."""
+        return self._get(name, self.outputs[name])
+
+    def read_watched(self) -> dict[str, float]:
+        """Return all connected and watched variables as they are now, by full name."""
+        values = dict(self.now)
+        for name, names in self.watched.items():
+            values.update(self._get(name, names))
+        return values
+
+    def _get(self, name: str, names: tuple[str, ...]) -> dict[str, float]:
+        if not names:
+            return {}
+        return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))
+
+    def step(self, name: str, time: float, step: float, *, newest: bool) -> None:
+        """Step one component from `time` by `step` [s].
+
+        Args:
+            name: The component.
+            time: Start of the step [s].
+            step: Its length [s].
+            newest: Whether its inputs follow the outputs, at the end of the step, of components that have stepped.
+        """
+        component, feeds = self.components[name], self.feeds[name]
+        end_outputs = {**self.now, **self.ahead} if newest else self.now
+        samples, means = self._drive_rows
+        if component.capabilities.interpolates_inputs:
+            targets = [feed.target for feed in feeds]
+            drive_start, drive_end = samples[self._index], samples[self._index + 1]
+            ends = [(_value(feed, self.now, drive_start), _value(feed, end_outputs, drive_end)) for feed in feeds]
+            component.set(targets, [start for start, _ in ends])
+            component.set_derivatives(targets, [(end - start) / step for start, end in ends])
+        else:
+            ends = [(value, value) for value in (_value(f, end_outputs, means[self._index]) for f in feeds)]
+            component.set([feed.target for feed in feeds], [value for value, _ in ends])
+        component.step(time, step)
+        self.used.update({f"{name}.{feed.target}": pair for feed, pair in zip(feeds, ends, strict=True)})
+        self.ahead.update(self.read(name))
+
+    def accept(self) -> None:
+        """Take what is ahead as what is now."""
+        self.now.update(self.ahead)
+        self.ahead.clear()
+
+    def end_step(self) -> None:
+        """End the step: go on to the next coupling point."""
+        self.accept()
+        self._index += 1
+
+    def order(self) -> tuple[tuple[str, ...], bool]:
+        """Return the components so that direct terms come after what they follow, and whether that was possible."""
+        follows: dict[str, set[str]] = {name: set() for name in self.components}
+        for name, feeds in self.feeds.items():
+            direct = self._direct_inputs(name)
+            follows[name] = {
+                source.partition(".")[0] for feed in feeds if feed.target in direct for source in _sources(feed)
+            } - {name}
+        try:
+            return tuple(TopologicalSorter(follows).static_order()), True
+        except CycleError:
+            return tuple(self.components), False
+
+    def _direct_inputs(self, name: str) -> frozenset[str]:
+        """The inputs that reach, without delay, an output which feeds another component."""
+        variables = self.components[name].variables
+        coupled = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
+        outputs = [v for v in variables.values() if f"{name}.{v.name}" in coupled]
+        return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
+
+    def held_inputs(self) -> frozenset[str]:
+        """Return the inputs that change over a step but are held in it, because their component cannot ramp them."""
+        return frozenset(
+            f"{name}.{feed.target}"
+            for name, feeds in self.feeds.items()
+            if not self.components[name].capabilities.interpolates_inputs
+            for feed in feeds
+            if feed.terms or feed.drive is not None
+        )
+
+
+def _value(feed: Feed, outputs: Mapping[str, float], drive: Sequence[float]) -> float:
+    value = feed.constant
+    for term in feed.terms:
+        value += term(outputs)
+    if feed.drive is not None:
+        value += feed.drive_conversion(drive[feed.drive])
+    return float(value)
+
+
+def _sources(feed: Feed) -> tuple[str, ...]:
+    return tuple(term.source for term in feed.terms)
+
+
+def _names_of(component: str, full_names: set[str] | frozenset[str]) -> tuple[str, ...]:
+    prefix = f"{component}."
+    return tuple(sorted(name.removeprefix(prefix) for name in full_names if name.startswith(prefix)))
+
+
+def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
+    terms: dict[str, list[Term]] = {}
+    for connection in system.all_connections:
+        source, target = system.output(connection.source), system.input(connection.target)
+        what = f"{connection.source} -> {connection.target}"
+        term = Term(connection.source, connection.gain, convert_between(source.unit, target.unit, what))
+        terms.setdefault(connection.target, []).append(term)
+    driven = _driven(system, scenario)
+    _check_drive(system, terms, driven)
+    feeds: dict[str, tuple[Feed, ...]] = {}
+    for name, component in system.components.items():
+        inputs = [v for v in component.variables.values() if v.causality == "input" and v.type == "Real"]
+        feeds[name] = tuple(_feed(f"{name}.{v.name}", terms, driven, system.constants) for v in inputs)
+    return feeds
+
+
+def _feed(
+    target: str,
+    terms: Mapping[str, list[Term]],
+    driven: Mapping[str, tuple[int, Conversion]],
+    constants: Mapping[str, float],
+) -> Feed:
+    if target not in terms and target not in driven and target not in constants:
+        raise WiringError(
+            f"{target} is an input without a source: connect it, give the drivefile a channel for it, or give it a "
+            "constant value (constants in Python, [components.NAME.inputs] in the file)"
+        )
+    channel, conversion = driven.get(target, (None, Conversion()))
+    short = target.partition(".")[2]
+    return Feed(short, tuple(terms.get(target, ())), channel, conversion, constants.get(target, 0.0))
+
+
+def _driven(system: System, scenario: Scenario) -> dict[str, tuple[int, Conversion]]:
+    """Return per driven input: the drive's channel and the conversion from its SI unit."""
+    if scenario.drive is None:
+        return {}
+    targets = scenario.targets or {name: _only_input(system, name) for name in scenario.drive.names}
+    driven = {}
+    for channel, target in targets.items():
+        if channel not in scenario.drive.names:
+            raise WiringError(f"the drivefile has no channel {channel!r}; it has {', '.join(scenario.drive.names)}")
+        index = scenario.drive.names.index(channel)
+        source = named_unit(scenario.drive.units[index])
+        if target in driven:
+            raise WiringError(f"two channels of the drivefile go to {target}; keep one")
+        driven[target] = (
+            index,
+            convert_between(source, system.input(target).unit, f"drivefile {channel} -> {target}"),
+        )
+    return driven
+
+
+def _only_input(system: System, channel: str) -> str:
+    homes = [
+        f"{name}.{channel}"
+        for name, component in system.components.items()
+        if (variable := component.variables.get(channel)) is not None and variable.causality == "input"
+    ]
+    if len(homes) != 1:
+        found = " and ".join(homes) or "none"
+        raise WiringError(f"drivefile channel {channel!r}: {found} takes it; say where it goes in [scenario.targets]")
+    return homes[0]
+
+
+def _check_drive(system: System, terms: Mapping[str, object], driven: Mapping[str, object]) -> None:
+    for target in driven:
+        if (target in terms or target in system.constants) and target not in system.sums:
+            raise WiringError(
+                f'{target} has two sources (the drivefile and another); remove one, or add "{target}" to sums'
+            )

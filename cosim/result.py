@@ -1,0 +1,84 @@
+"""What a run leaves: series, status, statistics; readable and on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from cosim.energy import BondEnergy
+from cosim.system import System
+from eightpost import __version__
+from eightpost.files import atomic_path
+from eightpost.signals import TimeSeries, write_series
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Result:
+    """One run.
+
+    Args:
+        series: Recorded variables by `component.variable`, SI.
+        converged: Whether the coupled start was found; see `notes`.
+        notes: What the reader should know, in sentences.
+        algorithm: Its name.
+        order: The components as they were stepped.
+        step: Coupling step [s].
+        steps: Number of coupling steps.
+        seconds: Wall time from the start of initialization [s].
+        equilibrium_sweeps: Evaluations until the coupled start agreed.
+        energy: Per bond: energy residual and energy transferred [J].
+        held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
+        identities: GUID of each component.
+        settling: Time at the start that response measures leave out [s].
+        share_beyond_fit: Per shock: share of time beyond its fitted velocities.
+        share_tire_off: Per tire force: share of time below zero load; None where no static load is known.
+    """
+
+    series: TimeSeries
+    converged: bool
+    notes: tuple[str, ...]
+    algorithm: str
+    order: tuple[str, ...]
+    step: float
+    steps: int
+    seconds: float
+    equilibrium_sweeps: int
+    energy: Mapping[str, BondEnergy]
+    held_direct: tuple[str, ...]
+    identities: Mapping[str, str]
+    settling: float = 0.0
+    share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
+    share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
+
+    def settled(self) -> TimeSeries:
+        """Return the series without the settling time."""
+        return self.series.window(self.settling, float(self.series.time[-1])) if self.settling else self.series
+
+    def write(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write series.parquet, series.csv and result.json; each replaces an old one only when it is whole."""
+        folder = Path(folder)
+        paths = (folder / "series.parquet", folder / "series.csv", folder / "result.json")
+        write_series(self.series, paths[0])
+        write_series(self.series, paths[1])
+        with atomic_path(paths[2]) as temporary:
+            temporary.write_text(json.dumps(self._document(), indent=2) + "\n", encoding="utf-8")
+        return paths
+
+    def _document(self) -> dict[str, object]:
+        document = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("series", "energy")}
+        energy = {name: asdict(e) | {"relative": e.relative} for name, e in self.energy.items()}
+        heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
+        return heading | document | {"energy": energy, "channels": list(self.series.names)}
+
+
+def held_direct_outputs(system: System, held: frozenset[str], names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the recorded outputs that follow, without delay, an input that was held over each step."""
+    return tuple(
+        name
+        for name in names
+        if any(f"{name.partition('.')[0]}.{source}" in held for source in system.output(name).direct)
+    )

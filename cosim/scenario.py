@@ -1,0 +1,45 @@
+"""What is done to a system: its drive, how long, and what is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+
+from eightpost.errors import InputError
+from eightpost.signals import Drivefile
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A run of a system.
+
+    Args:
+        stop: Duration [s].
+        drive: Signals for the inputs that no component feeds; its time 0 is the start of the run.
+        targets: Which input each channel of `drive` goes to: `{"lf.road": "car.lf.road"}`. Empty: every channel goes
+            to the one component input of that name.
+        record: Variables to keep, as `component.variable`; empty: every output.
+        record_step: Time between recorded samples [s], a whole number of coupling steps; None: every step.
+        settling: Time at the start that response measures leave out [s].
+
+    Raises:
+        InputError: A time is not positive and finite.
+    """
+
+    stop: float
+    drive: Drivefile | None = None
+    targets: Mapping[str, str] = field(default_factory=dict)
+    record: tuple[str, ...] = ()
+    record_step: float | None = None
+    settling: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.stop) and self.stop > 0.0):
+            raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
+        if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
+            raise InputError(f"scenario: record_step must be a positive time, not {self.record_step!r} s")
+        if not 0.0 <= self.settling < self.stop:
+            raise InputError(
+                f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
+            )

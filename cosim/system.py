@@ -1,0 +1,219 @@
+"""A system: components and what feeds their inputs. Checked when it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+
+from cosim.component import Component, Variable
+from cosim.conversion import convert_between
+from cosim.fmu_component import FmuComponent
+from eightpost.errors import WiringError
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """An output that feeds an input, both as `component.variable`; units are converted, then `gain` applies.
+
+    A component that is positive in extension connects with gain -1.
+    """
+
+    source: str
+    target: str
+    gain: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bond:
+    """A velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+
+    name: str
+    velocity: Connection
+    force: Connection
+    displacement: Connection | None = None
+
+    @classmethod
+    def between(cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True) -> Bond:
+        """Join a vehicle's port and a shock by the names of docs/ports.md.
+
+        Args:
+            vehicle: Component and port: `car.lf`; just `car` for a quarter car.
+            shock: The shock's component.
+            gain: On velocity, displacement and force; -1 for a shock that is positive in extension.
+            displacement: Whether the shock takes the displacement too.
+        """
+        travel = Connection(f"{vehicle}.displacement", f"{shock}.displacement", gain) if displacement else None
+        return cls(
+            name=vehicle,
+            velocity=Connection(f"{vehicle}.velocity", f"{shock}.velocity", gain),
+            force=Connection(f"{shock}.force", f"{vehicle}.force", gain),
+            displacement=travel,
+        )
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """Its two or three connections."""
+        return (self.velocity, self.force) + ((self.displacement,) if self.displacement else ())
+
+
+@dataclass(frozen=True)
+class System:
+    """Components and their connections; every rule that does not need a scenario is checked here.
+
+    Args:
+        components: By name; names have no dots.
+        bonds: Velocity/force ports.
+        connections: Any other connections.
+        sums: Inputs that add up what several sources feed them, as `component.variable`.
+        constants: Inputs with a constant value, in the component's own unit.
+        parameters: Per component: parameter values in the component's own units.
+
+    Raises:
+        WiringError: An unknown name, two sources for an input that is not declared a sum, incompatible units; the
+            message names the connection and what to do.
+    """
+
+    components: Mapping[str, Component]
+    bonds: tuple[Bond, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    sums: frozenset[str] = frozenset()
+    constants: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bonds", tuple(self.bonds))
+        object.__setattr__(self, "connections", tuple(self.connections))
+        object.__setattr__(self, "sums", frozenset(self.sums))
+        _check_component_names(self.components)
+        self._check_bond_names()
+        for connection in self.all_connections:
+            self._check_connection(connection)
+        for name in (*self.constants, *self.sums):
+            self.input(name)
+        self._check_sources()
+        self._check_parameters()
+        self._check_gas_springs()
+
+    @classmethod
+    def load(
+        cls,
+        fmus: Mapping[str, str | Path],
+        bonds: Iterable[Bond] = (),
+        *,
+        connections: Iterable[Connection] = (),
+        sums: Iterable[str] = (),
+        constants: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Mapping[str, float | bool | str]] | None = None,
+    ) -> System:
+        """Build a system from FMU files by component name; the other arguments are those of `System`."""
+        components = {name: FmuComponent(path, name) for name, path in fmus.items()}
+        return cls(
+            components,
+            tuple(bonds),
+            tuple(connections),
+            frozenset(sums),
+            dict(constants or {}),
+            dict(parameters or {}),
+        )
+
+    @property
+    def all_connections(self) -> tuple[Connection, ...]:
+        """Those of the bonds, then the others."""
+        return tuple(c for bond in self.bonds for c in bond.connections) + self.connections
+
+    def output(self, name: str) -> Variable:
+        """Return the variable `component.variable`; anything that can be read.
+
+        Raises:
+            WiringError: There is no such component or variable.
+        """
+        return self._find(name)
+
+    def input(self, name: str) -> Variable:
+        """Return the input `component.variable`.
+
+        Raises:
+            WiringError: There is no such component or variable, or it is not a real input.
+        """
+        variable = self._find(name)
+        if variable.causality != "input" or variable.type != "Real":
+            raise WiringError(f"{name} is a {variable.type} {variable.causality}, not a real input")
+        return variable
+
+    def _find(self, name: str) -> Variable:
+        component, _, variable = name.partition(".")
+        if component not in self.components:
+            raise WiringError(f"{name}: there is no component {component!r}{_advice(component, self.components)}")
+        variables = self.components[component].variables
+        if variable not in variables:
+            raise WiringError(
+                f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}"
+            )
+        return variables[variable]
+
+    def _check_bond_names(self) -> None:
+        names = [bond.name for bond in self.bonds]
+        if doubled := sorted(
+            {name for name in names if names.count(name) > 1} - {s.rpartition(".")[0] for s in self.sums}
+        ):
+            raise WiringError(
+                f"two bonds at {doubled[0]}: if both act on it (a shock and a bump stop), add "
+                f'"{doubled[0]}.force" to sums'
+            )
+
+    def _check_connection(self, connection: Connection) -> None:
+        what = f"{connection.source} -> {connection.target}"
+        source, target = self.output(connection.source), self.input(connection.target)
+        if source.type != "Real":
+            raise WiringError(f"{what}: {connection.source} is a {source.type}, not a real variable")
+        if not (isfinite(connection.gain) and connection.gain != 0.0):
+            raise WiringError(f"{what}: the gain must be finite and not zero, it is {connection.gain!r}")
+        convert_between(source.unit, target.unit, what)
+
+    def _check_sources(self) -> None:
+        sources: dict[str, list[str]] = {}
+        for connection in self.all_connections:
+            sources.setdefault(connection.target, []).append(connection.source)
+        for target in self.constants:
+            sources.setdefault(target, []).append("a constant")
+        for target, fed_by in sources.items():
+            if len(fed_by) > 1 and target not in self.sums:
+                raise WiringError(
+                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}); remove all but one, or add "
+                    f'"{target}" to sums if they add up'
+                )
+
+    def _check_parameters(self) -> None:
+        for component, values in self.parameters.items():
+            for name in values:
+                variable = self._find(f"{component}.{name}")
+                if variable.causality != "parameter":
+                    raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
+
+    def _check_gas_springs(self) -> None:
+        """A gas spring without its displacement gives a wrong force without a word (docs/ports.md)."""
+        connected = {c.target for c in self.all_connections}
+        for name, component in self.components.items():
+            if not {"gas_stiffness", "displacement"} <= set(component.variables):
+                continue
+            stiffness = self.parameters.get(name, {}).get("gas_stiffness", component.variables["gas_stiffness"].start)
+            if float(stiffness or 0.0) != 0.0 and f"{name}.displacement" not in connected:
+                raise WiringError(
+                    f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is not connected; "
+                    "connect it to the vehicle's displacement at that corner"
+                )
+
+
+def _check_component_names(names: Iterable[str]) -> None:
+    for name in names:
+        if not name or "." in name:
+            raise WiringError(f"component name {name!r}: give it a name without dots")
+
+
+def _advice(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    close = get_close_matches(name, known, n=3)
+    return f"; did you mean {', '.join(close)}?" if close else f"; there are: {', '.join(known[:12])}"

@@ -1,0 +1,150 @@
+"""The shock file (shock.json): one law with its parameters, the conditions it was measured at, where it comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from eightpost import __version__
+from eightpost.errors import FileFormatError, ParameterError
+from eightpost.files import atomic_path
+from eightpost.shock.curve import StaticCurve
+from eightpost.shock.law import ShockLaw
+from eightpost.shock.lpf1 import Lpf1
+from eightpost.shock.lpnl2 import Lpnl2
+from eightpost.shock.polylinear import Polylinear
+from eightpost.shock.port import Port
+
+SCHEMA = 1
+
+#: Every law by the name that files and the command line use.
+LAWS: Mapping[str, type[ShockLaw]] = {"polylinear": Polylinear, "lpf1": Lpf1, "lpnl2": Lpnl2}
+
+
+@dataclass(frozen=True)
+class Shock:
+    """A shock: a law, and what is known about where it came from.
+
+    Args:
+        name: Of the build, as people say it.
+        law: With its parameters, SI.
+        conditions: Of the measurement: build, clicks and how they count, gas pressure, temperature range, offset,
+            fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
+        fit: What the fit said: RMS, bounds, recipe. Free-form, JSON values.
+        inputs: The files it was made from: name and SHA-256 each.
+    """
+
+    name: str
+    law: ShockLaw
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    fit: Mapping[str, Any] = field(default_factory=dict)
+    inputs: tuple[Mapping[str, str], ...] = ()
+
+    @property
+    def law_name(self) -> str:
+        """The law's name in files and on the command line."""
+        return law_name(type(self.law))
+
+
+def law_name(law: type[ShockLaw]) -> str:
+    """Return the name of a law in files and on the command line."""
+    return next(name for name, known in LAWS.items() if known is law)
+
+
+def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
+    """Return the names of a law's own scalar parameters, without curve and port."""
+    return tuple(f.name for f in dataclasses.fields(law) if f.name not in ("curve", "port"))
+
+
+def write_shock(shock: Shock, path: str | Path) -> None:
+    """Write a shock file; an existing good one is replaced only by a whole new one."""
+    document = {
+        "schema": SCHEMA,
+        "kind": "shock",
+        "tool": f"eightpost {__version__}",
+        "name": shock.name,
+        "law": shock.law_name,
+        "parameters": {name: getattr(shock.law, name) for name in own_parameters(type(shock.law))},
+        "curve": dataclasses.asdict(shock.law.curve),
+        "port": dataclasses.asdict(shock.law.port),
+        "conditions": dict(shock.conditions),
+        "fit": dict(shock.fit),
+        "inputs": [dict(entry) for entry in shock.inputs],
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_shock(path: str | Path) -> Shock:
+    """Read a shock file.
+
+    Raises:
+        FileFormatError: Not a shock file, or of a newer schema than this version knows.
+        ParameterError: A parameter is missing, unknown or out of range; the message names file and parameter.
+    """
+    document = _read_document(Path(path))
+    law_class = LAWS.get(str(document.get("law")))
+    if law_class is None:
+        raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
+    try:
+        curve = _build(StaticCurve, "curve", document)
+        port = _build(Port, "port", document)
+        parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
+        law = _construct(law_class, "parameters", parameters)
+    except (ValueError, TypeError) as error:
+        raise ParameterError(f"{path}: {error}") from error
+    return Shock(
+        name=str(document.get("name") or Path(path).stem),
+        law=law,
+        conditions=document.get("conditions", {}),
+        fit=document.get("fit", {}),
+        inputs=tuple(document.get("inputs", ())),
+    )
+
+
+def _read_document(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file", path=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"cannot be read ({error})", path=path) from error
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"is not JSON ({error.msg})", path=path, line=error.lineno) from error
+    if not isinstance(document, dict) or document.get("kind") != "shock":
+        raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
+    if document.get("schema") != SCHEMA:
+        raise FileFormatError(
+            f"has schema {document.get('schema')!r}, this version reads {SCHEMA}; update eightpost", path=path
+        )
+    return document
+
+
+def _section(document: dict[str, Any], name: str) -> dict[str, Any]:
+    section = document.get(name, {})
+    if not isinstance(section, dict):
+        raise ValueError(f"{name} must be an object, not {section!r}")
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in section.items()}
+
+
+def _build(kind: type[Any], name: str, document: dict[str, Any]) -> Any:
+    return _construct(kind, name, _section(document, name))
+
+
+def _construct(kind: type[Any], section: str, values: dict[str, Any]) -> Any:
+    fields = dataclasses.fields(kind)
+    known = {f.name for f in fields}
+    needed = {f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING}
+    if unknown := sorted(set(values) - known):
+        raise ValueError(f"{section}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    if missing := sorted(needed - set(values)):
+        raise ValueError(f"{section}: {', '.join(missing)} missing")
+    for name, value in values.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if name not in ("curve", "port") and not all(type(n) in (int, float) for n in numbers):
+            raise ValueError(f"{section}: {name} must be a number, not {value!r}")
+    return kind(**values)

@@ -1,0 +1,81 @@
+"""What every shock law has in common: a static curve, a lagged force, an output weight, a port.
+
+Standard library only: the FMU ships this very file. A law says two things: how its lagged force follows the static
+one (`advance_lag`) and how much of the lagged force the shock gives (`lag_weight`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import NamedTuple
+
+from .curve import StaticCurve
+from .port import Port
+
+
+class Response(NamedTuple):
+    """A shock's outputs at one instant; the names are those of docs/ports.md."""
+
+    force: float
+    """At the port [N], positive in compression."""
+    static_force: float
+    """F_s [N]."""
+    lagged_force: float
+    """F_lag [N]."""
+    lag_weight: float
+    """alpha [1]."""
+    dissipated_power: float
+    """Valve and seal force times damper velocity [W]; without the gas spring."""
+    beyond_fit: float
+    """1 while the damper velocity is outside the fitted range, else 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShockLaw(ABC):
+    """F = alpha F_lag + (1 - alpha) F_s at the valves (the form of Eq 3.25), plus gas and seal, through the port."""
+
+    curve: StaticCurve
+    port: Port = field(default_factory=Port, kw_only=True)
+
+    @abstractmethod
+    def lag_weight(self, static_force: float) -> float:
+        """Return alpha [1] at a static force F_s [N]."""
+
+    @abstractmethod
+    def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
+        """Return F_lag [N] after `step` [s] in which F_s goes linearly from start to end [N]."""
+
+    def static_force(self, velocity: float) -> float:
+        """Return F_s [N] of the damper at a port velocity [m/s]; also the lagged force in equilibrium."""
+        damper_velocity = self.port.motion_ratio * velocity
+        return self.port.scale(damper_velocity) * self.curve.force(damper_velocity)
+
+    def advance(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
+        """Return F_lag [N] after `step` [s]; F_s goes linearly between its values at the two port velocities [m/s]."""
+        static_end = self.static_force(velocity_end)
+        static_start = static_end if velocity_start == velocity_end else self.static_force(velocity_start)
+        return self.advance_lag(lagged, static_start, static_end, step)
+
+    def response(self, lagged: float, velocity: float, displacement: float) -> Response:
+        """Return the outputs for a lagged force [N] at a port velocity [m/s] and displacement [m]."""
+        port = self.port
+        damper_velocity = port.motion_ratio * velocity
+        static = self.static_force(velocity)
+        weight = self.lag_weight(static)
+        dissipative = weight * lagged + (1.0 - weight) * static + port.seal_force(damper_velocity)
+        return Response(
+            force=port.motion_ratio * (dissipative + port.gas_force(displacement)),
+            static_force=static,
+            lagged_force=lagged,
+            lag_weight=weight,
+            dissipated_power=dissipative * damper_velocity,
+            beyond_fit=1.0 if self.curve.is_beyond_fit(damper_velocity) else 0.0,
+        )
+
+
+def check_time_constant(time_constant: float) -> None:
+    """Refuse a time constant [s] that is not positive and finite."""
+    if not (isfinite(time_constant) and time_constant > 0.0):
+        raise ValueError(f"time_constant must be positive, not {time_constant!r}; for no lag use the Polylinear law")

@@ -1,0 +1,33 @@
+"""LPF1: tau dF/dt = F_s - F, a curve behind a first-order lag (Eq 3.24).
+
+Standard library only: the FMU ships this very file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .lag import advance
+from .law import ShockLaw, check_time_constant
+
+
+@dataclass(frozen=True, slots=True)
+class Lpf1(ShockLaw):
+    """F = F_lag with tau dF_lag/dt = F_s - F_lag.
+
+    Args:
+        time_constant: tau [s]; 1.3 ms for build 1 (3.3.2).
+    """
+
+    time_constant: float
+
+    def __post_init__(self) -> None:
+        check_time_constant(self.time_constant)
+
+    def lag_weight(self, static_force: float) -> float:
+        """alpha = 1: all of the lagged force is given."""
+        return 1.0
+
+    def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
+        """Eq 3.24."""
+        return advance(lagged, static_start, static_end, self.time_constant, step)

@@ -1,0 +1,43 @@
+"""A shock as a PythonFMU slave: any law on the port of docs/ports.md."""
+
+from .curve import StaticCurve
+from .port import Port
+from .table_slave import TableSlave
+
+_OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
+
+
+class ShockSlave(TableSlave):
+    """Steps a law with its inputs held; the lagged force is the only state and is itself a variable."""
+
+    #: The law and the names of its own parameters; a shock's slave.py sets both.
+    law_class = None
+    own_parameters = ()
+
+    def refresh(self):
+        self.law = self.law_class(
+            curve=StaticCurve(**self._group("curve", StaticCurve)),
+            port=Port(**{name: self.values[name] for name in Port.__slots__}),
+            **{name: self.values[name] for name in self.own_parameters},
+        )
+
+    def initialise(self):
+        self._respond(self.law.static_force(self.values["velocity"]))
+
+    def advance(self, step):
+        velocity = self.values["velocity"]
+        self._respond(self.law.advance(self.values["lagged_force"], velocity, velocity, step))
+
+    def _respond(self, lagged):
+        response = self.law.response(lagged, self.values["velocity"], self.values["displacement"])
+        for name in _OUTPUTS:
+            self.values[name] = getattr(response, name)
+
+    def _group(self, prefix, kind):
+        sizes = {name: sum(key.startswith(f"{prefix}.{name}[") for key in self.values) for name in kind.__slots__}
+        return {
+            name: tuple(self.values[f"{prefix}.{name}[{k}]"] for k in range(1, size + 1))
+            if size
+            else self.values[f"{prefix}.{name}"]
+            for name, size in sizes.items()
+        }

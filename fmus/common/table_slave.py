@@ -1,0 +1,124 @@
+"""A PythonFMU slave whose variables come from a table: names, references and starts of interface.toml.
+
+The builder stages this file inside a package of its own name for each FMU, so that two FMUs in one process never
+share code. Standard library and pythonfmu only.
+"""
+
+import json
+from math import isfinite
+from pathlib import Path
+
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+from pythonfmu.enums import Fmi2Status
+
+_KINDS = {"Real": Real, "Boolean": Boolean}
+
+
+class TableSlave(Fmi2Slave):
+    """Holds every variable in `self.values`; a model reads its inputs and parameters there and writes its outputs.
+
+    A model gives three things: `initialise` (a consistent start from inputs and parameters), `advance` (one step) and
+    `refresh` (its parameters have changed).
+    """
+
+    def __init__(self, table_file, **kwargs):
+        super().__init__(**kwargs)
+        # Not beside __file__: Python keeps the module of the first instance, whose folder may be gone.
+        table = json.loads(Path(kwargs["resources"], table_file).read_text(encoding="utf-8"))
+        self.modelName = table["identifier"]
+        self.description = table["description"]
+        self.model = table["model"]
+        self.values = {}
+        self.state = []
+        self.initialising = True
+        self.stale = True
+        self.refused = None
+        for row in table["variables"]:
+            self._register(row)
+
+    def initialise(self):
+        """Set outputs and state from inputs and parameters."""
+        raise NotImplementedError
+
+    def advance(self, step):
+        """Advance state and outputs by `step` [s] with the inputs held."""
+        raise NotImplementedError
+
+    def refresh(self):
+        """Read the parameters anew."""
+
+    def _register(self, row):
+        name, reference = row["name"], row["reference"]
+        variable = _KINDS[row["type"]](
+            name,
+            causality=Fmi2Causality[row["causality"]],
+            variability=Fmi2Variability[row["variability"]],
+            getter=lambda: self._get(name),
+            setter=lambda value: self._set(row, value),
+        )
+        variable.value_reference = reference
+        self.vars[reference] = variable
+        self.values[name] = row["start"] if row["start"] is not None else 0.0
+
+    def _get(self, name):
+        if self.initialising and self.stale:
+            self._update()
+            self.initialise()
+        return self.values[name]
+
+    def _set(self, row, value):
+        if reason := self._reason_to_refuse(row, value):
+            self._refuse(reason)
+            return
+        self.values[row["name"]] = value
+        if self.initialising or row["causality"] == "parameter":
+            self.stale = True
+
+    def _reason_to_refuse(self, row, value):
+        name, low, high = row["name"], row["min"], row["max"]
+        if row["causality"] not in ("input", "parameter"):
+            return f"{name} is an {row['causality']} variable and cannot be set"
+        if row["variability"] == "fixed" and not self.initialising:
+            return f"{name} is fixed: set it before initialization ends"
+        if row["type"] == "Real" and not isfinite(value):
+            return f"{name} = {value!r} is not finite"
+        if (low is not None and value < low) or (high is not None and value > high):
+            return f"{name} = {value!r} {row['unit']} is not between {low} and {high}"
+        return None
+
+    # An exception in a setter would end the instance (fmi2Fatal). So the old value stays, the reason is logged, and
+    # the next step fails with an error; the one after that is fine again.
+    def _refuse(self, reason):
+        self.refused = reason
+        self.log(reason, Fmi2Status.error, "logStatusError")
+
+    def _update(self):
+        self.refresh()
+        self.stale = False
+
+    def exit_initialization_mode(self):
+        self._update()
+        self.initialise()
+        self.initialising = False
+
+    def do_step(self, current_time, step_size):
+        try:
+            if self.stale:
+                self._update()
+        except ValueError as error:
+            self._refuse(str(error))
+        if self.refused:
+            self.refused = None
+            return False
+        self.advance(step_size)
+        return True
+
+    # Every name and internal state, so that a restored state continues bit for bit (pythonfmu saves names only).
+    def _get_fmu_state(self):
+        return {"values": dict(self.values), "state": list(self.state), "initialising": self.initialising}
+
+    def _set_fmu_state(self, state):
+        self.values = dict(state["values"])
+        self.state = list(state["state"])
+        self.initialising = state["initialising"]
+        self.stale = True
