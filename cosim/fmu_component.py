@@ -19,6 +19,7 @@ from eightpost.errors import FmuError, StepError
 logger = logging.getLogger(__name__)
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL)
 
 
@@ -69,6 +70,7 @@ class FmuComponent:
     def end_initialization(self) -> None:
         """Leave initialization mode."""
         self._call("leave initialization", self._slave.exitInitializationMode)
+        self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set real inputs."""
@@ -123,7 +125,13 @@ class FmuComponent:
         self._callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
         self._callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        self._slave.instantiate(callbacks=self._callbacks, loggingOn=False)
+        self._slave.instantiate(callbacks=self._callbacks, loggingOn=True)
+
+    def _limit_log(self) -> None:
+        """From here on log only what goes wrong: a debug message in every step would cost more than the step."""
+        declared = {category.name for category in self._description.logCategories}
+        wanted = sorted(declared & _REASONS)
+        self._slave.setDebugLogging(bool(wanted), wanted)
 
     def _log(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
         text = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)

@@ -157,3 +157,21 @@ def si_factor(unit: str) -> float:
     0.0254
     """
     return float(_REGISTRY.Quantity(1.0, _unit(unit)).to_base_units().magnitude)
+
+
+def quantity(text: str) -> tuple[float, str]:
+    """Split a value with its unit, as people write it in a file: `70 in`.
+
+    >>> quantity("1.5e6 lbm.in2")
+    (1500000.0, 'lbm.in2')
+
+    Raises:
+        UnknownUnitError: It does not begin with a number, or the unit is not known.
+    """
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        raise UnknownUnitError(f"{text!r} is not a value with a unit; write it as for example '70 in'") from None
+    _unit(unit)
+    return value, unit.strip()

@@ -1,0 +1,105 @@
+"""Pictures of runs: time traces, spectra, bars of measures. One figure, one file each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import welch
+
+from cosim.study.measures import Measure
+from eightpost import units
+from eightpost.files import atomic_path
+from eightpost.signals import TimeSeries
+
+#: SI unit -> what a race engineer reads on an axis.
+DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
+
+_COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
+
+
+def plot_traces(
+    runs: Mapping[str, TimeSeries], channels: Sequence[str], path: str | Path, *, start: float, stop: float
+) -> None:
+    """Draw channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    figure = Figure(figsize=(11, 1.9 * len(channels) + 0.8), layout="constrained")
+    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, channel in zip(panels, channels, strict=True):
+        for (label, series), color in zip(runs.items(), _COLORS, strict=False):
+            shown = series.window(start, stop)
+            panel.plot(shown.time, _displayed(shown, channel), lw=1.0, color=color, label=label)
+        _label(panel, runs, channel)
+    panels[-1].set_xlabel("time [s]")
+    panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
+    figure.suptitle("Time traces")
+    _save(figure, path)
+
+
+def plot_spectra(
+    runs: Mapping[str, TimeSeries], channels: Sequence[str], path: str | Path, *, highest: float = 30.0
+) -> None:
+    """Draw power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    figure = Figure(figsize=(11, 2.4 * ((len(channels) + 1) // 2) + 0.8), layout="constrained")
+    panels = figure.subplots((len(channels) + 1) // 2, 2, sharex=True, squeeze=False).ravel()
+    for panel, channel in zip(panels, channels, strict=False):
+        for (label, series), color in zip(runs.items(), _COLORS, strict=False):
+            values = _displayed(series, channel)
+            block = min(values.size, int(4.0 * series.sample_rate))
+            frequency, density = welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
+            kept = (frequency > 0.0) & (frequency <= highest)
+            panel.semilogy(frequency[kept], density[kept], lw=1.2, color=color, label=label)
+        unit = _display_unit(next(iter(runs.values())), channel)
+        panel.set_title(channel, fontsize=9)
+        panel.set_ylabel(f"({unit})²/Hz")
+        panel.grid(alpha=0.3)
+    for panel in panels[len(channels) :]:
+        panel.set_visible(False)
+    for panel in panels[max(0, len(channels) - 2) : len(channels)]:
+        panel.set_xlabel("frequency [Hz]")
+        panel.tick_params(labelbottom=True)
+    panels[0].legend(frameon=False)
+    figure.suptitle("Power spectral densities")
+    _save(figure, path)
+
+
+def plot_measures(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path) -> None:
+    """Draw each measure's change from the first run to the others in percent; a measure of zero is left out."""
+    labels = list(runs)
+    baseline = runs[labels[0]]
+    kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]
+    figure = Figure(figsize=(9, 0.33 * len(kept) + 1.6), layout="constrained")
+    axes = figure.subplots()
+    positions = np.arange(len(kept))
+    height = 0.8 / max(1, len(labels) - 1)
+    for k, label in enumerate(labels[1:]):
+        change = [100.0 * (m.of(runs[label]) / m.of(baseline) - 1.0) for m in kept]
+        axes.barh(positions + k * height, change, height=0.9 * height, color=_COLORS[1 + k], label=label)
+    axes.set_yticks(positions + 0.4 - height / 2, [m.name for m in kept])
+    axes.invert_yaxis()
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set_xlabel(f"change from {labels[0]} [%]")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(frameon=False)
+    figure.suptitle("Response measures")
+    _save(figure, path)
+
+
+def _display_unit(series: TimeSeries, channel: str) -> str:
+    return DISPLAY.get(series.unit(channel), series.unit(channel))
+
+
+def _displayed(series: TimeSeries, channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return units.convert(series[channel], series.unit(channel), _display_unit(series, channel))
+
+
+def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
+    panel.set_ylabel(f"{channel.partition('.')[2]}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.grid(alpha=0.3)
+
+
+def _save(figure: Figure, path: str | Path) -> None:
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=110)

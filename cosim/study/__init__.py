@@ -1,0 +1,1 @@
+"""Response measures, and later the setup study: it needs FMUs only."""

@@ -1,0 +1,195 @@
+"""A system and its scenario as a TOML file that a person can write."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel
+from cosim.conversion import convert_between, named_unit
+from cosim.fmu_component import FmuComponent
+from cosim.master import DEFAULT_STEP
+from cosim.scenario import Scenario
+from cosim.system import Bond, Connection, System
+from eightpost import units
+from eightpost.errors import InputError, UnknownUnitError, WiringError
+from eightpost.signals import Drivefile
+
+SCHEMA = 1
+
+#: A number in the variable's own unit (SI for times), or a value with its unit: "55 lbf".
+Value = float | str
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Component(_Strict):
+    fmu: str
+    parameters: dict[str, bool | Value] = Field(default_factory=dict)
+    inputs: dict[str, Value] = Field(default_factory=dict)
+
+
+class _Bond(_Strict):
+    between: tuple[str, str]
+    gain: float = 1.0
+    displacement: bool = True
+
+
+class _Connection(_Strict):
+    source: str = Field(alias="from")
+    target: str = Field(alias="to")
+    gain: float = 1.0
+
+
+class _Scenario(_Strict):
+    stop: Value
+    drivefile: str | None = None
+    targets: dict[str, str] = Field(default_factory=dict)
+    coupling_step: Value = DEFAULT_STEP
+    algorithm: Literal["jacobi", "gauss-seidel"] = "gauss-seidel"
+    sequence: tuple[str, ...] = ()
+    record: tuple[str, ...] = ()
+    record_step: Value | None = None
+    settling: Value = 0.0
+
+
+class _File(_Strict):
+    schema_: int = Field(alias="schema")
+    name: str = ""
+    components: dict[str, _Component]
+    bond: tuple[_Bond, ...] = ()
+    connection: tuple[_Connection, ...] = ()
+    sums: tuple[str, ...] = ()
+    scenario: _Scenario
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a system file holds: `cosim.run(case.system, case.scenario, algorithm=..., step=...)`."""
+
+    name: str
+    system: System
+    scenario: Scenario
+    algorithm: Algorithm
+    step: float
+
+
+def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None) -> Case:
+    """Read a system file; paths in it are relative to it.
+
+    Args:
+        path: The TOML file.
+        fmus: FMUs by component name that take the place of those in the file: to swap a shock.
+
+    Raises:
+        InputError: The file cannot be read, an entry is unknown, missing or of the wrong kind; the message names it.
+        WiringError: The system does not fit together.
+        FmuError: An FMU cannot be used.
+    """
+    path = Path(path)
+    content = _read(path)
+    fmus = fmus or {}
+    if unknown := sorted(set(fmus) - set(content.components)):
+        raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
+    folder = path.parent
+    components = {
+        name: FmuComponent(fmus.get(name, folder / entry.fmu), name) for name, entry in content.components.items()
+    }
+    try:
+        system = _system(content, components)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    return Case(
+        name=content.name or path.stem,
+        system=system,
+        scenario=_scenario(path, content.scenario),
+        algorithm=_algorithm(content.scenario),
+        step=_seconds(path, "coupling_step", content.scenario.coupling_step),
+    )
+
+
+def _read(path: Path) -> _File:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: is not a readable TOML file: {error}") from error
+    if content.get("schema", SCHEMA) != SCHEMA:
+        raise InputError(f"{path}: has schema {content['schema']!r}, this version reads {SCHEMA}; update eightpost")
+    try:
+        return _File.model_validate({"schema": SCHEMA, **content})
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+        raise InputError(f"{path}: {faults}") from error
+
+
+def _system(content: _File, components: Mapping[str, FmuComponent]) -> System:
+    entries = content.components
+    return System(
+        components=components,
+        bonds=tuple(Bond.between(*b.between, gain=b.gain, displacement=b.displacement) for b in content.bond),
+        connections=tuple(Connection(c.source, c.target, c.gain) for c in content.connection),
+        sums=frozenset(content.sums),
+        constants={
+            f"{name}.{variable}": float(_own_unit(components, name, variable, value))
+            for name, entry in entries.items()
+            for variable, value in entry.inputs.items()
+        },
+        parameters={
+            name: {variable: _own_unit(components, name, variable, value) for variable, value in e.parameters.items()}
+            for name, e in entries.items()
+        },
+    )
+
+
+def _own_unit(
+    components: Mapping[str, FmuComponent], component: str, name: str, value: bool | float | str
+) -> bool | float | str:
+    """Return a value in the variable's own unit; numbers are in it already."""
+    variable = components[component].variables.get(name)
+    if variable is None or variable.type != "Real":
+        return value  # the system check names what is unknown
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        number, unit = units.quantity(value)
+        return convert_between(named_unit(unit), variable.unit, f"{component}.{name} = {value!r}")(number)
+    except UnknownUnitError as error:
+        raise WiringError(f"{component}.{name}: {error}") from error
+
+
+def _scenario(path: Path, content: _Scenario) -> Scenario:
+    drive = Drivefile.read(path.parent / content.drivefile) if content.drivefile else None
+    record_step = content.record_step
+    return Scenario(
+        stop=_seconds(path, "stop", content.stop),
+        drive=drive,
+        targets=content.targets,
+        record=content.record,
+        record_step=None if record_step is None else _seconds(path, "record_step", record_step),
+        settling=_seconds(path, "settling", content.settling),
+    )
+
+
+def _algorithm(content: _Scenario) -> Algorithm:
+    if content.sequence and content.algorithm == "gauss-seidel":
+        return GaussSeidel(content.sequence)
+    return ALGORITHMS[content.algorithm]
+
+
+def _seconds(path: Path, key: str, value: Value) -> float:
+    if not isinstance(value, str):
+        return value
+    try:
+        number, unit = units.quantity(value)
+        return units.convert(number, unit, "s")
+    except UnknownUnitError as error:
+        raise InputError(f"{path}: scenario.{key}: {error}") from error

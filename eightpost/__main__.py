@@ -1,0 +1,61 @@
+"""The command line: `eightpost` or `python -m eightpost`. Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.logging import RichHandler
+
+from eightpost import __version__
+from eightpost.commands.build import build
+from eightpost.commands.check import check
+from eightpost.commands.demo import demo
+from eightpost.commands.fit import fit
+from eightpost.commands.run import run
+from eightpost.errors import EightpostError, InputError
+
+
+class _Verbs(click.Group):
+    """Turns the project's own errors into a message and an exit code; anything else is a defect and shows itself."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EightpostError as error:
+            Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {_plain(str(error))}", highlight=False)
+            ctx.exit(2 if isinstance(error, InputError) else 1)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the verbs in the order of the work."""
+        return list(self.commands)
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="eightpost")
+@click.option("-v", "--verbose", is_flag=True, help="Show what components log.")
+def main(verbose: bool) -> None:
+    """Shock and vehicle FMUs, and the co-simulation that couples them.
+
+    \b
+    Each verb takes what the one before it gives, and everything is a file:
+      eightpost fit dyno.csv --law lpnl2 -o shock.json
+      eightpost build shock.json car.toml -o dist/
+      eightpost check dist/shock.fmu
+      eightpost run examples/seven_dof.toml -o out/
+    """
+    level = logging.DEBUG if verbose else logging.ERROR
+    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
+
+
+for _verb in (fit, build, check, run, demo):
+    main.add_command(_verb)
+
+if __name__ == "__main__":
+    main(prog_name="eightpost")

@@ -1,0 +1,162 @@
+"""Synthetic track drivefiles for the seven-DOF car: rough road and slow body loads (dissertation 6.1.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.signals.drivefile import Drivefile
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Table 6.3, wheelloader: frequency [Hz] and relative amplitude [1]; nothing above 30 Hz.
+WHEELLOADER = (
+    (0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (2.0, 0.8), (3.0, 0.7), (5.0, 0.5), (8.0, 0.3), (10.0, 0.3),
+    (15.0, 0.3), (20.0, 0.1), (30.0, 0.01),
+)  # fmt: skip
+
+#: Table 6.3, aeroloader: frequency [Hz] and relative amplitude [1]; nothing above 5 Hz.
+AEROLOADER = ((0.0, 1.0), (0.5, 1.0), (3.0, 1.0), (4.0, 0.1), (5.0, 0.01))
+
+#: Time over which a drivefile grows from its mean to full size [s].
+TAPER = 1.0
+
+#: Time that is made before and after the record and cut off, so that the periodic noise does not wrap [s].
+_MARGIN = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """How the car meets the road. Sizes from 6.1.3 where it gives them, else our own choice.
+
+    Attributes:
+        speed: [m/s].
+        wheelbase: The rear axle meets the road wheelbase / speed after the front [m].
+        track_width: Distance of the wheels of an axle [m].
+        coherence_width: Left and right are alike above wavelengths of track_width / coherence_width [1].
+        road_peak: Largest wheelloader displacement [m]; 0.4 in (6.1.3).
+        downforce: Mean downforce [N].
+        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf (6.1.3).
+        roll_rms: Root mean square of the roll moment [N.m].
+        pitch_rms: Root mean square of the pitch moment [N.m].
+    """
+
+    speed: float = 45.0
+    wheelbase: float = convert(110.0, "in", "m")
+    track_width: float = convert(60.0, "in", "m")
+    coherence_width: float = 0.3
+    road_peak: float = convert(0.4, "in", "m")
+    downforce: float = convert(1000.0, "lbf", "N")
+    heave_rms: float = convert(160.0, "lbf", "N")
+    roll_rms: float = convert(4800.0, "lbf.in", "N.m")
+    pitch_rms: float = convert(8000.0, "lbf.in", "N.m")
+
+    @property
+    def delay(self) -> float:
+        """Time from the front axle to the rear [s]."""
+        return self.wheelbase / self.speed
+
+    def likeness(self, frequency: Array) -> Array:
+        """Return the coherence (not squared) of left and right (K,) [1] at `frequency` (K,) [Hz].
+
+            gamma(f) = exp(-f w / (c v)),  w track width, v speed, c coherence width
+
+        One at long wavelengths and falling with frequency, as measured roads do.
+        """
+        return np.asarray(np.exp(-frequency * self.track_width / (self.coherence_width * self.speed)))
+
+
+def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, track: Track | None = None) -> Drivefile:
+    """Return a synthetic track drivefile for the seven-DOF car.
+
+    Gaussian noise is shaped to the spectra of Table 6.3: the four roads to the wheelloader's, left and right
+    alike at long wavelengths only, the rear axle the delayed front; heave force (about a mean downforce, so
+    negative), roll and pitch moment to the aeroloader's. In the first second everything grows from its mean,
+    so that a run may start in equilibrium.
+
+    Args:
+        seed: Seed of the noise.
+        duration: Length [s].
+        rate: Samples per second [Hz], above 60.
+        track: Speed, geometry and sizes.
+
+    Returns:
+        A drivefile with `lf.road`, `rf.road`, `lr.road`, `rr.road` [m, up], `heave_force` [N, up],
+        `roll_moment` and `pitch_moment` [N.m].
+
+    Raises:
+        ValueError: The rate cannot carry the spectrum.
+    """
+    if rate <= 60.0:
+        raise ValueError(f"the rate must be above 60 Hz to carry the spectrum to 30 Hz, not {rate:g} Hz")
+    track = track or Track()
+    generator = np.random.default_rng(seed)
+    samples = round(duration * rate) + 1
+    noise = _Noise(generator, samples, round(_MARGIN * rate), rate)
+    taper = _taper(samples, rate)
+    roads = _roads(noise, track) * taper
+    roads *= track.road_peak / np.abs(roads).max()
+    corners = ("lf", "rf", "lr", "rr")
+    channels = {f"{corner}.road": ("m", road) for corner, road in zip(corners, roads, strict=True)}
+    for name, unit, rms, mean in (
+        ("heave_force", "N", track.heave_rms, -track.downforce),
+        ("roll_moment", "N.m", track.roll_rms, 0.0),
+        ("pitch_moment", "N.m", track.pitch_rms, 0.0),
+    ):
+        load = noise.cut(noise.shaped(AEROLOADER))
+        channels[name] = (unit, mean + taper * load * (rms / np.std(load)))
+    return Drivefile(TimeSeries.from_channels(np.arange(samples) / rate, channels))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Noise:
+    """White noise on a record with a margin on both sides, shaped in the frequency domain."""
+
+    generator: np.random.Generator
+    samples: int
+    margin: int
+    rate: float
+
+    @property
+    def frequency(self) -> Array:
+        return np.asarray(np.fft.rfftfreq(self.samples + 2 * self.margin, 1.0 / self.rate))
+
+    def shaped(self, table: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
+        """Return the lines (K,) of a new noise with the amplitude spectrum of a table, without a mean."""
+        white = self.generator.standard_normal(self.samples + 2 * self.margin)
+        frequencies, amplitudes = np.array(table).T
+        shape = np.interp(self.frequency, frequencies, amplitudes, right=0.0)
+        shape[0] = 0.0
+        return np.asarray(np.fft.rfft(white) * shape, dtype=np.complex128)
+
+    def cut(self, lines: NDArray[np.complex128]) -> Array:
+        """Return the record (N,) of lines (K,), the margins cut off."""
+        whole = np.fft.irfft(lines, self.samples + 2 * self.margin)
+        return np.asarray(whole[self.margin : self.margin + self.samples], dtype=np.float64)
+
+
+def _roads(noise: _Noise, track: Track) -> Array:
+    """Return the roads (4, N) under lf, rf, lr, rr, in any unit.
+
+    With a common part c and an opposed part d, left = c + d and right = c - d are of one spectrum and have
+    the coherence gamma when the power of c is (1 + gamma) / 2 and that of d is (1 - gamma) / 2.
+    """
+    likeness = track.likeness(noise.frequency)
+    common = noise.shaped(WHEELLOADER) * np.sqrt(0.5 * (1.0 + likeness))
+    opposed = noise.shaped(WHEELLOADER) * np.sqrt(0.5 * (1.0 - likeness))
+    later = np.exp(-2j * np.pi * noise.frequency * track.delay)
+    sides = (common + opposed, common - opposed)
+    return np.stack([noise.cut(side * axle) for axle in (np.ones_like(later), later) for side in sides])
+
+
+def _taper(samples: int, rate: float) -> Array:
+    """Return the growth (N,) from 0 to 1 over the first second: a raised cosine."""
+    time = np.arange(samples) / rate
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(time / TAPER, 1.0)), dtype=np.float64)

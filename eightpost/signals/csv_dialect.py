@@ -1,0 +1,113 @@
+"""How a text file is laid out: delimiter, preamble, header, units row, first line of numbers."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from eightpost.errors import FileFormatError
+from eightpost.signals.header import is_number, split_header, units_row
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+#: Lines that are looked at to find the layout.
+_LOOKED_AT = 200
+_DELIMITERS = (";", "\t", ",")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The layout of a delimited text file.
+
+    Attributes:
+        delimiter: `,`, `;` or a tab.
+        names: Column names, units stripped.
+        units: Their units as written, None where the file says none.
+        header_line: One-based line of the header.
+        unit_line: One-based line of the units: a row of their own, or the header.
+        first_line: One-based line of the first sample.
+        padding: Columns without a name at the end of each line (a delimiter that ends the lines).
+    """
+
+    delimiter: str
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    header_line: int
+    unit_line: int
+    first_line: int
+    padding: int
+
+
+def find_layout(lines: list[str], path: Path) -> Layout:
+    """Find the layout from the first lines of a file.
+
+    The table is what ends the lines looked at and has a number in every line; the header is the last line
+    before it, or the one before that when a line of units stands between.
+
+    Raises:
+        FileFormatError: No table of numbers, or no header above it.
+    """
+    delimiter, rows = _delimiter(lines[:_LOOKED_AT], path)
+    first = rows[-1]
+    while first > 0 and (not lines[first - 1].strip() or _numbers_in(lines[first - 1], delimiter)):
+        first -= 1
+    above = [i for i in range(first - 1, -1, -1) if lines[i].strip()]
+    if not above:
+        what = "there is no header line above the numbers; add one such as `time [s],velocity [m/s],force [N]`"
+        raise FileFormatError(what, path=path, line=first + 1)
+    width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
+    header, unit_row, units = above[0], above[0], None
+    if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
+        units = units_row(split_cells(lines[header], delimiter))
+        header = above[1] if units else header
+    names = _header_cells(lines[header], delimiter, width, header + 1, path)
+    split = [(cell, None) if units else split_header(cell) for cell in names]
+    said = units[: len(names)] if units else [unit for _, unit in split]
+    return Layout(
+        delimiter=delimiter,
+        names=tuple(name for name, _ in split),
+        units=tuple(unit or None for unit in said),
+        header_line=header + 1,
+        unit_line=unit_row + 1,
+        first_line=first + 1,
+        padding=width - len(names),
+    )
+
+
+def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) -> list[str]:
+    """Return the column names of a header line, at most `width`, without the empty ones at the end."""
+    cells = split_cells(text, delimiter)
+    while cells and not cells[-1]:
+        cells.pop()
+    if not 1 < len(cells) <= width:
+        what = f"the header has {len(cells)} columns, the lines of numbers have {width}"
+        raise FileFormatError(what, path=path, line=line)
+    if not all(cells):
+        raise FileFormatError(f"column {cells.index('') + 1} has no name", path=path, line=line)
+    return cells
+
+
+def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
+    """Return the delimiter that puts numbers into most lines, and these lines (zero-based)."""
+    best: tuple[str, list[int]] = ("", [])
+    for delimiter in _DELIMITERS:
+        rows = [i for i, line in enumerate(lines) if _numbers_in(line, delimiter) > 1]
+        if len(rows) > len(best[1]):
+            best = (delimiter, rows)
+    if not best[1]:
+        what = "there is no table of two or more columns of numbers; the delimiters `,`, `;` and tab are known"
+        raise FileFormatError(what, path=path)
+    return best
+
+
+def split_cells(line: str, delimiter: str) -> list[str]:
+    """Split a line into stripped cells, quotes respected."""
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _numbers_in(line: str, delimiter: str) -> int:
+    """Return how many cells of a line are numbers."""
+    return sum(is_number(cell) for cell in split_cells(line, delimiter))

@@ -1,0 +1,136 @@
+"""Delimited text files: preamble, header with units, decimal comma."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from eightpost.errors import FileFormatError
+from eightpost.files import atomic_path
+from eightpost.signals.csv_dialect import Layout, find_layout, split_cells
+from eightpost.signals.origin import Origin
+from eightpost.signals.raw_record import RawRecord
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals.timeseries import TimeSeries
+
+
+def read_csv(path: str | Path) -> RawRecord:
+    """Read a delimited text file.
+
+    Known: preamble lines; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row under it;
+    delimiters `,`, `;` and tab; the decimal comma with the latter two; UTF-8 and Latin-1.
+
+    Raises:
+        FileFormatError: There is no table, no header, or a line of another width.
+    """
+    path = Path(path)
+    lines = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    layout = find_layout(lines, path)
+    body = [line for line in lines[layout.first_line - 1 :] if line.strip()]
+    numbers = np.array([i for i, line in enumerate(lines, 1) if i >= layout.first_line and line.strip()])
+    columns = _columns("\n".join(body), layout, numbers, path)
+    origin = Origin(path, numbers, layout.unit_line)
+    return RawRecord(origin, layout.names, layout.units, columns)
+
+
+def _text(content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
+    """Parse the table: one vector (N,) per named column, of objects where a cell is not a number."""
+    width = len(layout.names) + layout.padding
+    decimal = "," if layout.delimiter != "," and "," in body else "."
+    content = body.encode()
+    try:
+        table = pa.csv.read_csv(
+            io.BytesIO(content),
+            read_options=pa.csv.ReadOptions(
+                column_names=[str(i) for i in range(width)], use_threads=False, block_size=len(content) + 2
+            ),
+            parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter),
+            convert_options=pa.csv.ConvertOptions(decimal_point=decimal),
+        )
+    except pa.ArrowInvalid as error:
+        raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
+    named = len(layout.names)
+    if any(column.null_count < len(column) for column in table.columns[named:]):
+        what = f"the header names {named} columns, the lines of numbers have {width}; name every column"
+        raise FileFormatError(what, path=path, line=layout.header_line)
+    return tuple(_vector(column) for column in table.columns[:named])
+
+
+def _vector(column: Any) -> NDArray[Any]:
+    """Return a column as numbers with NaN for empty cells, or as objects when it is not numeric."""
+    if pa.types.is_null(column.type):
+        return np.full(len(column), np.nan)
+    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        return np.asarray(column.to_numpy(), dtype=np.float64)
+    return np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
+
+
+def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:
+    """Look slowly for the first line with another number of cells."""
+    width = len(layout.names) + layout.padding
+    for line, number in zip(body.split("\n"), numbers, strict=True):
+        count = len(split_cells(line, layout.delimiter))
+        if count != width:
+            what = f"the line has {count} columns instead of {width}; was the file cut off?"
+            return FileFormatError(what, path=path, line=int(number))
+    return None
+
+
+def write_csv(
+    series: TimeSeries,
+    path: str | Path,
+    *,
+    units: Mapping[str, str] | None = None,
+    decimals: Mapping[str, int] | None = None,
+    titles: Mapping[str, str] | None = None,
+    preamble: Sequence[str] = (),
+) -> None:
+    """Write a series as comma-separated text with the units in brackets in the header.
+
+    Args:
+        series: The series.
+        path: The file; replaced whole or not at all.
+        units: Unit to write by channel name (`time` too), SI where not given.
+        decimals: Digits after the decimal point by channel name; full precision where not given.
+        titles: Column title by channel name, the name itself where not given.
+        preamble: Lines before the header.
+    """
+    units, decimals, titles = units or {}, decimals or {}, titles or {}
+    columns = {"time": ("s", series.time)}
+    columns |= {n: (u, row) for n, u, row in zip(series.names, series.units, series.values, strict=True)}
+    header, vectors = [], []
+    for name, (unit, values) in columns.items():
+        written = units.get(name, unit)
+        converted = convert(values, unit, written)
+        header.append(_quoted(f"{titles.get(name, name)} [{written}]"))
+        # Adding zero turns the minus zeros of rounding into plain ones.
+        vectors.append(converted if name not in decimals else np.round(converted, decimals[name]) + 0.0)
+    table = pa.table(vectors, names=[str(i) for i in range(len(vectors))])
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        stream.write("".join(f"{line}\n" for line in (*preamble, ",".join(header))).encode())
+        pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False))
+
+
+def _quoted(cell: str) -> str:
+    """Quote a header cell that holds a delimiter or a quote."""
+    if any(mark in cell for mark in ',;"\t'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell

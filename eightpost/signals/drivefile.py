@@ -1,0 +1,104 @@
+"""Drivefiles: piecewise-linear commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.signals.read import read_series
+from eightpost.signals.write import write_series
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals.channel_map import ChannelMap
+    from eightpost.signals.timeseries import TimeSeries
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drivefile:
+    """A time series read as a signal: linear between its samples, held outside them.
+
+    Attributes:
+        series: The samples.
+    """
+
+    series: TimeSeries
+    _integral: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        time, values = self.series.time, self.series.values
+        areas = 0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(time)
+        integral = np.concatenate([np.zeros((values.shape[0], 1)), np.cumsum(areas, axis=1)], axis=1)
+        integral.setflags(write=False)
+        object.__setattr__(self, "_integral", integral)
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        channel_map: ChannelMap | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> Drivefile:
+        """Read a drivefile from any file that `read_series` reads."""
+        return cls(read_series(path, channel_map=channel_map, units=units))
+
+    def write(self, path: str | Path) -> None:
+        """Write the drivefile in the format that the suffix of `path` says."""
+        write_series(self.series, path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The C channel names."""
+        return self.series.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The C SI units."""
+        return self.series.units
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return self.series.duration
+
+    def at(self, t: float) -> Array:
+        """Return the values (C,) at the time `t` [s]."""
+        return self.sample(np.array([t]))[:, 0]
+
+    def sample(self, times: Array) -> Array:
+        """Return the values (C, K) at `times` (K,) [s]."""
+        rows = [np.interp(times, self.series.time, row) for row in self.series.values]
+        return np.stack(rows) if rows else np.empty((0, times.size))
+
+    def mean(self, start: float, stop: float) -> Array:
+        """Return the exact mean (C,) between two times [s]; the value at `start` when they are equal."""
+        if start == stop:
+            return self.at(start)
+        return self.means(np.array([start, stop]))[:, 0]
+
+    def means(self, times: Array) -> Array:
+        """Return the exact means (C, K) over the K intervals between `times` (K+1,) [s], increasing."""
+        widths = np.diff(times)
+        if not (widths > 0.0).all():
+            raise ValueError("the times must increase")
+        return np.diff(self._primitive(times), axis=1) / widths
+
+    def _primitive(self, times: Array) -> Array:
+        """Return the integral (C, K) from the first sample to `times` (K,), the end values held outside."""
+        grid, values = self.series.time, self.series.values
+        left = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, grid.size - 1)
+        before = np.minimum(times - grid[0], 0.0)
+        inside = np.maximum(times, grid[0]) - grid[left]
+        ends = self.sample(np.maximum(times, grid[0]))
+        partial = 0.5 * (values[:, left] + ends) * inside
+        primitive: Array = self._integral[:, left] + partial + values[:, :1] * before
+        return primitive

@@ -1,0 +1,110 @@
+"""From a raw record to a series in SI: chosen, checked, converted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.errors import MissingChannelError, TooShortError, UnknownUnitError
+from eightpost.signals.channel_map import ChannelMap, MappedChannel, find_time
+from eightpost.signals.faults import check_finite, check_time
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import SI_UNITS, compatible, convert, si_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals.raw_record import RawRecord
+
+
+def mapped_series(
+    record: RawRecord,
+    channel_map: ChannelMap,
+    *,
+    units: Mapping[str, str] | None = None,
+    expected: Mapping[str, str] | None = None,
+) -> TimeSeries:
+    """Return the SI series of a record under a channel map.
+
+    Args:
+        record: The columns of a file.
+        channel_map: Which of them are read, and how.
+        units: Units by channel (or column) name, for columns whose header says none.
+        expected: SI unit by channel name, where a channel must have a given dimension.
+
+    Raises:
+        TooShortError: There is no sample.
+        MissingChannelError: A column is not there, or a unit is given for a channel that is not read.
+        MissingUnitError: A column has no unit.
+        UnknownUnitError: A unit is not known, or has the wrong dimension.
+        NotANumberError: A sample is NaN, empty or text.
+        BackwardTimeError: Time decreases.
+        DuplicateTimeError: Time repeats.
+    """
+    if not record.columns[0].size:
+        raise record.origin.header_fault(TooShortError, "there is no sample in it")
+    time = channel_map.time or find_time(record)
+    picks = {"time": time, **{name: pick for name, pick in channel_map.channels.items() if name != "time"}}
+    _check_given(units or {}, picks, record)
+    wanted = {name: _wanted(name, channel_map) for name in picks}
+    columns = {name: record.index(pick.source, wanted_as=wanted[name]) for name, pick in picks.items()}
+    expected = {"time": "s", **(expected or {})}
+    plans = {}
+    for name, pick in picks.items():
+        unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
+        target = _target_unit(record, name, unit, expected.get(name))
+        plans[name] = _Plan(name, columns[name], pick, unit, target)
+    channels = {name: (plan.target, plan.values(record)) for name, plan in plans.items()}
+    _, times = channels.pop("time")
+    check_time(times, origin=record.origin)
+    return TimeSeries.from_channels(times, channels)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """How one channel is made: its column, gain and offset, the column's unit and the SI unit."""
+
+    name: str
+    column: int
+    pick: MappedChannel
+    unit: str
+    target: str
+
+    def values(self, record: RawRecord) -> NDArray[np.float64]:
+        raw = record.numbers(self.column, channel=self.name)
+        check_finite(raw, channel=self.name, origin=record.origin)
+        return convert(self.pick.gain * raw + self.pick.offset, self.unit, self.target)
+
+
+def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], record: RawRecord) -> None:
+    """Refuse a unit that is given for a channel that is not read: a slip of the pen must not pass unseen."""
+    known = {*picks, *(pick.source for pick in picks.values())}
+    for name in units:
+        if name not in known:
+            what = f"a unit is given for it, but the channels read are: {', '.join(picks)}"
+            raise record.origin.header_fault(MissingChannelError, what, channel=name)
+
+
+def _wanted(name: str, channel_map: ChannelMap) -> str:
+    """Say who wants a column: the channel, and the key of the channel map where there is one."""
+    if channel_map.path is None:
+        return name
+    return f"{name if name == 'time' else f'channels.{name}'} of {channel_map.path}"
+
+
+def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | None) -> str:
+    """Return the SI unit in which a channel is held, refusing what is unknown or of the wrong dimension."""
+    try:
+        if expected is None:
+            return unit if unit in SI_UNITS else si_unit(unit)
+        if compatible(unit, expected):
+            return expected
+    except UnknownUnitError as error:
+        what = f"{error}; or name only the wanted columns in a channel map"
+        raise record.origin.header_fault(UnknownUnitError, what, channel=channel) from error
+    what = f"the unit {unit!r} cannot be converted to {expected!r}; is it the right column?"
+    raise record.origin.header_fault(UnknownUnitError, what, channel=channel)

@@ -1,0 +1,85 @@
+"""Parquet files: units, schema version, tool version and sources in the schema's metadata."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from eightpost.errors import FileFormatError
+from eightpost.files import atomic_path
+from eightpost.signals.header import split_header
+from eightpost.signals.origin import Origin
+from eightpost.signals.provenance import parse_header, time_series_header
+from eightpost.signals.raw_record import RawRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals.timeseries import TimeSeries
+
+_KEY = b"eightpost"
+
+
+def read_parquet(path: str | Path) -> RawRecord:
+    """Read a Parquet file: ours, or any with numeric columns whose names may carry units as in CSV headers.
+
+    Raises:
+        FileFormatError: Not a Parquet file, or written by a newer schema version.
+    """
+    path = Path(path)
+    try:
+        table = pa.parquet.read_table(path, use_threads=False)
+    except pa.ArrowInvalid as error:
+        raise FileFormatError(f"not a Parquet file: {error}", path=path) from error
+    header = parquet_header(path)
+    split = [_named(name, header) for name in table.column_names]
+    names, units = tuple(name for name, _ in split), tuple(unit for _, unit in split)
+    return RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns))
+
+
+def parquet_header(path: str | Path) -> dict[str, Any]:
+    """Return our header of a Parquet file (tool version, sources, note), empty when it is not ours."""
+    metadata = pa.parquet.read_schema(path).metadata or {}
+    return parse_header(metadata[_KEY], Path(path)) if _KEY in metadata else {}
+
+
+def _named(name: str, header: Mapping[str, Any]) -> tuple[str, str | None]:
+    units = header.get("units", {})
+    return (name, units[name]) if name in units else split_header(name)
+
+
+def _vector(column: Any) -> NDArray[Any]:
+    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        return np.asarray(column.to_numpy(), dtype=np.float64)
+    return np.array([str(cell) for cell in column.to_pylist()], dtype=object)
+
+
+def write_parquet(
+    series: TimeSeries,
+    path: str | Path,
+    *,
+    sources: Mapping[str, str] | None = None,
+    note: str = "",
+    storage: Literal["float64", "float32"] = "float64",
+) -> None:
+    """Write a series as Parquet.
+
+    Args:
+        series: The series.
+        path: The file; replaced whole or not at all.
+        sources: SHA-256 digest by name of each file that the series was made from.
+        note: What the data are, for people.
+        storage: Number type of the channels; time is always float64.
+    """
+    units = {"time": "s", **dict(zip(series.names, series.units, strict=True))}
+    columns = [series.time, *(row.astype(storage) for row in series.values)]
+    table = pa.table(columns, names=list(units))
+    table = table.replace_schema_metadata({_KEY: time_series_header(units, sources=sources, note=note)})
+    with atomic_path(path) as temporary:
+        pa.parquet.write_table(table, temporary, compression="zstd", use_dictionary=False, use_byte_stream_split=True)

@@ -1,0 +1,55 @@
+"""What every file we write says about itself: schema, tool, sources."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from eightpost import __version__
+from eightpost.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+#: Version of the time-series schema that this tool writes, and the newest that it reads.
+SCHEMA_VERSION = 1
+
+
+def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] | None = None, note: str = "") -> str:
+    """Return the header of a time-series file as JSON.
+
+    Args:
+        units: SI unit by channel name.
+        sources: SHA-256 digest by name of each file that the series was made from.
+        note: What the data are, for people.
+    """
+    header = {
+        "schema": "eightpost.time_series",
+        "schema_version": SCHEMA_VERSION,
+        "tool_version": __version__,
+        "units": dict(units),
+        "sources": dict(sources or {}),
+        "note": note,
+    }
+    return json.dumps(header)
+
+
+def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
+    """Return a header, refusing what a newer tool wrote.
+
+    Raises:
+        FileFormatError: Not a header of ours, or of a newer schema version.
+    """
+    try:
+        header = json.loads(text)
+        version = int(header["schema_version"])
+    except (ValueError, TypeError, KeyError) as error:
+        raise FileFormatError(f"its eightpost header cannot be read: {error!r}", path=path) from error
+    if version > SCHEMA_VERSION:
+        raise FileFormatError(
+            f"it has schema version {version} (written by eightpost {header.get('tool_version', '?')}), this "
+            f"eightpost {__version__} reads up to {SCHEMA_VERSION}; update eightpost",
+            path=path,
+        )
+    return dict(header)

@@ -1,0 +1,61 @@
+"""Reading any record: the suffix says the format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eightpost.errors import FileFormatError
+from eightpost.signals.channel_map import find_time, identity_map
+from eightpost.signals.csv_file import read_csv
+from eightpost.signals.mapped_series import mapped_series
+from eightpost.signals.mat_file import read_mat
+from eightpost.signals.parquet_file import read_parquet
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from eightpost.signals.channel_map import ChannelMap
+    from eightpost.signals.raw_record import RawRecord
+    from eightpost.signals.timeseries import TimeSeries
+
+_READERS = {".csv": read_csv, ".txt": read_csv, ".parquet": read_parquet, ".mat": read_mat}
+
+
+def read_record(path: str | Path) -> RawRecord:
+    """Read a file's columns as they stand.
+
+    Raises:
+        FileFormatError: The file is missing or its format is not known.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        what = f"files that end in {path.suffix!r} are not read; known: {', '.join(_READERS)}"
+        raise FileFormatError(what, path=path)
+    if not path.is_file():
+        raise FileFormatError("there is no such file", path=path)
+    return reader(path)
+
+
+def read_series(
+    path: str | Path, *, channel_map: ChannelMap | None = None, units: Mapping[str, str] | None = None
+) -> TimeSeries:
+    """Read a .csv, .txt, .parquet or .mat file as a time series in SI.
+
+    Without a channel map every column is a channel under its own name (the unit stripped) and the column
+    called `time` or `t` is the time.
+
+    Args:
+        path: The file.
+        channel_map: Which columns to read, under which names, units and signs.
+        units: Units by channel name, for columns whose header says none.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+        DataError: One of its kinds names what is wrong in the file and where.
+    """
+    record = read_record(path)
+    if channel_map is None:
+        channel_map = identity_map(record, find_time(record))
+    return mapped_series(record, channel_map, units=units)

@@ -1,0 +1,175 @@
+"""Time series: named channels on one time axis, in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.errors import MissingChannelError
+from eightpost.signals.faults import check_finite, check_time
+from eightpost.units import SI_UNITS, conversion, si_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+
+#: Largest departure from an even grid, in steps, that counts as a logger's rounding of time.
+JITTER = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeSeries:
+    """Channels sampled at common times; valid once built.
+
+    Attributes:
+        time: (N,) strictly increasing [s].
+        values: (C, N) channel by time, each row in its SI unit.
+        names: C unique channel names.
+        units: C SI unit symbols, such as `m/s`.
+
+    Raises:
+        ValueError: Shapes disagree, a name comes twice, or a unit is not SI.
+        NotANumberError: A sample is NaN or infinite.
+        BackwardTimeError: Time decreases.
+        DuplicateTimeError: Time repeats.
+
+    The arrays are copied and read-only.
+    """
+
+    time: Array
+    values: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", _frozen(self.time))
+        object.__setattr__(self, "values", _frozen(self.values))
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "units", tuple(self.units))
+        self._check_shapes()
+        self._check_units()
+        check_finite(self.time, channel="time")
+        check_time(self.time)
+        for name, row in zip(self.names, self.values, strict=True):
+            check_finite(row, channel=name)
+
+    def _check_shapes(self) -> None:
+        expected = (len(self.names), self.time.size)
+        if self.time.ndim != 1 or self.time.size == 0:
+            raise ValueError(f"time must be a vector with a sample or more, not {self.time.shape}")
+        if self.values.shape != expected:
+            raise ValueError(f"values must be (channels, samples) = {expected}, not {self.values.shape}")
+        if len(self.units) != len(self.names):
+            raise ValueError(f"{len(self.names)} channels need as many units, not {len(self.units)}")
+        repeated = sorted({name for name in self.names if self.names.count(name) > 1})
+        if repeated:
+            raise ValueError(f"channel names must be unique; repeated: {', '.join(repeated)}")
+
+    def _check_units(self) -> None:
+        for name, unit in zip(self.names, self.units, strict=True):
+            if unit not in SI_UNITS and conversion(unit, si_unit(unit)) != (1.0, 0.0):
+                raise ValueError(f"channel {name!r} must be in {si_unit(unit)!r}, not in {unit!r}: SI inside")
+
+    @classmethod
+    def from_channels(cls, time: ArrayLike, channels: Mapping[str, tuple[str, ArrayLike]]) -> TimeSeries:
+        """Build a series from `{name: (SI unit, values (N,))}`."""
+        times = np.asarray(time, dtype=np.float64)
+        rows = [np.asarray(values, dtype=np.float64) for _, values in channels.values()]
+        values = np.stack(rows) if rows else np.empty((0, times.size))
+        return cls(times, values, tuple(channels), tuple(unit for unit, _ in channels.values()))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> Array:
+        """Return the channel `name` (N,) in its SI unit."""
+        row: Array = self.values[self._index(name)]
+        return row
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            known = ", ".join(self.names) or "none"
+            raise MissingChannelError(f"no such channel; there are: {known}", channel=name)
+        return self.names.index(name)
+
+    def unit(self, name: str) -> str:
+        """Return the SI unit of the channel `name`."""
+        return self.units[self._index(name)]
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether no sample is farther than a quarter step from an even grid.
+
+        Time that a logger printed with few digits (0.0033, 0.0034, ...) is uniform in this sense.
+        """
+        if self.time.size < 3:
+            return True
+        even = np.linspace(self.time[0], self.time[-1], self.time.size)
+        return bool(np.abs(self.time - even).max() <= JITTER * (even[1] - even[0]))
+
+    @property
+    def sample_rate(self) -> float:
+        """Samples per second [Hz]: from the mean step of a uniform series, else from the median step."""
+        if self.time.size < 2:
+            raise ValueError("a single sample has no sample rate")
+        if self.is_uniform:
+            return (self.time.size - 1) / self.duration
+        return 1.0 / float(np.median(np.diff(self.time)))
+
+    def select(self, names: Iterable[str]) -> TimeSeries:
+        """Return the series of the channels `names`, in that order."""
+        rows = [self._index(name) for name in names]
+        units = tuple(self.units[row] for row in rows)
+        return TimeSeries(self.time, self.values[rows], tuple(self.names[row] for row in rows), units)
+
+    def window(self, start: float, stop: float) -> TimeSeries:
+        """Return the samples with `start <= time <= stop` [s]; time keeps its origin."""
+        inside = (self.time >= start) & (self.time <= stop)
+        if not inside.any():
+            span = f"{self.time[0]:g} to {self.time[-1]:g} s"
+            raise ValueError(f"no sample between {start:g} and {stop:g} s; the series runs from {span}")
+        return TimeSeries(self.time[inside], self.values[:, inside], self.names, self.units)
+
+    def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
+        """Return a series with the channel `name` added, or replaced where it exists.
+
+        Args:
+            name: The channel.
+            unit: Its SI unit.
+            values: (N,).
+        """
+        channels = {n: (u, row) for n, u, row in zip(self.names, self.units, self.values, strict=True)}
+        channels[name] = (unit, np.asarray(values, dtype=np.float64))
+        return TimeSeries.from_channels(self.time, channels)
+
+    def resample(self, rate: float) -> TimeSeries:
+        """Return the series on an even grid of `rate` [Hz] by linear interpolation.
+
+        No anti-alias filter is applied: low-pass first when going to a lower rate.
+        """
+        if not rate > 0.0:
+            raise ValueError(f"the rate must be positive, not {rate:g} Hz")
+        count = int(np.floor(self.duration * rate * (1.0 + 1e-12))) + 1
+        grid = self.time[0] + np.arange(count) / rate
+        values = np.stack([np.interp(grid, self.time, row) for row in self.values])
+        return TimeSeries(grid, values, self.names, self.units)
+
+
+def _frozen(values: ArrayLike) -> Array:
+    """Return a read-only float64 copy in C order."""
+    copy = np.array(values, dtype=np.float64, order="C")
+    copy.setflags(write=False)
+    return copy

@@ -1,0 +1,30 @@
+"""Vehicles as linear models with named channels (signs and names: docs/ports.md)."""
+
+from eightpost.vehicle.discretise import discretise
+from eightpost.vehicle.kernel import LinearStepper
+from eightpost.vehicle.port_damping import add_port_damping
+from eightpost.vehicle.quantities import CORNERS, Corners
+from eightpost.vehicle.quarter_car import QuarterCar
+from eightpost.vehicle.seven_dof import SevenDof
+from eightpost.vehicle.statespace import Channel, Mode, StateSpace
+from eightpost.vehicle.storage import read_vehicle, shipped, write_vehicle
+from eightpost.vehicle.vehicles import IdentifiedVehicle, StructuralVehicle, Vehicle
+
+__all__ = [
+    "CORNERS",
+    "Channel",
+    "Corners",
+    "IdentifiedVehicle",
+    "LinearStepper",
+    "Mode",
+    "QuarterCar",
+    "SevenDof",
+    "StateSpace",
+    "StructuralVehicle",
+    "Vehicle",
+    "add_port_damping",
+    "discretise",
+    "read_vehicle",
+    "shipped",
+    "write_vehicle",
+]

@@ -1,0 +1,129 @@
+"""Identified vehicles in JSON files: matrices, channels, baseline damping, where they came from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import eightpost
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.files import atomic_path
+from eightpost.vehicle.parameters import check_schema
+from eightpost.vehicle.statespace import Channel, StateSpace
+from eightpost.vehicle.vehicles import IdentifiedVehicle
+
+#: The newest layout of these files that is understood.
+SCHEMA = 1
+
+_NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
+_OPTIONAL = ("schema", "tool", "model", "dt", "baseline_damping", "static", "sources")
+
+
+def read_json(path: str | Path) -> IdentifiedVehicle:
+    """Read an identified vehicle.
+
+    Raises:
+        FileFormatError: No such file, no JSON, or a layout that is not understood.
+        ParameterError: The model does not fit together.
+        UnknownUnitError: A channel's unit is not SI.
+    """
+    path = Path(path)
+    content = _load(path)
+    check_schema(path, content, SCHEMA)
+    _check_keys(path, content)
+    try:
+        return _vehicle(content)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except (TypeError, ValueError, KeyError, AttributeError) as error:
+        raise FileFormatError(f"does not hold a vehicle as this version writes it ({error})", path=path) from error
+
+
+def write_json(path: str | Path, vehicle: IdentifiedVehicle) -> None:
+    """Write an identified vehicle so that reading gives the same numbers to the last bit."""
+    model = vehicle.state_space
+    content = {
+        "schema": SCHEMA,
+        "tool": f"eightpost {eightpost.__version__}",
+        "model": vehicle.model,
+        "name": vehicle.name,
+        "sources": dict(vehicle.sources),
+        "dt": model.dt,
+        "model_name": model.name,
+        "inputs": [{"name": channel.name, "unit": channel.unit} for channel in model.inputs],
+        "outputs": [{"name": channel.name, "unit": channel.unit} for channel in model.outputs],
+        "baseline_damping": dict(vehicle.baseline_damping),
+        "static": dict(vehicle.static),
+        **{field: getattr(model, field).tolist() for field in ("A", "B", "C", "D")},
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(_rows_on_lines(content), encoding="utf-8")
+
+
+def _rows_on_lines(content: dict[str, Any]) -> str:
+    """Write JSON with one matrix row or channel per line, so that two files can be compared by eye."""
+    entries = []
+    for key, value in content.items():
+        if isinstance(value, list) and value:
+            rows = ",\n".join(f"    {json.dumps(row, allow_nan=False)}" for row in value)
+            entries.append(f"  {json.dumps(key)}: [\n{rows}\n  ]")
+        else:
+            entries.append(f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+    return "{\n" + ",\n".join(entries) + "\n}\n"
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file", path=path) from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise FileFormatError(f"cannot be read as JSON: {error}", path=path) from error
+    if not isinstance(content, dict):
+        raise FileFormatError("is JSON, but not a vehicle: it must be an object in braces", path=path)
+    return content
+
+
+def _check_keys(path: Path, content: dict[str, Any]) -> None:
+    if content.get("model", "state_space") != "state_space":
+        raise FileFormatError(f"model is {content['model']!r}; a JSON vehicle is a 'state_space'", path=path)
+    for key in _NEEDED:
+        if key not in content:
+            raise ParameterError(f"{path}: {key!r} is missing; a vehicle needs {', '.join(_NEEDED)}")
+    for key in content:
+        if key not in (*_NEEDED, *_OPTIONAL, "model_name"):
+            raise ParameterError(f"{path}: unknown key {key!r}; known are {', '.join((*_NEEDED, *_OPTIONAL))}")
+
+
+def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
+    inputs, outputs = (
+        tuple(Channel(channel["name"], channel["unit"]) for channel in content[side]) for side in ("inputs", "outputs")
+    )
+    n, m, p = len(content["A"]), len(inputs), len(outputs)
+    name = str(content["name"])
+    model = StateSpace(
+        _matrix(content["A"], (n, n)),
+        _matrix(content["B"], (n, m)),
+        _matrix(content["C"], (p, n)),
+        _matrix(content["D"], (p, m)),
+        inputs,
+        outputs,
+        content.get("dt"),
+        str(content.get("model_name", name)),
+    )
+    return IdentifiedVehicle(
+        name,
+        model,
+        content.get("baseline_damping", {}),
+        content.get("static", {}),
+        content.get("sources", {}),
+    )
+
+
+def _matrix(rows: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return the rows as they are, except that an empty list is any matrix without entries."""
+    matrix = np.asarray(rows, dtype=np.float64)
+    return np.zeros(shape) if matrix.size == 0 and 0 in shape else matrix

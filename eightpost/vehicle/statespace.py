@@ -1,0 +1,371 @@
+"""Linear models with named channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import schur
+
+from eightpost.errors import ParameterError, UnknownUnitError
+from eightpost.units import si_factor
+from eightpost.vehicle import kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+
+#: A direct term below this part of the channel pair's own dynamic response is rounding, not structure.
+DIRECT_TERM_TOLERANCE = 1e-9
+
+_CHUNK = 4_000_000  # complex numbers held at once while a frequency response is computed
+_POLE_DISTANCE = 100.0 * float(np.finfo(np.float64).eps)
+
+
+class Mode(NamedTuple):
+    """One pole pair (or one real pole) as people speak of it.
+
+    A real pole has the frequency |s| / 2 pi and the damping ratio 1 (-1 where it is unstable); a pole at
+    zero has the frequency 0 and no damping ratio (NaN).
+    """
+
+    frequency_hz: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """The name and the SI unit of one input or output, as in ports.md: `Channel("lf.road", "m")`."""
+
+    name: str
+    unit: str
+
+    def __post_init__(self) -> None:
+        """Check the name and the unit."""
+        if not self.name or self.name != self.name.strip() or ":" in self.name:
+            raise ParameterError(
+                f"channel name {self.name!r} cannot be used: it must not be empty, begin or end with a "
+                "blank, or "
+                "hold a colon"
+            )
+        if si_factor(self.unit) != 1.0:
+            raise UnknownUnitError(
+                f"unit {self.unit!r} is not SI; convert the values first (eightpost.units.convert), "
+                "models are SI "
+                "inside",
+                channel=self.name,
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateSpace:
+    """A linear model with named channels.
+
+    `x' = A x + B u` (or `x[k+1] = A x[k] + B u[k]` where there is a `dt`) and `y = C x + D u`. Frequency
+    responses are (output, input, frequency), as in python-control.
+
+    Attributes:
+        A: State matrix (n, n).
+        B: Input matrix (n, m).
+        C: Output matrix (p, n).
+        D: Direct terms (p, m).
+        inputs: The m inputs.
+        outputs: The p outputs.
+        dt: Sample time [s], or None for a continuous model.
+        name: What the model is called.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    dt: float | None = None
+    name: str = "model"
+
+    def __post_init__(self) -> None:
+        """Freeze the matrices and check that everything fits together."""
+        for field in ("A", "B", "C", "D"):
+            object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
+        for field in ("inputs", "outputs"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
+            _check_unique([channel.name for channel in getattr(self, field)], f"{self.name}: {field}")
+        self._check_shapes()
+        if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise ParameterError(
+                f"{self.name}: the sample time is {self.dt!r} s; give a finite number above zero, or None "
+                "for a "
+                "continuous model"
+            )
+
+    def _check_shapes(self) -> None:
+        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
+        for field, expected in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
+            found = getattr(self, field).shape
+            if found != expected:
+                raise ParameterError(
+                    f"{self.name}: {field} has the shape {found}; {n} states, {m} inputs and {p} outputs "
+                    "need "
+                    f"{expected}"
+                )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, StateSpace):
+            return NotImplemented
+        named = (self.inputs, self.outputs, self.dt, self.name) == (
+            other.inputs,
+            other.outputs,
+            other.dt,
+            other.name,
+        )
+        return named and all(
+            np.array_equal(getattr(self, field), getattr(other, field)) for field in ("A", "B", "C", "D")
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.inputs, self.outputs, self.dt, self.name, self.A.tobytes(), self.B.tobytes()))
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs, in order."""
+        return tuple(channel.name for channel in self.inputs)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The names of the outputs, in order."""
+        return tuple(channel.name for channel in self.outputs)
+
+    def select(self, *, inputs: Iterable[str] | None = None, outputs: Iterable[str] | None = None) -> StateSpace:
+        """Return the model with the channels asked for, in the order asked for; None keeps all.
+
+        Raises:
+            ParameterError: A name is not there; the message lists those that are.
+        """
+        columns = _positions(self.input_names, inputs, f"{self.name}: input")
+        rows = _positions(self.output_names, outputs, f"{self.name}: output")
+        return StateSpace(
+            self.A,
+            self.B[:, columns],
+            self.C[rows],
+            self.D[np.ix_(rows, columns)],
+            tuple(self.inputs[i] for i in columns),
+            tuple(self.outputs[i] for i in rows),
+            self.dt,
+            self.name,
+        )
+
+    def poles(self) -> Complex:
+        """Return the poles (n,): of s [1/s], or of z where the model is discrete."""
+        return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
+
+    def modes(self) -> tuple[Mode, ...]:
+        """Return natural frequency and damping ratio of every pole pair and every real pole, slowest first.
+
+        `f = |s| / 2 pi`, `zeta = -Re(s) / |s|`, with `s = ln(z) / dt` for a discrete model.
+        """
+        poles = _continuous(self.poles(), self.dt)
+        poles = poles[poles.imag >= 0.0]
+        return tuple(_mode(pole) for pole in sorted(poles, key=abs))
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return `H = C (s I - A)^-1 B + D` at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`.
+
+        The state matrix is balanced and brought to complex Schur form once; each frequency then costs one
+        triangular solve, which is backward stable also for repeated poles and many states.
+
+        Args:
+            frequency_hz: Frequencies (K,) [Hz].
+
+        Returns:
+            H (p, m, K).
+
+        Raises:
+            ParameterError: A pole lies on one of the frequencies.
+        """
+        frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        s = 2j * np.pi * frequency
+        points = np.asarray(s if self.dt is None else np.exp(s * self.dt), dtype=np.complex128)
+        try:
+            return self._transfer(points) + self.D[:, :, None]
+        except ZeroDivisionError as error:
+            at = frequency[error.args[0]]
+            raise ParameterError(
+                f"{self.name}: the response is infinite at {at:g} Hz, where the model has an undamped "
+                "pole; leave "
+                "this frequency out or give the model damping"
+            ) from error
+
+    def _transfer(self, points: Complex) -> Complex:
+        """Return `C (s I - A)^-1 B` (p, m, K) at `points`; ZeroDivisionError carries the index of a pole."""
+        if not len(self.A):
+            return np.zeros((*self.D.shape, len(points)), dtype=np.complex128)
+        balanced, scaling = kernel.balance(self.A)
+        T, Q = schur(balanced.astype(np.complex128), output="complex")
+        B = Q.conj().T @ (self.B / scaling[:, None])
+        C = (self.C * scaling) @ Q
+        distance = np.abs(points[None, :] - np.diag(T)[:, None])
+        near = distance <= _POLE_DISTANCE * max(float(np.abs(T).max(initial=0.0)), 1e-300)
+        if near.any():
+            raise ZeroDivisionError(int(np.flatnonzero(near.any(axis=0))[0]))
+        size = max(1, _CHUNK // max(1, B.size))
+        parts = [C @ _resolvent(T, B, points[k : k + size]) for k in range(0, len(points), size)]
+        joined = np.concatenate(parts, axis=1) if parts else np.zeros((len(C), 0), dtype=np.complex128)
+        return np.ascontiguousarray(joined.reshape(len(C), len(points), B.shape[1]).transpose(0, 2, 1))
+
+    def dc_gain(self) -> Array:
+        """Return the steady outputs per steady input (p, m), `D - C A^-1 B`.
+
+        Raises:
+            ParameterError: The state matrix is singular, so that a constant input has no steady answer.
+        """
+        return np.asarray(self.C @ self._steady(np.eye(len(self.inputs))) + self.D, dtype=np.float64)
+
+    def steady_state(self, u: ArrayLike) -> Array:
+        """Return the state (n,) in which constant inputs `u` (m,) hold the model.
+
+        Raises:
+            ParameterError: There is none, or more than one; or `u` has not one value per input.
+        """
+        values = np.asarray(u, dtype=np.float64)
+        if values.shape != (len(self.inputs),):
+            raise ParameterError(
+                f"{self.name}: the inputs have the shape {values.shape}; give one value for each of "
+                f"{', '.join(self.input_names)}"
+            )
+        return self._steady(values)
+
+    def _steady(self, u: Array) -> Array:
+        A = self.A if self.dt is None else self.A - np.eye(len(self.A))
+        try:
+            return kernel.equilibrium(A, self.B, u)
+        except ValueError as error:
+            raise ParameterError(f"{self.name}: {error}") from error
+
+    def direct_terms(self) -> NDArray[np.bool_]:
+        """Say which outputs depend on which inputs without delay (p, m).
+
+        A term counts where it exceeds `DIRECT_TERM_TOLERANCE` of what the states themselves give between the
+        same two channels: the largest `|C_i (s I - A)^-1 B_j|` on a ray into the right half plane (off the
+        poles) with `|s|` from a thousandth to ten times the fastest pole. No choice of units changes this
+        measure. Where the states give nothing, every term that is not zero counts.
+        """
+        slowest_told = 1e-8 * float(np.abs(self.A).max(initial=0.0))
+        fastest = max(float(np.abs(_continuous(self.poles(), self.dt)).max(initial=0.0)), slowest_told) or 1.0
+        s = fastest * np.geomspace(1e-3, 10.0, 9) * np.exp(1j)
+        points = s if self.dt is None else np.exp(s * min(self.dt, 50.0 / (10.0 * fastest)))
+        dynamic = np.abs(self._transfer(np.asarray(points, dtype=np.complex128))).max(axis=2, initial=0.0)
+        return np.asarray((self.D != 0.0) & (np.abs(self.D) > DIRECT_TERM_TOLERANCE * dynamic))
+
+    def to_control(self) -> Any:
+        """Return the model as a `control.StateSpace`.
+
+        python-control admits no dots in names, so they become colons (`lf.road` -> `lf:road`), which no
+        channel of ours has. Units are lost.
+        """
+        import control  # noqa: PLC0415  here, as loading it takes seconds that most uses need not wait for
+
+        return control.ss(
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            0 if self.dt is None else self.dt,
+            inputs=[name.replace(".", ":") for name in self.input_names],
+            outputs=[name.replace(".", ":") for name in self.output_names],
+            name=self.name.replace(".", ":"),
+        )
+
+    @classmethod
+    def from_control(
+        cls, system: Any, *, input_units: Sequence[str], output_units: Sequence[str], name: str | None = None
+    ) -> StateSpace:
+        """Take over a model of python-control, with units, which it does not know.
+
+        Args:
+            system: A `control.StateSpace` (or what `control.ss` makes one of), its time base stated.
+            input_units: One SI unit per input.
+            output_units: One SI unit per output.
+            name: What to call it; None takes the system's name.
+
+        Raises:
+            ParameterError: The number of units does not fit, or the time base is not stated (`dt=None`).
+        """
+        import control  # noqa: PLC0415  as in to_control
+
+        system = control.ss(system)
+        if system.dt is None or system.dt is True:
+            raise ParameterError(
+                f"{system.name}: the system has no stated time base (dt={system.dt}); give it dt=0 "
+                "(continuous) or "
+                "its sample time in seconds"
+            )
+        return cls(
+            np.asarray(system.A),
+            np.asarray(system.B),
+            np.asarray(system.C),
+            np.asarray(system.D),
+            _channels(system.input_labels, input_units, "input"),
+            _channels(system.output_labels, output_units, "output"),
+            float(system.dt) or None,
+            name if name is not None else str(system.name).replace(":", "."),
+        )
+
+
+def _frozen(values: ArrayLike, where: str) -> Array:
+    array = np.array(values, dtype=np.float64, order="C") + 0.0  # no negative zeros
+    if not np.isfinite(array).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ParameterError(f"{where} holds {array[place]} at {place}; every entry must be a finite number")
+    array.setflags(write=False)
+    return array
+
+
+def _check_unique(names: list[str], where: str) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ParameterError(f"{where} hold {', '.join(twice)} more than once; names must differ")
+
+
+def _positions(names: tuple[str, ...], wanted: Iterable[str] | None, where: str) -> list[int]:
+    if wanted is None:
+        return list(range(len(names)))
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in chosen:
+        if name not in names:
+            raise ParameterError(f"{where} {name!r} is not there; there are {', '.join(names)}")
+    return [names.index(name) for name in chosen]
+
+
+def _channels(labels: Sequence[str], units: Sequence[str], kind: str) -> tuple[Channel, ...]:
+    if len(labels) != len(units):
+        raise ParameterError(f"{len(units)} {kind} units given; the system has {len(labels)} {kind}s: {labels}")
+    return tuple(Channel(label.replace(":", "."), unit) for label, unit in zip(labels, units, strict=True))
+
+
+def _continuous(poles: Complex, dt: float | None) -> Complex:
+    if dt is None:
+        return poles
+    moved = poles[poles != 0.0]  # a pole at z = 0 is a pure delay: no mode
+    return np.asarray(np.log(moved) / dt, dtype=np.complex128)
+
+
+def _mode(pole: complex) -> Mode:
+    size = abs(pole)
+    return Mode(float(size / (2.0 * np.pi)), float(-pole.real / size) if size else float("nan"))
+
+
+def _resolvent(T: Complex, B: Complex, points: Complex) -> Complex:
+    """Solve `(s I - T) X = B` for upper triangular T at all points at once: X (n, K * m), point by point."""
+    n, m = B.shape
+    X = np.empty((n, len(points), m), dtype=np.complex128)
+    flat = X.reshape(n, -1)
+    for i in range(n - 1, -1, -1):
+        carried = (T[i, i + 1 :] @ flat[i + 1 :]).reshape(len(points), m)
+        X[i] = (B[i] + carried) / (points - T[i, i])[:, None]
+    return flat

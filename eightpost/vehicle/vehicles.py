@@ -1,0 +1,112 @@
+"""Vehicles: what a model file holds, whichever way the model came about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from eightpost.errors import ParameterError
+from eightpost.vehicle import quarter_car, seven_dof
+from eightpost.vehicle.port_damping import add_port_damping
+from eightpost.vehicle.quantities import check_static
+from eightpost.vehicle.quarter_car import QuarterCar
+from eightpost.vehicle.seven_dof import SevenDof
+from eightpost.vehicle.statespace import StateSpace
+
+Model = Literal["quarter_car", "seven_dof", "state_space"]
+
+
+@dataclass(frozen=True, slots=True)
+class StructuralVehicle:
+    """A vehicle that is known by its masses, springs and dampers.
+
+    Attributes:
+        name: What it is called.
+        parameters: Its parameters, SI.
+        static: Values of the static state by output, SI: `{"lf.tire_force": 3300.0, "front.ride_height":
+            0.1}`. Models speak of changes from it; the FMU adds it. Missing ones are 0.
+    """
+
+    name: str
+    parameters: QuarterCar | SevenDof
+    static: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the static state against the outputs."""
+        object.__setattr__(self, "static", check_static(self.static, self.coupled().output_names, self.name))
+
+    @property
+    def model(self) -> Model:
+        """Return the kind of model, as the file's `model` says it."""
+        return "quarter_car" if isinstance(self.parameters, QuarterCar) else "seven_dof"
+
+    def coupled(self) -> StateSpace:
+        """Return the model whose ports take the whole shock force: without dampers of its own."""
+        if isinstance(self.parameters, QuarterCar):
+            return quarter_car.coupled(self.parameters)
+        return seven_dof.coupled(self.parameters)
+
+    def with_damper(self) -> StateSpace:
+        """Return the model with its linear dampers, for frequency responses and modes."""
+        if isinstance(self.parameters, QuarterCar):
+            return quarter_car.with_damper(self.parameters)
+        return seven_dof.with_damper(self.parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedVehicle:
+    """A vehicle that is known by a linear model, as the identification gives it.
+
+    Attributes:
+        name: What it is called.
+        state_space: The model as identified: around the baseline damping, its shock inputs being what the
+            shock force is more than `c v`.
+        baseline_damping: c [N.s/m] by port ("lf", ...; "" for a quarter car): the dissertation's C-bar. A
+            port that is missing has none: its input is the whole force already.
+        static: As in `StructuralVehicle`.
+        sources: SHA-256 digests of the files it was identified from, by name.
+    """
+
+    name: str
+    state_space: StateSpace
+    baseline_damping: Mapping[str, float] = field(default_factory=dict)
+    static: Mapping[str, float] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the static state and the ports against the model's channels."""
+        names = self.state_space.output_names
+        object.__setattr__(self, "static", check_static(self.static, names, self.name))
+        object.__setattr__(self, "baseline_damping", {k: float(v) for k, v in self.baseline_damping.items()})
+        object.__setattr__(self, "sources", dict(self.sources))
+        ports = [name.removesuffix("force").rstrip(".") for name in self.state_space.input_names]
+        for port in self.baseline_damping:
+            if port not in ports:
+                raise ParameterError(
+                    f"{self.name}: baseline damping is given for the port {port!r}, which has no force "
+                    "input; the "
+                    f"inputs are {', '.join(self.state_space.input_names)}"
+                )
+
+    @property
+    def model(self) -> Model:
+        """Return the kind of model, as the file's `model` says it."""
+        return "state_space"
+
+    def coupled(self) -> StateSpace:
+        """Return the model whose ports take the whole shock force: the baseline damping taken out.
+
+        Raises:
+            ParameterError: The model is discrete, or a shock velocity has a direct term.
+        """
+        if not self.baseline_damping:
+            return self.state_space
+        return add_port_damping(self.state_space, {port: -c for port, c in self.baseline_damping.items()})
+
+    def with_damper(self) -> StateSpace:
+        """Return the model as identified, with its baseline damping."""
+        return self.state_space
+
+
+Vehicle = StructuralVehicle | IdentifiedVehicle

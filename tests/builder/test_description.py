@@ -1,0 +1,135 @@
+"""modelDescription.xml says everything an importer asks, and only what is true."""
+
+import tomllib
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import read_model_description
+
+from builder.build import build
+from builder.sources import source_folder
+from eightpost import units
+from eightpost.shock import write_shock
+from eightpost.vehicle import shipped
+
+ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+GOLDEN = tomllib.loads(Path(__file__).with_name("value_references.toml").read_text())
+
+
+def xml_of(path):
+    with zipfile.ZipFile(path) as archive:
+        return ET.fromstring(archive.read("modelDescription.xml"))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_names_and_value_references_are_frozen_for_this_interface_version(fmus, name):
+    root = xml_of(fmus[name])
+    golden = GOLDEN[name]
+    interface = root.find("VendorAnnotations/Tool/Interface").attrib
+    assert f"{interface['name']} {interface['version']}" == golden.pop("interface")
+    assert {v.get("name"): int(v.get("valueReference")) for v in root.iter("ScalarVariable")} == golden
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_real_has_a_unit_with_the_right_si_base_and_display_units_for_people(fmus, name):
+    root = xml_of(fmus[name])
+    defined = {u.get("name"): u for u in root.iter("Unit")}
+    for real in root.iter("Real"):
+        unit = defined[real.get("unit")]
+        base = {k: int(v) for k, v in unit.find("BaseUnit").attrib.items()}
+        assert base == units.si_exponents(real.get("unit"))
+        displays = {d.get("name"): float(d.get("factor")) for d in unit.iter("DisplayUnit")}
+        if real.get("displayUnit"):
+            assert displays[real.get("displayUnit")] == pytest.approx(
+                units.convert(1.0, real.get("unit"), real.get("displayUnit")), rel=1e-14
+            )
+
+
+def test_the_display_units_are_those_that_a_race_engineer_reads(fmus):
+    displays = {d.get("name"): float(d.get("factor")) for d in xml_of(fmus["seven_dof"]).iter("DisplayUnit")}
+    assert displays["in/s"] == pytest.approx(1 / 0.0254)
+    assert displays["lbf"] == pytest.approx(1 / 4.4482216152605)
+    assert displays["g"] == pytest.approx(1 / 9.80665)
+    assert displays["deg"] == pytest.approx(180 / np.pi)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_outputs_and_initial_unknowns_list_every_output_with_dependencies(fmus, name):
+    description = read_model_description(str(fmus[name]), validate=True)
+    outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+    for unknowns in (description.outputs, description.initialUnknowns):
+        assert [u.variable.name for u in unknowns] == outputs
+        assert all(u.dependencies is not None for u in unknowns)
+    assert float(description.defaultExperiment.stepSize) == 1e-3
+
+
+def depends(fmu, outputs, name, size, time):
+    """The outputs that move when one input moves, across one step or in initialization."""
+    before = np.array(fmu.get(outputs))
+    start = fmu.get((name,))[0]
+    fmu.set((name,), (start + size,))
+    if time is not None:
+        fmu.step(time, 1e-12)
+    moved = np.abs(np.array(fmu.get(outputs)) - before) > 1e-7 * (1.0 + np.abs(before))
+    fmu.set((name,), (start,))
+    if time is not None:
+        fmu.step(time, 1e-12)
+    return {output for output, yes in zip(outputs, moved, strict=True) if yes}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_declared_dependencies_are_true(fmus, component, name):
+    """After a step of 1e-12 s an output moves with an input exactly where a direct term is declared."""
+    description = read_model_description(str(fmus[name]))
+    extra = {"seal_friction": 20.0, "gas_stiffness": 500.0} if name in ("polylinear", "lpf1", "lpnl2") else {}
+    inputs = [v for v in description.modelVariables if v.causality == "input"]
+    outputs = tuple(v.name for v in description.modelVariables if v.causality == "output")
+    for unknowns, time in ((description.initialUnknowns, None), (description.outputs, 0.0)):
+        declared = {u.variable.name: {d.name for d in u.dependencies} for u in unknowns}
+        moved = dict.fromkeys((v.name for v in inputs), frozenset())
+        for start in ({}, {"start_at_equilibrium": False}) if name in ("seven_dof", "quarter_car") else ({},):
+            fmu = component(name, **extra, **start)
+            if time is not None:
+                fmu.end_initialization()
+                fmu.step(0.0, 1e-3)
+            for variable in inputs:
+                size = {"m": 0.01, "m/s": 0.1}.get(variable.unit, 1000.0)
+                moved[variable.name] |= depends(fmu, outputs, variable.name, size, time)
+        assert moved == {v.name: {o for o in outputs if v.name in declared[o]} for v in inputs}
+
+
+def test_a_shock_velocity_has_no_direct_term_in_a_shock_force(fmus):
+    description = read_model_description(str(fmus["seven_dof"]))
+    for unknown in description.outputs:
+        if unknown.variable.name.endswith(("velocity", "displacement")):
+            assert unknown.dependencies == []
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_same_source_gives_the_same_bytes_and_another_source_another_guid(fmus, shocks, tmp_path, name):
+    if name in shocks:
+        write_shock(shocks[name], source := tmp_path / f"{name}.json")
+    else:
+        source = shipped(name)
+    (built,) = build([source], tmp_path / "again")
+    assert built.path.read_bytes() == fmus[name].read_bytes()
+    guids = {xml_of(path).get("guid") for path in fmus.values()}
+    assert len(guids) == len(fmus)
+
+
+def test_every_folder_of_fmus_holds_the_same_files():
+    for folder in source_folder().iterdir():
+        if folder.is_dir() and folder.name != "common":
+            assert {p.name for p in folder.iterdir() if p.is_file()} >= {"interface.toml", "slave.py", "README.md"}
+
+
+def test_start_values_are_the_shocks_own_parameters(fmus, shocks):
+    description = read_model_description(str(fmus["lpnl2"]))
+    starts = {v.name: v.start for v in description.modelVariables if v.causality == "parameter"}
+    law = shocks["lpnl2"].law
+    assert float(starts["time_constant"]) == law.time_constant
+    assert float(starts["curve.inner[15]"]) == law.curve.inner[14]
+    assert float(starts["gas_stiffness"]) == law.port.gas_stiffness

@@ -1,0 +1,193 @@
+"""A python shock FMU is its law: the same file, the same numbers, and a state that really restores."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import eightpost.shock
+from eightpost.errors import StepError
+
+LAWS = ("polylinear", "lpf1", "lpnl2")
+OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
+PARAMETERS = {
+    "motion_ratio": st.floats(0.5, 1.5),
+    "compression_scale": st.floats(0.0, 2.0),
+    "rebound_scale": st.floats(0.0, 2.0),
+    "gas_stiffness": st.floats(0.0, 5e3),
+    "gas_preload": st.floats(-500.0, 500.0),
+    "seal_friction": st.floats(0.0, 50.0),
+    "friction_velocity": st.floats(1e-3, 0.1),
+    "time_constant": st.floats(1e-5, 0.1),
+    "lag_full_force": st.floats(0.0, 1e3),
+    "lag_zero_force": st.floats(1.1e3, 1e4),
+    "curve.inner[1]": st.floats(-5e3, 5e3),
+    "curve.rebound[4]": st.floats(-5e2, 5e2),
+    "curve.transition_speed": st.floats(0.2, 0.6),
+}
+steps = st.lists(st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.floats(-0.05, 0.05)), min_size=1, max_size=8)
+
+
+def law_with(law, values):
+    """The library's law with the FMU's parameter values."""
+    curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
+    for name, value in values.items():
+        if name.startswith("curve."):
+            field, _, index = name.removeprefix("curve.").rstrip("]").partition("[")
+            if index:
+                changed = list(curve[field])
+                changed[int(index) - 1] = value
+                value = tuple(changed)
+            curve[field] = value
+    port = {name: values.get(name, getattr(law.port, name)) for name in law.port.__slots__}
+    own = {name: values.get(name, getattr(law, name)) for name in eightpost.shock.own_parameters(type(law))}
+    return type(law)(curve=type(law.curve)(**curve), port=type(law.port)(**port), **own)
+
+
+def run_library(law, moves):
+    lagged, rows = law.static_force(0.0), []
+    for step, velocity, displacement in moves:
+        lagged = law.advance(lagged, velocity, velocity, step)
+        rows.append(law.response(lagged, velocity, displacement))
+    return np.array(rows)
+
+
+def run_fmu(fmu, moves):
+    fmu.set(("velocity", "displacement"), (0.0, 0.0))
+    fmu.end_initialization()
+    time, rows = 0.0, []
+    for step, velocity, displacement in moves:
+        fmu.set(("velocity", "displacement"), (velocity, displacement))
+        fmu.step(time, step)
+        time += step
+        rows.append(fmu.get(OUTPUTS))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), moves=steps)
+def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(name, data, moves, component, shocks):
+    probe = component(name)
+    values = data.draw(st.fixed_dictionaries({n: s for n, s in PARAMETERS.items() if n in probe.variables}))
+    expected = run_library(law_with(shocks[name].law, values), moves)
+    fmu = component(name, **values)
+    np.testing.assert_allclose(run_fmu(fmu, moves), expected, rtol=1e-12, atol=1e-9)
+    fmu.finish()
+    probe.finish()
+
+
+def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(component, shocks):
+    moves = [(1e-3, 0.4 * np.sin(0.05 * k), 0.0) for k in range(200)]
+    pair = [component(name) for name in ("lpf1", "lpnl2")]
+    for fmu in pair:
+        fmu.set(("velocity", "displacement"), (0.0, 0.0))
+        fmu.end_initialization()
+    rows = {0: [], 1: []}
+    for k, (step, velocity, displacement) in enumerate(moves):
+        for index, fmu in enumerate(pair):
+            fmu.set(("velocity", "displacement"), (velocity, displacement))
+            fmu.step(k * step, step)
+            rows[index].append(fmu.get(OUTPUTS))
+    for index, name in enumerate(("lpf1", "lpnl2")):
+        np.testing.assert_allclose(rows[index], run_library(shocks[name].law, moves), rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_fmu_ships_the_librarys_own_files_to_the_byte(fmus, name):
+    library = Path(eightpost.shock.__file__).parent
+    with zipfile.ZipFile(fmus[name]) as archive:
+        shipped = [n for n in archive.namelist() if "_law/" in n and (library / Path(n).name).is_file()]
+        shipped = [n for n in shipped if not n.endswith("__init__.py")]
+        assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", "port.py", f"{name}.py"}
+        for member in shipped:
+            assert archive.read(member) == (library / Path(member).name).read_bytes()
+
+
+def test_two_fmus_never_share_a_module_name(fmus):
+    names = set()
+    for name in LAWS:
+        with zipfile.ZipFile(fmus[name]) as archive:
+            names.add(archive.read("resources/slavemodule.txt"))
+    assert len(names) == len(LAWS)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(component, shocks, name):
+    fmu, law = component(name), shocks[name].law
+    for velocity in (0.3, -0.2, 0.05):
+        fmu.set(("velocity", "displacement"), (velocity, 0.01))
+        static = law.static_force(velocity)
+        assert fmu.get(("force", "lagged_force")) == [law.response(static, velocity, 0.01).force, static]
+    fmu.end_initialization()
+    assert fmu.get(("lagged_force",)) == [law.static_force(0.05)]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_restored_state_continues_bit_for_bit_also_when_serialized(component, name):
+    fmu = component(name)
+    run_fmu(fmu, [(1e-3, 0.1 * k, 0.0) for k in range(5)])
+    slave = fmu._slave
+    state = slave.getFMUstate()
+    packed = slave.serializeFMUstate(state)
+
+    def ahead():
+        rows = []
+        for k in range(5):
+            fmu.set(("velocity",), (-0.2 * k,))
+            fmu.step(5e-3 + k * 1e-3, 1e-3)
+            rows.append(fmu.get(OUTPUTS))
+        return rows
+
+    first = ahead()
+    slave.setFMUstate(state)
+    assert ahead() == first
+    slave.setFMUstate(slave.deSerializeFMUstate(packed))
+    assert ahead() == first
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_reset_restores_every_default(component, name):
+    fmu = component(name, motion_ratio=0.7, **{"curve.inner[1]": 5.0})
+    moves = [(1e-3, 0.3, 0.0)] * 3
+    run_fmu(fmu, moves)
+    fmu._slave.reset()
+    fmu._slave.setupExperiment(startTime=0.0)
+    fmu._slave.enterInitializationMode()
+    assert run_fmu(fmu, moves).tolist() == run_fmu(component(name), moves).tolist()
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "said"),
+    [
+        ("velocity", float("nan"), "velocity = nan is not finite"),
+        ("motion_ratio", -1.0, "motion_ratio = -1.0"),
+        ("curve.inner[1]", 1.0, "is fixed"),
+        ("force", 1.0, "output variable and cannot be set"),
+    ],
+)
+def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fine(component, variable, value, said):
+    fmu = component("lpnl2")
+    fmu.end_initialization()
+    fmu.set((variable,), (value,))
+    with pytest.raises(StepError, match=said):
+        fmu.step(0.0, 1e-3)
+    fmu.set(("velocity",), (0.1,))
+    fmu.step(0.0, 1e-3)
+
+
+def test_a_tunable_parameter_is_live_and_an_impossible_one_fails_the_step(component):
+    fmu = component("lpnl2")
+    fmu.end_initialization()
+    fmu.set(("velocity", "gas_preload"), (0.1, 0.0))
+    fmu.step(0.0, 0.5)
+    before = fmu.get(("force",))[0]
+    fmu.set(("gas_preload",), (100.0,))
+    fmu.step(0.5, 1e-3)
+    assert fmu.get(("force",))[0] == pytest.approx(before + 100.0)
+    fmu.set(("lag_zero_force",), (1.0,))
+    with pytest.raises(StepError, match="lag_zero_force"):
+        fmu.step(0.501, 1e-3)

@@ -1,0 +1,86 @@
+"""Fixtures that more than one folder of tests uses."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import settings
+
+from builder.build import build
+from cosim import FmuComponent
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, Shock, StaticCurve, law_name, write_shock
+from eightpost.vehicle import shipped
+
+# A busy machine must not fail a property: no deadline per example.
+settings.register_profile("eightpost", deadline=None)
+settings.load_profile("eightpost")
+
+
+@pytest.fixture(scope="session")
+def monolithic() -> ModuleType:
+    """The module tests/monolithic.py: the coupled car as one set of equations."""
+    name = "eightpost_tests_monolithic"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("monolithic.py"))
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+def _curve() -> StaticCurve:
+    """A digressive curve of the size of a stock-car shock."""
+    return StaticCurve(
+        inner=(1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
+        compression=(1490.0, 900.0, 40.0, 5.0),
+        rebound=(-1400.0, -1100.0, -20.0, 3.0),
+        transition_speed=0.381,
+        transition_width=0.0127,
+        compression_speed=1.2,
+        rebound_speed=1.1,
+        compression_slope=3000.0,
+        rebound_slope=3500.0,
+    )
+
+
+@pytest.fixture(scope="session")
+def shocks() -> dict[str, Shock]:
+    """One shock of each law, by the law's name."""
+    port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
+    laws = (
+        Polylinear(_curve(), port=port),
+        Lpf1(_curve(), 0.0013),
+        Lpnl2(_curve(), 0.0013, 800.0, 1600.0, port=port),
+    )
+    return {law_name(type(law)): Shock(law_name(type(law)), law) for law in laws}
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> dict[str, Path]:
+    """Python FMUs of the three shocks, the seven-DOF car and the quarter car, by name."""
+    folder = tmp_path_factory.mktemp("fmus")
+    sources = [shipped("seven_dof"), shipped("quarter_car")]
+    for name, shock in shocks.items():
+        sources.append(folder / f"{name}.json")
+        write_shock(shock, sources[-1])
+    return {item.path.stem: item.path for item in build(sources, folder)}
+
+
+@pytest.fixture
+def component(fmus: dict[str, Path]) -> Iterator[Callable[..., FmuComponent]]:
+    """Load FMUs by name; they end with the test."""
+    loaded: list[FmuComponent] = []
+
+    def load(name: str, **parameters: float) -> FmuComponent:
+        loaded.append(FmuComponent(fmus[name], f"{name}{len(loaded)}"))
+        loaded[-1].begin(0.0, 1e6, parameters)
+        return loaded[-1]
+
+    yield load
+    for fmu in loaded:
+        fmu.finish()

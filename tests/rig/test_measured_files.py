@@ -1,0 +1,51 @@
+"""The measured records of EIGHTPOST_DATA, which cannot be shipped, read as their README says."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.errors import WrongSignError
+from eightpost.rig.dyno_test import read_dyno_test
+
+FOLDER = os.environ.get("EIGHTPOST_DATA")
+pytestmark = pytest.mark.skipif(not FOLDER, reason="EIGHTPOST_DATA does not name the folder of measured records")
+
+OHLINS = [
+    "ohlins_t1_1_1_18_18_s1_n10_150psi.csv",
+    "ohlins_t1_1_1_18_18_s5_n10_150psi.csv",
+    "ohlins_t1_1_1_18_18_s5_n10_50psi.csv",
+    "ohlins_t1_3_3_18_18_s5_n100_50psi.csv",
+]
+
+
+def measured(folder: str, name: str) -> Path:
+    path = Path(FOLDER or "") / folder / name
+    if not path.is_file():
+        pytest.skip(f"{path} is not there")
+    return path
+
+
+@pytest.mark.parametrize("name", OHLINS)
+def test_the_18_18_runs_have_the_wrong_sign_and_read_when_flipped(name):
+    path = measured("ohlins", name)
+    with pytest.raises(WrongSignError, match=rf"{name}.*at -0\.9\d\d"):
+        read_dyno_test(path)
+    test = read_dyno_test(path, flip=("force",))
+    assert "temperature" in test.series
+    assert np.ptp(test.series["displacement"]) == pytest.approx(0.037, abs=0.002)
+    assert test.series.sample_rate == pytest.approx(300.0, rel=1e-3)
+
+
+def test_the_24_24_run_has_the_right_sign():
+    test = read_dyno_test(measured("ohlins", "ohlins_t1_3_3_24_24_s5_n10_100psi.csv"))
+    # 26 to 151 mm/s at the ends of the set; this one is nominally 5 in/s.
+    assert np.abs(test.series["velocity"]).max() == pytest.approx(0.127, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["ensaio.vali.1", "ensaio1", "ensaio8.2"])
+def test_the_magneto_rheological_damper_reads_with_its_own_velocity(name):
+    test = read_dyno_test(measured("labcontrol", f"labcontrol_{name}.csv"))
+    assert test.derived == ()
+    assert test.series.sample_rate == pytest.approx(100.0)

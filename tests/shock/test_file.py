@@ -1,0 +1,77 @@
+"""A shock file gives back the shock that was written, and says what is wrong with a bad one."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eightpost.errors import FileFormatError, ParameterError
+from eightpost.shock import LAWS, Lpf1, Lpnl2, Polylinear, Port, Shock, StaticCurve, read_shock, write_shock
+
+numbers = st.floats(-1e6, 1e6)
+positive = st.floats(1e-6, 1e3)
+curves = st.builds(
+    StaticCurve,
+    inner=st.tuples(*[numbers] * 15),
+    compression=st.tuples(*[numbers] * 4),
+    rebound=st.tuples(*[numbers] * 4),
+    **{n: positive for n in ("transition_speed", "transition_width", "compression_speed", "rebound_speed")},
+    compression_slope=st.floats(0.0, 1e6),
+    rebound_slope=st.floats(0.0, 1e6),
+)
+ports = st.builds(Port, motion_ratio=positive, gas_preload=numbers, gas_stiffness=st.floats(0.0, 1e6))
+laws = st.one_of(
+    st.builds(Polylinear, curves, port=ports),
+    st.builds(Lpf1, curves, positive, port=ports),
+    st.builds(Lpnl2, curves, positive, st.floats(0.0, 1e3), st.floats(1.1e3, 1e4), port=ports),
+)
+
+
+@given(law=laws)
+def test_a_shock_survives_its_file_to_the_last_bit(law, tmp_path_factory):
+    path = tmp_path_factory.mktemp("shock") / "s.json"
+    shock = Shock("build 1, 50 psi", law, {"clicks": 14}, {"rms_N": 1.0}, ({"file": "a.csv", "sha256": "0"},))
+    write_shock(shock, path)
+    assert read_shock(path) == shock
+
+
+@pytest.fixture
+def document(tmp_path):
+    curve = StaticCurve((1.0,) * 15, (1.0,) * 4, (1.0,) * 4, 0.4, 0.01, 1.0, 1.0, 0.0, 0.0)
+    write_shock(Shock("s", Lpf1(curve, 1e-3)), tmp_path / "good.json")
+    return json.loads((tmp_path / "good.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "named"),
+    [
+        ({"kind": "vehicle"}, FileFormatError, "not a shock file"),
+        ({"schema": 99}, FileFormatError, "schema 99"),
+        ({"law": "magic"}, ParameterError, "magic"),
+        ({"parameters": {}}, ParameterError, "time_constant missing"),
+        ({"parameters": {"time_constant": "fast"}}, ParameterError, "time_constant must be a number"),
+        ({"parameters": {"time_constant": 1e-3, "spin": 1.0}}, ParameterError, "unknown spin"),
+        ({"parameters": {"time_constant": -1.0}}, ParameterError, "time_constant must be positive"),
+        ({"port": {"motion_ratio": -1.0}}, ParameterError, "motion_ratio"),
+        ({"curve": {}}, ParameterError, "missing"),
+    ],
+)
+def test_a_bad_shock_file_is_refused_with_the_reason(document, tmp_path, change, error, named):
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(document | change))
+    with pytest.raises(error, match=named) as caught:
+        read_shock(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_missing_or_no_json_is_refused(tmp_path):
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_shock(tmp_path / "none.json")
+    (tmp_path / "broken.json").write_text('{\n "a": 1,\n')
+    with pytest.raises(FileFormatError, match="line 3"):
+        read_shock(tmp_path / "broken.json")
+
+
+def test_every_law_has_a_name():
+    assert set(LAWS) == {"polylinear", "lpf1", "lpnl2"}

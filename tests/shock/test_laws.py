@@ -1,0 +1,172 @@
+"""The laws give what their equations say (Eq 3.23 to 3.25), exactly and for any step."""
+
+from math import exp
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
+
+TAU = 0.0013
+
+
+def curve(**changes):
+    """A curve of the size of a stock-car shock: digressive, stiffer in rebound."""
+    values = {
+        "inner": (1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
+        "compression": (1490.0, 900.0, 40.0, 5.0),
+        "rebound": (-1400.0, -1100.0, -20.0, 3.0),
+        "transition_speed": 0.381,
+        "transition_width": 0.0127,
+        "compression_speed": 1.2,
+        "rebound_speed": 1.1,
+        "compression_slope": 3000.0,
+        "rebound_slope": 3500.0,
+    }
+    return StaticCurve(**(values | changes))
+
+
+LAWS = {
+    "polylinear": Polylinear(curve()),
+    "lpf1": Lpf1(curve(), TAU),
+    "lpnl2": Lpnl2(curve(), TAU, 800.0, 1600.0),
+}
+velocities = st.floats(-2.0, 2.0)
+forces = st.floats(-5000.0, 5000.0)
+
+
+def test_the_inner_polynomial_is_evaluated_as_written():
+    v = 0.2
+    s = v / 0.381
+    assert curve().force(v) == pytest.approx(1800 * s + 60 * s**2 - 400 * s**3 + 30 * s**15, rel=1e-14)
+
+
+def test_the_outer_cubics_are_evaluated_as_written():
+    s = (0.9 - 0.381) / 0.381
+    assert curve().force(0.9) == pytest.approx(1490 + 900 * s + 40 * s**2 + 5 * s**3, rel=1e-14)
+    assert curve().force(-0.9) == pytest.approx(-1400 - 1100 * s - 20 * s**2 + 3 * s**3, rel=1e-14)
+
+
+def test_the_curve_passes_through_zero_at_zero_velocity():
+    assert curve().force(0.0) == 0.0
+
+
+@given(velocities)
+def test_the_curve_is_continuous(v):
+    step = 1e-9
+    assert abs(curve().force(v + step) - curve().force(v)) < 1e-9 * 5e5
+
+
+def test_half_way_through_the_transition_the_pieces_have_equal_shares():
+    c = curve()
+    inner_only = curve(transition_width=1e-12).force(0.381 - 1e-9)
+    outer_only = curve(transition_width=1e-12).force(0.381 + 1e-9)
+    assert c.force(0.381) == pytest.approx(0.5 * (inner_only + outer_only), abs=1e-3)
+
+
+@given(st.floats(0.0, 10.0))
+def test_beyond_the_fitted_range_the_curve_is_a_straight_line(beyond):
+    c = curve()
+    assert c.force(1.2 + beyond) == pytest.approx(c.force(1.2) + 3000.0 * beyond, rel=1e-12)
+    assert c.force(-1.1 - beyond) == pytest.approx(c.force(-1.1) - 3500.0 * beyond, rel=1e-12)
+
+
+def test_beyond_fit_is_told():
+    law = LAWS["lpnl2"]
+    assert [law.response(0.0, v, 0.0).beyond_fit for v in (-1.2, -1.0, 1.1, 1.3)] == [1, 0, 0, 1]
+
+
+def test_the_lag_covers_1_less_1_over_e_of_a_step_in_one_time_constant():
+    law, static = LAWS["lpf1"], LAWS["lpf1"].static_force(0.2)
+    assert law.advance(0.0, 0.2, 0.2, TAU) == pytest.approx(static * (1.0 - exp(-1.0)), rel=1e-14)
+
+
+@given(forces, forces, forces, st.floats(1e-7, 0.05), st.floats(0.01, 0.99))
+def test_one_step_of_the_lag_equals_two_for_a_static_force_that_runs_straight(lagged, start, end, step, split):
+    law = LAWS["lpf1"]
+    middle = start + split * (end - start)
+    halves = law.advance_lag(law.advance_lag(lagged, start, middle, split * step), middle, end, (1 - split) * step)
+    assert law.advance_lag(lagged, start, end, step) == pytest.approx(halves, abs=1e-9)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 1e-2])
+def test_the_lag_solves_its_differential_equation(step):
+    law = LAWS["lpf1"]
+
+    def slope(t, lagged):
+        return (100.0 + 900.0 * t / step - lagged) / TAU
+
+    exact = solve_ivp(slope, (0.0, step), [400.0], method="DOP853", rtol=1e-12, atol=1e-9).y[0, -1]
+    assert law.advance_lag(400.0, 100.0, 1000.0, step) == pytest.approx(exact, rel=1e-9)
+
+
+@given(velocities, st.floats(1e-7, 0.05))
+def test_a_shock_in_equilibrium_stays_there(v, step):
+    for law in LAWS.values():
+        static = law.static_force(v)
+        assert law.advance(static, v, v, step) == static
+
+
+@pytest.mark.parametrize(
+    ("static", "weight"), [(0.0, 1.0), (-800.0, 1.0), (1200.0, 0.5), (-1400.0, 0.25), (1600.0, 0.0), (9e9, 0.0)]
+)
+def test_the_weight_of_lpnl2_falls_linearly_between_its_two_forces(static, weight):
+    assert LAWS["lpnl2"].lag_weight(static) == pytest.approx(weight)
+
+
+@given(velocities, forces)
+def test_lpnl2_is_lpf1_at_low_force_and_polylinear_at_high_force(v, lagged):
+    law = LAWS["lpnl2"]
+    static = law.static_force(v)
+    force = law.response(lagged, v, 0.0).force
+    if abs(static) <= 800.0:
+        assert force == LAWS["lpf1"].response(lagged, v, 0.0).force
+    elif abs(static) >= 1600.0:
+        assert force == LAWS["polylinear"].response(lagged, v, 0.0).force
+    else:
+        assert min(static, lagged) - 1e-9 <= force <= max(static, lagged) + 1e-9
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_motion_ratio_scales_velocity_and_force(name):
+    law = LAWS[name]
+    geared = type(law)(**{f: getattr(law, f) for f in law.__dataclass_fields__} | {"port": Port(motion_ratio=0.8)})
+    plain, through = law.response(300.0, 0.8 * 0.25, 0.0), geared.response(300.0, 0.25, 0.0)
+    assert through.force == pytest.approx(0.8 * plain.force, rel=1e-14)
+    assert through.dissipated_power == pytest.approx(plain.dissipated_power, rel=1e-14)
+
+
+def test_gas_and_seal_add_to_the_valves():
+    port = Port(gas_stiffness=700.0, gas_preload=90.0, seal_friction=18.0, friction_velocity=0.005)
+    response = Polylinear(curve(), port=port).response(0.0, 0.1, 0.02)
+    static = curve().force(0.1)
+    assert response.force == pytest.approx(static + 18.0 * np.tanh(20.0) + 90.0 + 700.0 * 0.02, rel=1e-14)
+    assert response.dissipated_power == pytest.approx((static + 18.0 * np.tanh(20.0)) * 0.1, rel=1e-14)
+
+
+def test_the_scales_act_on_their_own_side():
+    law = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5))
+    assert law.static_force(0.3) == 1.5 * curve().force(0.3)
+    assert law.static_force(-0.3) == 0.5 * curve().force(-0.3)
+
+
+@pytest.mark.parametrize(
+    ("build", "named"),
+    [
+        (lambda: curve(inner=(1.0,) * 14), "inner"),
+        (lambda: curve(rebound=(1.0, float("nan"), 0.0, 0.0)), "rebound"),
+        (lambda: curve(transition_speed=0.0), "transition_speed"),
+        (lambda: curve(compression_slope=-1.0), "compression_slope"),
+        (lambda: Port(motion_ratio=0.0), "motion_ratio"),
+        (lambda: Port(gas_preload=float("inf")), "gas_preload"),
+        (lambda: Port(seal_friction=-1.0), "seal_friction"),
+        (lambda: Lpf1(curve(), 0.0), "time_constant"),
+        (lambda: Lpnl2(curve(), TAU, 1000.0, 1000.0), "lag_zero_force"),
+    ],
+)
+def test_a_parameter_out_of_range_is_named(build, named):
+    with pytest.raises(ValueError, match=named):
+        build()

@@ -1,0 +1,99 @@
+"""Text files as loggers write them, and the line of what is wrong in them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost import errors
+from eightpost.signals import TimeSeries, read_series, write_csv
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "run.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+LAYOUTS = {
+    "brackets": "t [ms],x (mm),F [kN]\n0,1,2\n100,2,3\n",
+    "suffixes": "t_ms,x_mm,F_kN\n0,1,2\n100,2,3\n",
+    "units row": "t,x,F\nms,mm,kN\n0,1,2\n100,2,3\n",
+    "units row in brackets": "t;x;F\n[ms];[mm];[kN]\n0;1;2\n100;2;3\n",
+    "decimal comma": "t [ms];x [mm];F [kN]\n0,0;1,0;2,0\n1e2;2,0;3,0\n",
+    "tabs": "t [ms]\tx [mm]\tF [kN]\n0\t1\t2\n100\t2\t3\n",
+    "tabs and decimal comma": "t [ms]\tx [mm]\tF [kN]\n0\t1,0\t2\n100\t2,0\t3\n",
+    "preamble": "Dyno 7, run 3\nRate,10,Hz\n\nt [ms],x [mm],F [kN]\n0,1,2\n100,2,3\n",
+    "preamble and units row": "Dyno;7\nRate;10;Hz\nt;x;F\nms;mm;kN\n0;1,0;2\n100;2;3\n",
+    "delimiter at the end of lines": "t [ms],x [mm],F [kN],\n0,1,2,\n100,2,3,\n",
+    "windows line ends and blank lines": "t [ms],x [mm],F [kN]\r\n0,1,2\r\n\r\n100,2,3\r\n\r\n",
+    "byte order mark": "\ufefft [ms],x [mm],F [kN]\n0,1,2\n100,2,3\n",
+    "quoted": '"t [ms]","x [mm]","F [kN]"\n"0","1","2"\n"100","2","3"\n',
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_one_record_reads_alike_from_every_layout(tmp_path, layout):
+    series = read_series(written(tmp_path, LAYOUTS[layout]))
+    assert series.names == ("x", "F")
+    assert series.units == ("m", "N")
+    np.testing.assert_allclose(series.time, [0.0, 0.1])
+    np.testing.assert_allclose(series.values, [[0.001, 0.002], [2000.0, 3000.0]])
+
+
+def test_latin_1_is_read(tmp_path):
+    series = read_series(written(tmp_path, "t [s],T [°C]\n0,20\n1,21\n", "latin-1"))
+    np.testing.assert_allclose(series["T"], [293.15, 294.15])
+
+
+BROKEN = {
+    "text cell": ("t [s],F [N]\n0,1\n1,abc\n2,3\n", errors.NotANumberError, "line 3, channel 'F': 'abc'"),
+    "text in the first line": ("t [s],F [N]\n0,x\n1,2\n2,3\n", errors.NotANumberError, "line 2, channel 'F': 'x'"),
+    "empty cell": ("t [s],F [N]\n0,1\n1,\n2,3\n", errors.NotANumberError, "line 3, channel 'F'.*empty"),
+    "NaN after blanks": ("t [s],F [N]\n0,1\n\n\n1,nan\n", errors.NotANumberError, "line 5, channel 'F'.*NaN"),
+    "bad time": ("t [s],F [N]\n0,1\nx,2\n", errors.NotANumberError, "line 3, channel 'time'"),
+    "short line": ("t [s],F [N]\n0,1\n1,2\n2\n", errors.FileFormatError, "line 4: .*1 columns instead of 2"),
+    "long line": ("t [s],F [N]\n0,1\n1,2\n2,3,4\n", errors.FileFormatError, "line 4: .*3 columns instead of 2"),
+    "backward": ("t [s],F [N]\n0,1\n1,2\n0.5,3\n", errors.BackwardTimeError, "line 4, channel 'time'.*1 s to 0.5"),
+    "duplicate": ("a\nt [s],F [N]\n0,1\n1,2\n1,3\n", errors.DuplicateTimeError, "line 5, channel 'time'"),
+    "no unit": ("t [s],F\n0,1\n1,2\n", errors.MissingUnitError, "line 1, channel 'F'.*--units F=unit"),
+    "unknown unit": ("a\nt [s],F [furlong/x]\n0,1\n1,2\n", errors.UnknownUnitError, "line 2, channel 'F'.*furlong/x"),
+    "unknown in a row": ("t,F\ns,blub\n0,1\n1,2\n", errors.UnknownUnitError, "line 2, channel 'F'.*blub"),
+    "time in metres": ("t [m],F [N]\n0,1\n1,2\n", errors.UnknownUnitError, "channel 'time'.*'m' cannot"),
+    "no time": ("a [s],F [N]\n0,1\n1,2\n", errors.MissingChannelError, "line 1, channel 'time'.*has: a, F"),
+    "no header": ("0,1\n1,2\n", errors.FileFormatError, "line 1: there is no header"),
+    "unnamed column": ("t [s],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*2 columns.*have 3"),
+    "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' comes twice"),
+    "no numbers": ("hello\nworld\n", errors.FileFormatError, "no table"),
+    "empty": ("", errors.FileFormatError, "no table"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_is_refused_with_its_place(tmp_path, case):
+    text, error, message = BROKEN[case]
+    with pytest.raises(error, match=r"run\.csv.*" + message) as caught:
+        read_series(written(tmp_path, text))
+    assert type(caught.value) is error
+
+
+def test_units_are_said_where_the_header_does_not(tmp_path):
+    path = written(tmp_path, "t,F\n0,1\n1,2\n")
+    series = read_series(path, units={"time": "ms", "F": "lbf"})
+    np.testing.assert_allclose(series["F"], [4.4482216152605, 8.896443230521])
+    with pytest.raises(errors.MissingChannelError, match=r"'Force'.*time, F"):
+        read_series(path, units={"time": "ms", "F": "lbf", "Force": "N"})
+
+
+def test_it_is_written_in_the_units_and_digits_asked_for(tmp_path):
+    series = TimeSeries.from_channels([0.0, 0.1], {"x": ("m", [0.0254, -1e-9]), "y": ("m", [1.0, 2.0])})
+    path = tmp_path / "out.csv"
+    write_csv(series, path, units={"x": "in"}, decimals={"x": 3}, titles={"x": "Position, raw"}, preamble=["made up"])
+    assert path.read_text() == 'made up\ntime [s],"Position, raw [in]",y [m]\n0,1,1\n0.1,0,2\n'
+
+
+def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
+    with pytest.raises(errors.FileFormatError, match=r"a\.xls: .*'\.xls' are not read; known: \.csv"):
+        read_series(tmp_path / "a.xls")
+    with pytest.raises(errors.FileFormatError, match=r"a\.csv: there is no such file"):
+        read_series(tmp_path / "a.csv")

@@ -1,0 +1,68 @@
+"""A drivefile is linear between its samples, held outside, and its means are exact."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eightpost.signals import Drivefile, TimeSeries
+
+RAMP = Drivefile(
+    TimeSeries.from_channels([0.0, 1.0, 3.0], {"road": ("m", [0.0, 2.0, 0.0]), "force": ("N", [1.0, 1.0, 5.0])})
+)
+
+
+def test_it_is_linear_between_samples_and_holds_its_ends():
+    np.testing.assert_allclose(RAMP.at(0.5), [1.0, 1.0])
+    np.testing.assert_allclose(RAMP.at(2.0), [1.0, 3.0])
+    np.testing.assert_allclose(RAMP.at(-7.0), [0.0, 1.0])
+    np.testing.assert_allclose(RAMP.at(9.0), [0.0, 5.0])
+    assert (RAMP.names, RAMP.units, RAMP.duration) == (("road", "force"), ("m", "N"), 3.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "road"),
+    [
+        (0.0, 1.0, 1.0),  # a triangle
+        (0.0, 3.0, 1.0),
+        (0.5, 2.0, (0.75 + 1.5) / 1.5),  # two trapezia: 0.5 * 1.5 + 1 * 1.5
+        (-1.0, 1.0, 0.5),  # held at 0 before the start
+        (1.0, 5.0, 0.5),  # held at 0 after the end
+        (4.0, 5.0, 0.0),
+        (-3.0, -2.0, 0.0),
+        (0.25, 0.25, 0.5),
+    ],
+)
+def test_a_mean_is_the_area_by_hand(start, stop, road):
+    assert RAMP.mean(start, stop)[0] == pytest.approx(road, abs=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=12),
+    st.lists(st.floats(0.01, 1.0), min_size=1, max_size=12),
+    st.floats(-2.0, 6.0),
+)
+def test_means_equal_an_integral_over_every_kink(samples, widths, start):
+    grid = np.arange(len(samples)) * 0.37
+    drivefile = Drivefile(TimeSeries.from_channels(grid, {"x": ("m", samples)}))
+    times = start + np.concatenate([[0.0], np.cumsum(widths)])
+    expected = []
+    for left, right in itertools.pairwise(times):
+        knots = np.unique(np.concatenate([[left, right], grid[(grid > left) & (grid < right)]]))
+        expected.append(np.trapezoid(np.interp(knots, grid, samples), knots) / (right - left))
+    np.testing.assert_allclose(drivefile.means(times)[0], expected, atol=1e-11)
+
+
+def test_times_of_means_must_increase():
+    with pytest.raises(ValueError, match="increase"):
+        RAMP.means(np.array([0.0, 1.0, 1.0]))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mat"])
+def test_it_reads_back_from_its_file(tmp_path, suffix):
+    RAMP.write(tmp_path / f"drive{suffix}")
+    back = Drivefile.read(tmp_path / f"drive{suffix}")
+    np.testing.assert_array_equal(back.series.values, RAMP.series.values)

@@ -1,0 +1,115 @@
+"""Every fault has its own error that says where it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.errors import (
+    BackwardTimeError,
+    ClippedChannelError,
+    ConstantChannelError,
+    DuplicateTimeError,
+    NotANumberError,
+    TimeGapError,
+    TooShortError,
+    WrongSignError,
+)
+from eightpost.signals import faults
+from eightpost.signals.origin import Origin
+
+TIME = np.arange(2000) / 1000.0
+SINE = np.sin(2 * np.pi * 2.0 * TIME)
+#: The first sample stands in line 11 of the file.
+ORIGIN = Origin(Path("run.csv"), np.arange(2000) + 11, 10)
+
+
+def changed(values, sample, value):
+    copy = values.copy()
+    copy[sample] = value
+    return copy
+
+
+FAULTS = {
+    "NaN": (
+        NotANumberError,
+        r"run\.csv, line 16, channel 'force': the value is NaN",
+        lambda: faults.check_finite(changed(SINE, 5, np.nan), channel="force", origin=ORIGIN),
+    ),
+    "infinite": (
+        NotANumberError,
+        r"run\.csv, line 16, channel 'force': the value is -inf",
+        lambda: faults.check_finite(changed(SINE, 5, -np.inf), channel="force", origin=ORIGIN),
+    ),
+    "backward": (
+        BackwardTimeError,
+        r"run\.csv, line 111, channel 'time': time goes back from 0.099 s to 0 s",
+        lambda: faults.check_time(changed(TIME, 100, 0.0), origin=ORIGIN),
+    ),
+    "duplicate": (
+        DuplicateTimeError,
+        r"run\.csv, line 111, channel 'time': the time 0.099 s comes twice",
+        lambda: faults.check_time(changed(TIME, 100, 0.099), origin=ORIGIN),
+    ),
+    "gap": (
+        TimeGapError,
+        r"run\.csv, line 111, channel 'time': a gap of 0.501 s between 0.099 s and 0.6 s",
+        lambda: faults.check_gaps(np.where(TIME > 0.0995, TIME + 0.5, TIME), origin=ORIGIN),
+    ),
+    "short": (
+        TooShortError,
+        r"run\.csv, line 110, channel 'time': the record has 100 samples over 0.099 s; at least 200 samples",
+        lambda: faults.check_length(TIME[:100], shortest=0.5, fewest=200, origin=ORIGIN),
+    ),
+    "constant": (
+        ConstantChannelError,
+        r"run\.csv, line 11, channel 'force': the channel is 3.5 ",
+        lambda: faults.check_moves(np.full(2000, 3.5), channel="force", origin=ORIGIN),
+    ),
+    "clipped high": (
+        ClippedChannelError,
+        r"run\.csv, line 101, channel 'force': .* highest value 0.9 ",
+        lambda: faults.check_not_clipped(np.minimum(SINE, 0.9), channel="force", origin=ORIGIN),
+    ),
+    "clipped low": (
+        ClippedChannelError,
+        r"run\.csv, line \d+, channel 'force': .* lowest value -0.95 ",
+        lambda: faults.check_not_clipped(np.maximum(SINE, -0.95), channel="force", origin=ORIGIN),
+    ),
+    "sign": (
+        WrongSignError,
+        r"run\.csv, line 10, channel 'force': it correlates with velocity at -1.000.*--flip force",
+        lambda: faults.check_sign(-SINE, SINE, channel="force", against="velocity", origin=ORIGIN),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_has_its_own_error_and_names_its_place(name):
+    error, message, check = FAULTS[name]
+    with pytest.raises(error, match=message):
+        check()
+
+
+def test_a_sound_record_passes_every_check():
+    faults.check_finite(SINE, channel="force")
+    faults.check_time(TIME)
+    faults.check_gaps(TIME)
+    faults.check_length(TIME, shortest=0.5, fewest=200)
+    faults.check_moves(SINE, channel="force")
+    faults.check_not_clipped(SINE, channel="force")
+    faults.check_sign(SINE, SINE, channel="force", against="velocity")
+
+
+@pytest.mark.parametrize("resolution", [0.2, 0.05, 0.01, 0.001])
+def test_the_flat_top_of_a_coarsely_rounded_slow_sine_is_not_clipped(resolution):
+    faults.check_not_clipped(resolution * np.round(SINE / resolution), channel="force")
+
+
+def test_a_computed_hold_is_not_clipped_where_the_velocity_stands_still():
+    velocity = np.clip(2.0 * SINE, -1.0, 1.0)
+    faults.check_not_clipped(100.0 * velocity, channel="force", against=velocity)
+
+
+def test_time_printed_with_few_digits_has_no_gap():
+    faults.check_gaps(np.round(np.arange(1000) / 300.0, 4))

@@ -1,0 +1,142 @@
+"""What is written reads back the same, from every format, and half-written files replace nothing."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from eightpost import __version__
+from eightpost.errors import FileFormatError
+from eightpost.files import atomic_path, sha256_of
+from eightpost.signals import TimeSeries, parquet_header, read_series, write_mat, write_parquet, write_series
+from eightpost.units import SI_UNITS
+
+SUFFIXES = (".csv", ".txt", ".parquet", ".mat")
+NAMES = st.from_regex(r"[A-Za-z][A-Za-z0-9_. ]{0,18}[A-Za-z0-9]", fullmatch=True).filter(
+    lambda name: name.lower() not in ("time", "t", "timestamp", "zeit")
+)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def any_series(draw) -> TimeSeries:
+    steps = draw(st.lists(st.floats(1e-4, 10.0), min_size=2, max_size=8))
+    time = draw(st.floats(-100.0, 100.0)) + np.cumsum(steps)
+    names = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
+    row = st.lists(NUMBERS, min_size=time.size, max_size=time.size)
+    return TimeSeries.from_channels(time, {name: (draw(st.sampled_from(SI_UNITS)), draw(row)) for name in names})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(max_examples=40, deadline=None)
+@given(series=any_series())
+def test_a_series_reads_back_to_the_last_bit(suffix, series):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"series{suffix}"
+        write_series(series, path)
+        back = read_series(path)
+    assert back.names == series.names
+    assert back.units == series.units
+    np.testing.assert_array_equal(back.time, series.time)
+    np.testing.assert_array_equal(back.values, series.values)
+
+
+def a_series() -> TimeSeries:
+    return TimeSeries.from_channels([0.0, 0.1, 0.2], {"lf.road": ("m", [0.0, 1.0, 2.0])})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_writer_leaves_one_file(tmp_path, suffix):
+    write_series(a_series(), tmp_path / f"a{suffix}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+
+
+def test_half_written_output_never_replaces_good(tmp_path):
+    path = tmp_path / "good.csv"
+    path.write_text("good")
+
+    def fail() -> None:
+        with atomic_path(path) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError("disk full")
+
+    with pytest.raises(RuntimeError, match="disk full"):
+        fail()
+    assert path.read_text() == "good"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_digest_is_that_of_the_bytes(tmp_path):
+    path = tmp_path / "abc"
+    path.write_bytes(b"abc")
+    # FIPS 180-2, appendix B.1.
+    assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_parquet_says_its_schema_tool_units_and_sources(tmp_path):
+    path = tmp_path / "a.parquet"
+    write_parquet(a_series(), path, sources={"run.csv": "ba78"}, note="synthetic")
+    assert parquet_header(path) == {
+        "schema": "eightpost.time_series",
+        "schema_version": 1,
+        "tool_version": __version__,
+        "units": {"time": "s", "lf.road": "m"},
+        "sources": {"run.csv": "ba78"},
+        "note": "synthetic",
+    }
+
+
+def test_a_newer_schema_is_refused(tmp_path):
+    newer = json.dumps({"schema_version": 2, "tool_version": "9.9"})
+    table = pa.table({"time": [0.0, 1.0]}).replace_schema_metadata({"eightpost": newer})
+    pa.parquet.write_table(table, tmp_path / "a.parquet")
+    savemat(tmp_path / "a.mat", {"time": [0.0, 1.0], "eightpost": newer})
+    for name in ("a.parquet", "a.mat"):
+        with pytest.raises(FileFormatError, match=rf"{name}: .*version 2 \(written by eightpost 9\.9\).*update"):
+            read_series(tmp_path / name)
+
+
+def test_parquet_of_another_tool_says_units_in_its_column_names(tmp_path):
+    path = tmp_path / "a.parquet"
+    pa.parquet.write_table(pa.table({"t_s": [0.0, 1.0], "Force (kN)": [1, 2]}), path)
+    np.testing.assert_array_equal(read_series(path)["Force"], [1000.0, 2000.0])
+
+
+def test_mat_of_another_tool_is_read_from_vectors_or_a_struct(tmp_path):
+    content = {"t": np.array([[0.0], [1.0]]), "F": np.array([[1.0, 2.0]]), "rate": 1.0, "note": "x"}
+    savemat(tmp_path / "flat.mat", content)
+    savemat(tmp_path / "struct.mat", {"run": content})
+    for name in ("flat.mat", "struct.mat"):
+        series = read_series(tmp_path / name, units={"time": "s", "F": "kN"})
+        assert series.names == ("F",)
+        np.testing.assert_array_equal(series["F"], [1000.0, 2000.0])
+
+
+def test_mat_vectors_must_be_of_one_length(tmp_path):
+    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0]})
+    with pytest.raises(FileFormatError, match=r"a\.mat, channel 'F': it has 2 samples, 't' has 3"):
+        read_series(tmp_path / "a.mat")
+
+
+def test_a_mat_variable_keeps_the_channels_name_beside_it(tmp_path):
+    both = a_series().with_channel("lf_road", "m", [5.0, 6.0, 7.0])
+    write_mat(both, tmp_path / "a.mat")
+    assert read_series(tmp_path / "a.mat").names == ("lf.road", "lf_road")
+
+
+def test_mat_7_3_and_what_is_no_file_of_its_kind_are_refused(tmp_path):
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
+    (tmp_path / "a.mat").write_bytes(header)
+    with pytest.raises(FileFormatError, match=r"a\.mat: it is a MATLAB 7\.3 .*-v7"):
+        read_series(tmp_path / "a.mat")
+    for name in ("b.mat", "b.parquet"):
+        (tmp_path / name).write_bytes(b"hello world " * 50)
+        with pytest.raises(FileFormatError, match=rf"{name}: not a"):
+            read_series(tmp_path / name)

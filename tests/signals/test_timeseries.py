@@ -1,0 +1,107 @@
+"""Time series are valid once built, and their verbs keep them so."""
+
+import numpy as np
+import pytest
+
+from eightpost.errors import BackwardTimeError, DuplicateTimeError, MissingChannelError, NotANumberError
+from eightpost.signals import TimeSeries
+
+TIME = np.arange(5) / 10.0
+
+
+def two_channels() -> TimeSeries:
+    return TimeSeries.from_channels(TIME, {"velocity": ("m/s", TIME**2), "force": ("N", 3.0 * TIME)})
+
+
+def test_a_channel_is_found_by_its_name():
+    series = two_channels()
+    assert series.names == ("velocity", "force")
+    assert series.units == ("m/s", "N")
+    np.testing.assert_array_equal(series["force"], 3.0 * TIME)
+    assert "force" in series
+    assert "load" not in series
+    assert series.unit("velocity") == "m/s"
+    assert len(series) == 5
+
+
+def test_a_missing_channel_lists_those_that_are_there():
+    with pytest.raises(MissingChannelError, match=r"'load'.*velocity, force"):
+        two_channels()["load"]
+
+
+def test_the_arrays_are_read_only_copies():
+    values = TIME.copy()
+    series = TimeSeries.from_channels(TIME, {"x": ("m", values)})
+    values[0] = 99.0
+    assert series["x"][0] == 0.0
+    for array in (series.time, series.values, series["x"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("time", "error", "message"),
+    [
+        ([0.0, 0.1, 0.1], DuplicateTimeError, "line 3.*0.1 s comes twice"),
+        ([0.0, 0.2, 0.1], BackwardTimeError, "line 3.*back from 0.2 s to 0.1 s"),
+        ([0.0, np.nan, 0.1], NotANumberError, "line 2.*'time'"),
+    ],
+)
+def test_time_must_increase(time, error, message):
+    with pytest.raises(error, match=message):
+        TimeSeries.from_channels(time, {"x": ("m", [1.0, 2.0, 3.0])})
+
+
+def test_every_sample_is_finite():
+    with pytest.raises(NotANumberError, match=r"line 2, channel 'x'.*inf"):
+        TimeSeries.from_channels([0.0, 1.0], {"x": ("m", [0.0, np.inf])})
+
+
+@pytest.mark.parametrize(
+    ("values", "names", "units", "message"),
+    [
+        (np.zeros((1, 4)), ("x",), ("m",), r"\(1, 5\)"),
+        (np.zeros((2, 5)), ("x", "x"), ("m", "m"), "unique; repeated: x"),
+        (np.zeros((1, 5)), ("x",), ("m", "m"), "as many units"),
+        (np.zeros((1, 5)), ("x",), ("mm",), "'x' must be in 'm', not in 'mm'"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(values, names, units, message):
+    with pytest.raises(ValueError, match=message):
+        TimeSeries(TIME, values, names, units)
+
+
+def test_time_rounded_by_a_logger_is_uniform():
+    exact = np.arange(20_000) / 300.0
+    series = TimeSeries.from_channels([float(f"{t:.6g}") for t in exact], {"x": ("m", exact)})
+    assert series.is_uniform
+    assert series.sample_rate == pytest.approx(300.0, rel=1e-5)
+
+
+def test_a_gap_is_not_uniform_and_the_rate_is_that_of_the_usual_step():
+    time = np.delete(np.arange(100) / 50.0, slice(40, 60))
+    series = TimeSeries.from_channels(time, {"x": ("m", time)})
+    assert not series.is_uniform
+    assert series.sample_rate == pytest.approx(50.0)
+
+
+def test_a_window_keeps_both_ends_and_its_time():
+    part = two_channels().window(0.1, 0.3)
+    np.testing.assert_allclose(part.time, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(part["force"], [0.3, 0.6, 0.9])
+    assert part.duration == pytest.approx(0.2)
+    with pytest.raises(ValueError, match=r"runs from 0 to 0\.4 s"):
+        two_channels().window(5.0, 6.0)
+
+
+def test_channels_are_selected_added_and_replaced():
+    series = two_channels()
+    assert series.select(["force"]).names == ("force",)
+    assert series.with_channel("x", "m", TIME).names == ("velocity", "force", "x")
+    np.testing.assert_array_equal(series.with_channel("force", "N", TIME)["force"], TIME)
+
+
+def test_resampling_is_linear_and_keeps_the_ends():
+    fine = two_channels().resample(20.0)
+    np.testing.assert_allclose(fine.time, np.arange(9) / 20.0)
+    np.testing.assert_allclose(fine["force"], 3.0 * fine.time)

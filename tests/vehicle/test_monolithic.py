@@ -1,0 +1,118 @@
+"""The reference is itself checked: against python-control's closed loops, and by its own convergence."""
+
+from __future__ import annotations
+
+import time
+
+import control
+import numpy as np
+import pytest
+from scipy.integrate import Radau
+
+RATE = 2000.0  # N.s/m
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Half a second of 500 Hz knots on all seven inputs, moving from the first."""
+    random = np.random.default_rng(7)
+    t = np.arange(0.0, 0.5, 0.002)
+    shape = np.array([[np.sin(2 * np.pi * f * t + p) for f in (1.3, 4.1, 9.7)] for p in random.uniform(0, 6, 7)])
+    inputs = shape.sum(axis=1) * np.array([[0.004]] * 4 + [[800.0], [500.0], [700.0]])
+    return t, inputs[:4], inputs[4:]
+
+
+def open_loop(monolithic, car):
+    """Plant from force to velocity in python-control, from the reference's own matrices."""
+    S, m = monolithic.struts(car), monolithic.mass(car)[:, None]
+    K = monolithic.stiffness(car)
+    load = np.zeros((7, 11))
+    load[3:, :4], load[:3, 4:7], load[:, 7:] = np.diag(car.tire_stiffness), np.eye(3), -S.T
+    A = np.block([[np.zeros((7, 7)), np.eye(7)], [-K / m, np.zeros((7, 7))]])
+    B = np.vstack([np.zeros((7, 11)), load / m])
+    C = np.hstack([np.zeros((4, 7)), S])
+    return control.ss(A, B, np.vstack([C, np.eye(14)]), 0)
+
+
+@pytest.mark.parametrize("tau", [None, 0.0013])
+def test_linear_shocks_agree_with_python_controls_closed_loop(monolithic, drive, tau):
+    t, road, external = drive
+    car = monolithic.Car()
+    weight = monolithic.no_lag if tau is None else monolithic.full_lag
+    shock = monolithic.Shock(lambda v: RATE * v, weight, tau or 1.0)
+    found = monolithic.coupled_run(car, shock, t, road, external)
+
+    damper = control.ss([], [], [], RATE * np.eye(4))
+    if tau is not None:
+        damper = control.ss(-np.eye(4) / tau, np.eye(4) / tau, RATE * np.eye(4), 0)
+    plant = open_loop(monolithic, car)
+    # Positive feedback of the first four outputs into the last four inputs.
+    pick, place = np.eye(4, 18), np.vstack([np.zeros((7, 4)), np.eye(4)])
+    loop = control.feedback(plant, control.ss([], [], [], place) * damper * control.ss([], [], [], pick), sign=1)
+    u = np.vstack([road, external, np.zeros((4, len(t)))])
+    q0 = np.linalg.solve(plant.A, -plant.B @ u[:, 0])
+    start = np.concatenate([q0, np.zeros(loop.nstates - 14)])
+    expected = control.forced_response(loop, t, u, start).outputs
+    scale = np.abs(expected[:4]).max()
+    np.testing.assert_allclose(found.shock_velocity, expected[:4], atol=1e-8 * scale)
+    wheels = expected[4 + 3 : 4 + 7]
+    tire = np.array(car.tire_stiffness)[:, None] * (road - wheels)
+    np.testing.assert_allclose(found.tire_force, tire, atol=1e-8 * np.abs(tire).max())
+
+
+def steep_shock(monolithic):
+    return monolithic.Shock(
+        lambda v: 1500.0 * np.tanh(v / 0.08) + 900.0 * v,
+        lambda f: np.clip((1200.0 - np.abs(f)) / 800.0, 0.0, 1.0),
+        0.0013,
+    )
+
+
+def test_nonlinear_run_agrees_with_an_implicit_method_and_a_tighter_tolerance(monolithic, drive):
+    t, road, external = (part[..., :60] for part in drive)
+    car, shock = monolithic.Car(front_anti_roll_rate=3e4), steep_shock(monolithic)
+    run = monolithic.coupled_run(car, shock, t, road, external)
+    tight = monolithic.coupled_run(car, shock, t, road, external, rtol=1e-11)
+    implicit = monolithic.coupled_run(car, shock, t, road, external, method=Radau, rtol=1e-8)
+    for other in (tight, implicit):
+        for name in ("shock_velocity", "tire_force", "ride_height"):
+            expected = getattr(tight, name)
+            np.testing.assert_allclose(getattr(other, name), expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(run.tire_force, tight.tire_force, atol=1e-6 * np.abs(tight.tire_force).max())
+
+
+def test_one_shock_for_all_corners_equals_four_of_them(monolithic, drive):
+    t, road, _ = (part[..., :20] for part in drive)
+    shock = steep_shock(monolithic)
+    one = monolithic.coupled_run(monolithic.Car(), shock, t, road)
+    four = monolithic.coupled_run(monolithic.Car(), [shock] * 4, t, road)
+    np.testing.assert_allclose(four.tire_force, one.tire_force, rtol=1e-9)
+
+
+def test_constant_inputs_leave_the_car_at_rest_also_with_a_gas_spring(monolithic):
+    t = np.linspace(0.0, 0.2, 11)
+    steady = np.ones(11)
+    shock = monolithic.Shock(lambda v: 900.0 * v, monolithic.full_lag, 1e-3, gas_stiffness=700.0, gas_preload=600.0)
+    run = monolithic.coupled_run(
+        monolithic.Car(), shock, t, 0.01 * np.ones((4, 11)), np.outer([-2000.0, 300.0, 100.0], steady)
+    )
+    assert np.abs(run.shock_velocity).max() < 1e-9
+    assert run.tire_force.sum(axis=0) == pytest.approx(2000.0 * steady)  # vertical balance
+    assert np.abs(run.hub_acceleration).max() < 1e-6
+
+
+def test_results_come_at_any_time_asked_for(monolithic, drive):
+    t, road, _ = (part[..., :20] for part in drive)
+    shock = steep_shock(monolithic)
+    at_knots = monolithic.coupled_run(monolithic.Car(), shock, t, road)
+    between = monolithic.coupled_run(monolithic.Car(), shock, t, road, at=np.array([0.0, 0.0033, 0.02]))
+    np.testing.assert_allclose(between.tire_force[:, 2], at_knots.tire_force[:, 10], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_four_seconds_take_less_than_twenty(monolithic):
+    t = np.arange(0.0, 4.0, 0.002)
+    road = 0.005 * np.array([np.sin(2 * np.pi * 2.0 * t + p) + 0.3 * np.sin(2 * np.pi * 11.0 * t) for p in range(4)])
+    begin = time.process_time()
+    monolithic.coupled_run(monolithic.Car(), steep_shock(monolithic), t, road)
+    assert time.process_time() - begin < 20.0

@@ -1,0 +1,147 @@
+"""The quarter car: equations of motion, signs, and the modes that Table 4.2 prints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.constants import g
+
+from eightpost.errors import ParameterError
+from eightpost.units import convert
+from eightpost.vehicle import QuarterCar, quarter_car, read_vehicle, shipped
+
+CAR = read_vehicle(shipped("quarter_car")).parameters
+
+
+def percent(modes):
+    return [(mode.frequency_hz, 100 * mode.damping_ratio) for mode in modes]
+
+
+def test_table_4_1_in_si():
+    # 675 and 75 lbf over g, 1280 and 1300 lbf/in, 16.67 lbf/(in/s)
+    assert pytest.approx(675 * 0.45359237) == CAR.sprung_mass
+    assert pytest.approx(75 * 0.45359237) == CAR.unsprung_mass
+    assert pytest.approx(1280 * 175.126835) == CAR.suspension_stiffness
+    assert pytest.approx(1300 * 175.126835) == CAR.tire_stiffness
+    assert pytest.approx(16.67 * 175.126835) == CAR.damping
+
+
+def test_modes_of_table_4_1_as_printed():
+    # Our own computation: Table 4.1 does not give Table 4.2.
+    first, second = percent(quarter_car.with_damper(CAR).modes())
+    assert first == pytest.approx((3.039, 5.82), abs=0.005)
+    assert second == pytest.approx((18.452, 40.16), abs=0.005)
+
+
+def test_a_damper_of_17_5_and_a_rounded_g_give_every_printed_digit_of_table_4_2():
+    # "Ideal" column of Table 4.2: 3.04 Hz, 6.10 %; 18.44 Hz, 42.19 %. Table 4.1's own 16.67 lbf/(in/s)
+    # misses both damping ratios by 5 %: the dissertation must have computed with 17.5. The last digit of
+    # 42.19 also tells its gravity: 386 in/s2 for the masses gives 42.191, the standard 386.09 in/s2 gives
+    # 42.196.
+    damped = replace(CAR, damping=convert(17.5, "lbf/(in/s)", "N.s/m"))
+    rounded = g / (386 * 0.0254)
+    car = replace(damped, sprung_mass=CAR.sprung_mass * rounded, unsprung_mass=CAR.unsprung_mass * rounded)
+    modes = percent(quarter_car.with_damper(car).modes())
+    assert [(f"{f:.2f}", f"{zeta:.2f}") for f, zeta in modes] == [("3.04", "6.10"), ("18.44", "42.19")]
+    for found, printed in zip(percent(quarter_car.with_damper(damped).modes()), modes, strict=True):
+        assert found == pytest.approx(printed, abs=0.006)
+
+
+def test_state_matrices_are_eq_4_2_written_out():
+    m1, m2, k, kt, c = 300.0, 34.0, 2.2e5, 2.3e5, 2900.0
+    model = quarter_car.with_damper(QuarterCar(m1, m2, k, kt, c))
+    np.testing.assert_allclose(
+        model.A,
+        [
+            [0, 0, 1, 0],
+            [0, 0, 0, 1],
+            [-k / m1, k / m1, -c / m1, c / m1],
+            [k / m2, -(k + kt) / m2, c / m2, -c / m2],
+        ],
+    )
+    np.testing.assert_allclose(model.B, [[0, 0, 0], [0, 0, 0], [0, -1 / m1, 1 / m1], [kt / m2, 0, -1 / m2]])
+
+
+def test_outputs_are_eq_4_6_written_out():
+    model = quarter_car.with_damper(CAR)
+    k, kt = CAR.suspension_stiffness, CAR.tire_stiffness
+    expected = {
+        "velocity": ([0, 0, -1, 1], [0, 0, 0]),
+        "displacement": ([-1, 1, 0, 0], [0, 0, 0]),
+        "tire_force": ([0, -kt, 0, 0], [kt, 0, 0]),
+        "spring_force": ([-k, k, 0, 0], [0, 0, 0]),
+        "ride_height": ([1, 0, 0, 0], [-1, 0, 0]),
+        "hub_acceleration": (model.A[3], model.B[3]),
+        "chassis_acceleration": (model.A[2], model.B[2]),
+        "wheel_position": ([0, 1, 0, 0], [0, 0, 0]),
+        "chassis_position": ([1, 0, 0, 0], [0, 0, 0]),
+    }
+    assert model.output_names == tuple(expected)
+    for row, (C, D) in enumerate(expected.values()):
+        np.testing.assert_array_equal(model.C[row], C)
+        np.testing.assert_array_equal(model.D[row], D)
+
+
+#: Signs of ports.md: steady change of an output for one unit of an input (+, - or 0).
+SIGNS = [
+    ("road", "ride_height", 0),  # the whole car rises with the road
+    ("road", "chassis_position", +1),
+    ("road", "wheel_position", +1),
+    ("road", "tire_force", 0),
+    ("aero_force", "chassis_position", -1),  # downforce
+    ("aero_force", "tire_force", +1),
+    ("aero_force", "displacement", +1),  # compresses the suspension
+    ("aero_force", "spring_force", +1),
+    ("aero_force", "ride_height", -1),
+    ("force", "chassis_position", +1),  # compression force pushes the chassis up ...
+    ("force", "displacement", -1),
+    ("force", "tire_force", 0),  # ... and in the end carries nothing
+]
+
+
+@pytest.mark.parametrize(("source", "target", "sign"), SIGNS)
+def test_steady_signs(source, target, sign):
+    gain = quarter_car.coupled(CAR).select(inputs=[source], outputs=[target]).dc_gain()[0, 0]
+    scale = CAR.tire_stiffness if target.endswith("force") and source == "road" else 1.0
+    assert np.sign(np.round(gain / scale, 12)) == sign
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "sign"),
+    [
+        ("force", "chassis_acceleration", +1),
+        ("force", "hub_acceleration", -1),
+        ("road", "hub_acceleration", +1),
+        ("road", "tire_force", +1),
+        ("aero_force", "chassis_acceleration", -1),
+        ("road", "ride_height", -1),
+    ],
+)
+def test_signs_of_the_first_instant(source, target, sign):
+    model = quarter_car.coupled(CAR).select(inputs=[source], outputs=[target])
+    assert np.sign(model.D[0, 0]) == sign
+
+
+def test_a_rising_road_compresses_the_shock():
+    model = quarter_car.coupled(CAR).select(inputs=["road"], outputs=["velocity"])
+    first_moving_derivative = next(
+        value for power in range(4) if (value := (model.C @ np.linalg.matrix_power(model.A, power) @ model.B)[0, 0])
+    )
+    assert first_moving_derivative > 0
+
+
+def test_coupled_has_no_damping_of_its_own():
+    model = quarter_car.coupled(CAR)
+    assert np.abs(model.poles().real).max() < 1e-9
+    assert not model.A[2:, 2:].any()
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("sprung_mass", 0.0), ("tire_stiffness", -1.0), ("damping", -1.0), ("damping", np.nan)],
+)
+def test_impossible_parameters_are_refused_by_name(field, value):
+    with pytest.raises(ParameterError, match=field):
+        replace(CAR, **{field: value})

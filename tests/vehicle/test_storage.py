@@ -1,0 +1,253 @@
+"""Vehicle files: what is written is read again to the last bit, and what is wrong is said with its place."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from eightpost.errors import FileFormatError, InputError, ParameterError, UnknownUnitError
+from eightpost.vehicle import (
+    Channel,
+    Corners,
+    IdentifiedVehicle,
+    QuarterCar,
+    SevenDof,
+    StateSpace,
+    StructuralVehicle,
+    read_vehicle,
+    shipped,
+    write_vehicle,
+)
+
+ROUND_TRIP = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+POSITIVE = st.floats(1e-6, 1e9)
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
+CORNERS_OF = st.builds(Corners, POSITIVE, POSITIVE, POSITIVE, POSITIVE)
+STATIC = {
+    QuarterCar: ("tire_force", "ride_height"),
+    SevenDof: (*(f"{c}.tire_force" for c in Corners._fields), "front.ride_height", "rear.ride_height"),
+}
+
+
+@st.composite
+def structural(draw):
+    kind = draw(st.sampled_from([QuarterCar, SevenDof]))
+    values = {field.name: draw(CORNERS_OF if field.type == "Corners" else POSITIVE) for field in fields(kind)}
+    if kind is SevenDof and draw(st.booleans()):
+        values |= {"driver_ahead_of_cg": None, "driver_left_of_centreline": None}
+    static = {name: draw(st.floats(-1e6, 1e6)) for name in STATIC[kind]} if draw(st.booleans()) else {}
+    return StructuralVehicle(draw(TEXT), kind(**values), static)
+
+
+@st.composite
+def identified(draw):
+    n = draw(st.integers(0, 5))
+    number = st.floats(-1e12, 1e12)
+    A, B, C, D = (
+        np.array(draw(st.lists(number, min_size=rows * columns, max_size=rows * columns))).reshape(rows, columns)
+        for rows, columns in ((n, n), (n, 2), (2, n), (2, 2))
+    )
+    inputs = Channel("lf.force", "N"), Channel("lf.road", "m")
+    outputs = Channel("lf.velocity", "m/s"), Channel("lf.tire_force", "N")
+    dt = draw(st.none() | st.floats(1e-5, 1.0))
+    return IdentifiedVehicle(
+        draw(TEXT),
+        StateSpace(A, B, C, D, inputs, outputs, dt, draw(TEXT)),
+        {"lf": draw(POSITIVE)},
+        {"lf.tire_force": draw(number)},
+        {"test.csv": "0" * 64},
+    )
+
+
+@ROUND_TRIP
+@given(vehicle=structural())
+def test_parameters_come_back_the_same(tmp_path, vehicle):
+    write_vehicle(tmp_path / "car.toml", vehicle)
+    assert read_vehicle(tmp_path / "car.toml") == vehicle
+
+
+@ROUND_TRIP
+@given(vehicle=identified())
+def test_an_identified_model_comes_back_the_same(tmp_path, vehicle):
+    write_vehicle(tmp_path / "car.json", vehicle)
+    assert read_vehicle(tmp_path / "car.json") == vehicle
+
+
+def test_each_kind_has_its_own_file(tmp_path):
+    vehicle = read_vehicle(shipped("quarter_car"))
+    with pytest.raises(FileFormatError, match=r"written as \.toml"):
+        write_vehicle(tmp_path / "car.json", vehicle)
+    with pytest.raises(FileFormatError, match=r"\.toml file \(parameters\)"):
+        read_vehicle(tmp_path / "car.yaml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_person_may_write_values_for_all_per_axle_or_per_corner(tmp_path):
+    text = shipped("seven_dof").read_text(encoding="utf-8")
+    text = text.replace(
+        'tire_stiffness = "2000 lbf/in"',
+        'tire_stiffness = { lf = "2000 lbf/in", rf = "351 N/mm", rear = "2 klbf/in" }',
+    )
+    text = text.replace('sprung_mass = "2550 lbm"', 'sprung_weight = "2550 lb"')
+    text += '[static]\ntire_force = { front = "800 lbf", lr = "700 lbf", rr = "3200 N" }\nride_height = "4 in"\n'
+    (tmp_path / "car.toml").write_text(text, encoding="utf-8")
+    car = read_vehicle(tmp_path / "car.toml")
+    tires = car.parameters.tire_stiffness
+    assert tires.rf == pytest.approx(351e3)
+    assert tires.lf == tires.lr == tires.rr == pytest.approx(2000 * 175.126835)
+    assert car.parameters.sprung_mass == pytest.approx(2550 * 0.45359237)
+    assert car.static["rr.tire_force"] == 3200.0
+    assert car.static["rear.ride_height"] == pytest.approx(4 * 0.0254)
+
+
+#: What is wrong with the shipped quarter car: text, what it becomes, class and words of the error.
+WRONG = {
+    "misspelled parameter": (
+        "tire_stiffness",
+        "tyre_stiffness",
+        ParameterError,
+        "unknown parameter 'tyre_stiffness'",
+    ),
+    "missing parameter": (
+        'tire_stiffness = "1300 lbf/in"',
+        "",
+        ParameterError,
+        "tire_stiffness is missing; add",
+    ),
+    "missing mass": (
+        'sprung_weight = "675 lbf"\n',
+        "\n",
+        ParameterError,
+        "sprung_mass or sprung_weight is missing",
+    ),
+    "mass twice": (
+        'unsprung_weight = "75 lbf"',
+        'unsprung_weight = "75 lbf"\nunsprung_mass = "3 kg"',
+        ParameterError,
+        "both unsprung_mass and unsprung_weight",
+    ),
+    "no unit": ('"1280 lbf/in"', '"1280"', ParameterError, "'1280' has no unit.*write \"1280 N/m\""),
+    "bare number": ('"1280 lbf/in"', "1280", ParameterError, "number with its unit in quotes"),
+    "unknown unit": ('"1280 lbf/in"', '"1280 lbf/inchworm"', UnknownUnitError, "unknown unit 'lbf/inchworm'"),
+    "wrong dimension": ('"1280 lbf/in"', '"1280 lbf"', UnknownUnitError, "wrong dimension; give it in N/m"),
+    "mass under a weight": ('"675 lbf"', '"675 lbm"', UnknownUnitError, "wrong dimension; give it in N"),
+    "no mass": ('"675 lbf"', '"0 lbf"', ParameterError, "sprung_mass is 0 kg; it must be above zero"),
+    "negative": ('"1300 lbf/in"', '"-1300 lbf/in"', ParameterError, "tire_stiffness is .* above zero"),
+    "infinite": ('"1300 lbf/in"', '"1e999 lbf/in"', ParameterError, "tire_stiffness is inf"),
+    "a corner of a quarter car": (
+        '"1300 lbf/in"',
+        '{ lf = "1300 lbf/in" }',
+        ParameterError,
+        "'lf' does not belong here; give one value",
+    ),
+    "no TOML": ("[parameters]", "[parameters", FileFormatError, "cannot be read as TOML.*line"),
+    "newer layout": ("schema = 1", "schema = 2", FileFormatError, "newer version wrote the file; update"),
+    "no layout": ("schema = 1", "", FileFormatError, "schema is None"),
+    "another model": (
+        '"quarter_car"',
+        '"half_car"',
+        ParameterError,
+        "'half_car'; choose one of quarter_car, seven_dof",
+    ),
+    "unknown key": ("[parameters]", "color = 1\n[parameters]", ParameterError, "unknown key 'color'"),
+    "no table": ("[parameters]", "static = 3\n[parameters]", ParameterError, r"must be a table: \[static\]"),
+    "static of nothing": (
+        "[parameters]",
+        "[static]\nx = 3\n[parameters]",
+        ParameterError,
+        "unknown static value 'x'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_file_is_refused_with_its_place(tmp_path, case):
+    before, after, error, message = WRONG[case]
+    text = shipped("quarter_car").read_text(encoding="utf-8")
+    assert before in text
+    path = tmp_path / "wrong.toml"
+    path.write_text(text.replace(before, after), encoding="utf-8")
+    with pytest.raises(error, match=message) as caught:
+        read_vehicle(path)
+    assert str(caught.value).startswith(str(path))
+    assert isinstance(caught.value, InputError)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ('{ front = "1 N/m" }', "lr, rr is missing"),
+        ('{ front = "1 N/m", lf = "1 N/m", rear = "1 N/m" }', "'lf' does not belong here"),
+        (
+            '{ left = "1 N/m" }',
+            "'left' does not belong here; give one value for all, or lf, rf, lr, rr or front",
+        ),
+        ('{ front = "1 N/m", rear = "-1 N/m" }', r"spring_rate\.lr is -1 N/m"),
+    ],
+)
+def test_wrong_corners_are_refused_with_their_place(tmp_path, value, message):
+    text = shipped("seven_dof").read_text(encoding="utf-8")
+    path = tmp_path / "wrong.toml"
+    path.write_text(text.replace('{ front = "1280 lbf/in", rear = "588 lbf/in" }', value), encoding="utf-8")
+    with pytest.raises(ParameterError, match=message) as caught:
+        read_vehicle(path)
+    assert str(path) in str(caught.value)
+
+
+def json_vehicle(tmp_path, **changes):
+    vehicle = IdentifiedVehicle("found", read_vehicle(shipped("quarter_car")).with_damper())
+    path = tmp_path / "car.json"
+    write_vehicle(path, vehicle)
+    content = json.loads(path.read_text(encoding="utf-8")) | changes
+    path.write_text(json.dumps({key: value for key, value in content.items() if value != "gone"}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"schema": 9}, FileFormatError, "update eightpost"),
+        ({"A": "gone"}, ParameterError, "'A' is missing"),
+        ({"model": "seven_dof"}, FileFormatError, "a JSON vehicle is a 'state_space'"),
+        ({"extra": 1}, ParameterError, "unknown key 'extra'"),
+        ({"A": [[1.0]]}, ParameterError, r"B has the shape \(4, 3\)"),
+        ({"A": [[1.0], [2.0, 3.0]]}, FileFormatError, "does not hold a vehicle"),
+        ({"D": [[0.0] * 3] * 8 + [[0.0, 0.0, None]]}, ParameterError, r"D holds nan at \(8, 2\)"),
+        ({"inputs": [{"name": "road"}]}, FileFormatError, "'unit'"),
+        ({"inputs": [{"name": n, "unit": "in"} for n in "abc"]}, UnknownUnitError, "not SI"),
+        ({"static": {"yaw": 1.0}}, ParameterError, "static value is given for 'yaw'"),
+        ({"baseline_damping": {"lf": 1.0}}, ParameterError, "no force input"),
+        ({"dt": -1.0}, ParameterError, "sample time"),
+    ],
+)
+def test_a_wrong_identified_vehicle_is_refused_with_its_file(tmp_path, changes, error, message):
+    path = json_vehicle(tmp_path, **changes)
+    with pytest.raises(error, match=message) as caught:
+        read_vehicle(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["gone.toml", "gone.json"])
+def test_a_missing_file_is_an_input_error(tmp_path, name):
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_vehicle(tmp_path / name)
+
+
+@pytest.mark.parametrize("text", ["{", "[1, 2]"])
+def test_other_json_is_refused(tmp_path, text):
+    (tmp_path / "car.json").write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError, match="JSON"):
+        read_vehicle(tmp_path / "car.json")
+
+
+def test_static_values_belong_to_outputs():
+    vehicle = read_vehicle(shipped("quarter_car"))
+    with pytest.raises(ParameterError, match="takes them for tire_force, ride_height"):
+        replace(vehicle, static={"velocity": 1.0})
+    with pytest.raises(ParameterError, match="finite"):
+        replace(vehicle, static={"tire_force": np.inf})
