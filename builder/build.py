@@ -16,7 +16,7 @@ from builder.sources import source_folder
 from eightpost.errors import FmuError
 from eightpost.files import document_kind
 from eightpost.shock import Shock, read_shock
-from eightpost.vehicle import Vehicle, read_vehicle
+from eightpost.vehicle import StateSpace, Vehicle, read_vehicle
 
 TARGETS = ("python",)
 
@@ -74,11 +74,13 @@ def vehicle_model(vehicle: Vehicle, identifier: str) -> PythonModel:
     """Return what a vehicle's python FMU is made of: its model without dampers at the ports, and its static state.
 
     Raises:
-        FmuError: The model is discrete, or has a channel that vehicle_ss does not know.
+        FmuError: The model is discrete, has a direct term in a shock velocity, or a channel that vehicle_ss does
+            not know.
     """
     model = vehicle.coupled()
     if model.dt is not None:
         raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
+    _refuse_direct_velocity(model)
     interface = _with_static(vehicle_interface(model), vehicle.static)
     offsets = {v.name: v.offset for v in interface.variables}
     outputs = [c.name for c in model.outputs]
@@ -92,6 +94,17 @@ def vehicle_model(vehicle: Vehicle, identifier: str) -> PythonModel:
     return PythonModel(
         identifier, text, interface, "vehicle_ss", code, data, documents(identifier, text, interface, {})
     )
+
+
+def _refuse_direct_velocity(model: StateSpace) -> None:
+    """A shock velocity with a direct term makes an algebraic loop with the shock (docs/ports.md)."""
+    for channel, terms in zip(model.outputs, model.D != 0.0, strict=True):
+        if channel.name.rpartition(".")[2] == "velocity" and terms.any():
+            inputs = ", ".join(c.name for c, term in zip(model.inputs, terms, strict=True) if term)
+            raise FmuError(
+                f"vehicle {model.name!r}: {channel.name} follows {inputs} without delay (D is not zero there), which "
+                "makes an algebraic loop with the shock; identify it without direct terms in the shock velocities"
+            )
 
 
 def _with_static(interface: Interface, static: Mapping[str, float]) -> Interface:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import shutil
 import tempfile
+import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,10 +35,12 @@ class FmuComponent:
 
     def __init__(self, path: str | Path, name: str) -> None:
         self._path, self._name = Path(path), name
-        self._folder = tempfile.TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True)
-        extract_archive(path, self._folder.name)
-        self._description = _read_description(self._path, Path(self._folder.name))
-        _check_platform(self._path, Path(self._folder.name))
+        self._folder = tempfile.mkdtemp(prefix="fmu_")
+        # Also where nobody calls finish: a system that is refused, an interpreter that ends.
+        self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        extract_archive(path, self._folder)
+        self._description = _read_description(self._path, Path(self._folder))
+        _check_platform(self._path, Path(self._folder))
         self._variables = _variables(self._description)
         self._capabilities = _capabilities(self._description)
         self._references = {v.name: v.valueReference for v in self._description.modelVariables}
@@ -112,12 +116,12 @@ class FmuComponent:
             except Exception as error:  # an FMU that failed may refuse to terminate; it is freed all the same
                 logger.debug("%s: terminate: %s", self._name, error)
             slave.freeInstance()
-        self._folder.cleanup()
+        self._remove_folder()
 
     def _instantiate(self) -> None:
         self._slave = fmi2.FMU2Slave(
             guid=self._description.guid,
-            unzipDirectory=self._folder.name,
+            unzipDirectory=self._folder,
             modelIdentifier=self._description.coSimulation.modelIdentifier,
             instanceName=self._name,
         )
@@ -219,7 +223,7 @@ def _variable(
         causality=v.causality or "local",
         variability=v.variability or "continuous",
         type=v.type,
-        unit=units.get(declared) if declared else None,
+        unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
         start=v.start,
         direct=known & inputs if v.causality == "output" else frozenset(),
     )

@@ -194,15 +194,14 @@ class System:
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
 
     def _check_gas_springs(self) -> None:
-        """A gas spring without its displacement gives a wrong force without a word (docs/ports.md)."""
-        connected = {c.target for c in self.all_connections}
+        """A gas spring whose displacement stands still gives a wrong force without a word (docs/ports.md)."""
         for name, component in self.components.items():
             if not {"gas_stiffness", "displacement"} <= set(component.variables):
                 continue
             stiffness = self.parameters.get(name, {}).get("gas_stiffness", component.variables["gas_stiffness"].start)
-            if float(stiffness or 0.0) != 0.0 and f"{name}.displacement" not in connected:
+            if float(stiffness or 0.0) != 0.0 and f"{name}.displacement" in self.constants:
                 raise WiringError(
-                    f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is not connected; "
+                    f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is a constant; "
                     "connect it to the vehicle's displacement at that corner"
                 )
 

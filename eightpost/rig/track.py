@@ -43,14 +43,14 @@ class Track:
         coherence_width: Left and right are alike above wavelengths of track_width / coherence_width [1].
         road_peak: Largest wheelloader displacement [m]; 0.4 in (6.1.3).
         downforce: Mean downforce [N].
-        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf (6.1.3).
+        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf, what 6.1.3 has per aeroloader.
         roll_rms: Root mean square of the roll moment [N.m].
         pitch_rms: Root mean square of the pitch moment [N.m].
     """
 
     speed: float = 45.0
     wheelbase: float = convert(110.0, "in", "m")
-    track_width: float = convert(60.0, "in", "m")
+    track_width: float = convert(70.0, "in", "m")
     coherence_width: float = 0.3
     road_peak: float = convert(0.4, "in", "m")
     downforce: float = convert(1000.0, "lbf", "N")

@@ -37,7 +37,7 @@ class StaticCurve:
         compression: 4 coefficients [N].
         rebound: 4 coefficients [N]; the force is negative in rebound.
         transition_speed: v_t [m/s]; 15 in/s in 3.3.1.
-        transition_width: [m/s]; 0.5 in/s in 3.3.1.
+        transition_width: [m/s]; 0.5 in/s in 3.3.1. Less than twice `transition_speed`.
         compression_speed: Highest fitted speed in compression [m/s], positive.
         rebound_speed: Highest fitted speed in rebound [m/s], positive.
         compression_slope: Slope beyond `compression_speed` [N.s/m], not negative.
@@ -64,6 +64,11 @@ class StaticCurve:
         for name in ("transition_speed", "transition_width", "compression_speed", "rebound_speed"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ValueError(f"curve: {name} must be positive, not {getattr(self, name)!r}")
+        if self.transition_width >= 2.0 * self.transition_speed:
+            raise ValueError(
+                f"curve: transition_width {self.transition_width!r} must be less than twice transition_speed "
+                f"{self.transition_speed!r}: the curve must pass through zero at zero velocity"
+            )
         for name in ("compression_slope", "rebound_slope"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ValueError(f"curve: {name} must not be negative, not {getattr(self, name)!r}")

@@ -19,7 +19,7 @@ from eightpost.vehicle.vehicles import IdentifiedVehicle
 SCHEMA = 1
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
-_OPTIONAL = ("schema", "tool", "model", "dt", "baseline_damping", "static", "sources")
+_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources")
 
 
 def read_json(path: str | Path) -> IdentifiedVehicle:
@@ -47,6 +47,7 @@ def write_json(path: str | Path, vehicle: IdentifiedVehicle) -> None:
     model = vehicle.state_space
     content = {
         "schema": SCHEMA,
+        "kind": "vehicle",
         "tool": f"eightpost {eightpost.__version__}",
         "model": vehicle.model,
         "name": vehicle.name,

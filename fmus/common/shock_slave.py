@@ -1,5 +1,7 @@
 """A shock as a PythonFMU slave: any law on the port of docs/ports.md."""
 
+from pythonfmu.enums import Fmi2Status
+
 from .curve import StaticCurve
 from .port import Port
 from .table_slave import TableSlave
@@ -20,6 +22,12 @@ class ShockSlave(TableSlave):
             port=Port(**{name: self.values[name] for name in Port.__slots__}),
             **{name: self.values[name] for name in self.own_parameters},
         )
+        if self.values["motion_ratio"] > 1.5:
+            self.log(
+                f"motion_ratio = {self.values['motion_ratio']!r} is above 1.5: is it port travel per damper travel?",
+                Fmi2Status.warning,
+                "logStatusWarning",
+            )
 
     def initialise(self):
         self._respond(self.law.static_force(self.values["velocity"]))

@@ -67,8 +67,11 @@ class TableSlave(Fmi2Slave):
 
     def _get(self, name):
         if self.initialising and self.stale:
-            self._update()
-            self.initialise()
+            try:
+                self._update()
+                self.initialise()
+            except ValueError as error:  # leaving initialization says it again, if it is still so then
+                self._refuse(str(error))
         return self.values[name]
 
     def _set(self, row, value):
@@ -91,8 +94,9 @@ class TableSlave(Fmi2Slave):
             return f"{name} = {value!r} {row['unit']} is not between {low} and {high}"
         return None
 
-    # An exception in a setter would end the instance (fmi2Fatal). So the old value stays, the reason is logged, and
-    # the next step fails with an error; the one after that is fine again.
+    # An exception in a setter or getter would end the instance (fmi2Fatal). So the old value stays, the reason is
+    # logged, and the next step is refused (fmi2Discard); the one after that is fine again. Parameters that do not
+    # fit each other refuse every step until they do.
     def _refuse(self, reason):
         self.refused = reason
         self.log(reason, Fmi2Status.error, "logStatusError")
@@ -105,8 +109,11 @@ class TableSlave(Fmi2Slave):
         self._update()
         self.initialise()
         self.initialising = False
+        self.refused = None
 
     def do_step(self, current_time, step_size):
+        if not (isfinite(step_size) and step_size > 0.0):
+            self._refuse(f"a step of {step_size!r} s from {current_time!r} s: it must be positive")
         try:
             if self.stale:
                 self._update()

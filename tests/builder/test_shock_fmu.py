@@ -179,6 +179,27 @@ def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fi
     fmu.step(0.0, 1e-3)
 
 
+@pytest.mark.parametrize("step", [0.0, -1e-3, float("nan"), float("inf")])
+def test_a_step_that_is_not_positive_is_refused_and_the_next_one_is_fine(component, step):
+    fmu = component("lpf1")
+    fmu.end_initialization()
+    with pytest.raises(StepError, match="must be positive"):
+        fmu.step(0.0, step)
+    fmu.step(0.0, 1e-3)
+
+
+def test_parameters_that_do_not_fit_each_other_end_initialization_with_the_reason(component):
+    fmu = component("lpnl2", lag_zero_force=1.0)
+    assert fmu.get(("force",)) == [0.0]
+    with pytest.raises(StepError, match="lag_zero_force"):
+        fmu.end_initialization()
+
+
+def test_a_motion_ratio_above_1_5_is_warned_about(component, caplog):
+    component("lpnl2", motion_ratio=1.6).end_initialization()
+    assert "motion_ratio = 1.6 is above 1.5" in caplog.text
+
+
 def test_a_tunable_parameter_is_live_and_an_impossible_one_fails_the_step(component):
     fmu = component("lpnl2")
     fmu.end_initialization()

@@ -119,6 +119,14 @@ def test_a_model_without_a_steady_state_refuses_to_start_in_one(tmp_path):
     fmu.finish()
 
 
+def test_a_shock_velocity_with_a_direct_term_is_refused(tmp_path):
+    model = free_mass()
+    loop = StateSpace(model.A, model.B, model.C, np.ones((1, 1)), model.inputs, model.outputs, name="loop")
+    write_vehicle(tmp_path / "loop.json", IdentifiedVehicle("loop", loop))
+    with pytest.raises(FmuError, match="algebraic loop"):
+        build([tmp_path / "loop.json"], tmp_path)
+
+
 def test_a_channel_that_is_no_port_is_refused(tmp_path):
     model = free_mass()
     odd = StateSpace(model.A, model.B, model.C, model.D, model.inputs, (Channel("sideways", "m/s"),), name="odd")

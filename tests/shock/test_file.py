@@ -16,7 +16,8 @@ curves = st.builds(
     inner=st.tuples(*[numbers] * 15),
     compression=st.tuples(*[numbers] * 4),
     rebound=st.tuples(*[numbers] * 4),
-    **{n: positive for n in ("transition_speed", "transition_width", "compression_speed", "rebound_speed")},
+    **{n: st.floats(1.0, 1e3) for n in ("transition_speed", "compression_speed", "rebound_speed")},
+    transition_width=st.floats(1e-6, 1.0),
     compression_slope=st.floats(0.0, 1e6),
     rebound_slope=st.floats(0.0, 1e6),
 )

@@ -159,6 +159,7 @@ def test_the_scales_act_on_their_own_side():
         (lambda: curve(inner=(1.0,) * 14), "inner"),
         (lambda: curve(rebound=(1.0, float("nan"), 0.0, 0.0)), "rebound"),
         (lambda: curve(transition_speed=0.0), "transition_speed"),
+        (lambda: curve(transition_width=0.8), "transition_width"),
         (lambda: curve(compression_slope=-1.0), "compression_slope"),
         (lambda: Port(motion_ratio=0.0), "motion_ratio"),
         (lambda: Port(gas_preload=float("inf")), "gas_preload"),

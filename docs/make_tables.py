@@ -1,0 +1,62 @@
+"""Rewrite the variable tables in docs/ports.md from the interface.toml files: `python docs/make_tables.py`."""
+
+import re
+import tomllib
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+FMUS = DOCS.parent / "fmus"
+
+#: Marker in the page -> the file whose own rows stand there.
+SOURCES = {
+    "shock": FMUS / "common" / "shock.toml",
+    "shock_lpf1": FMUS / "shock_lpf1" / "interface.toml",
+    "shock_lpnl2": FMUS / "shock_lpnl2" / "interface.toml",
+    "vehicle_ss": FMUS / "vehicle_ss" / "interface.toml",
+}
+
+_REGION = re.compile(r"(?P<start><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
+
+
+def rewrite(page: str) -> str:
+    """Return the page with every marked region replaced by the table of its interface."""
+    return _REGION.sub(lambda match: match["start"] + table(SOURCES[match["name"]]) + match["end"], page)
+
+
+def table(source: Path) -> str:
+    """Return the table of one file's rows as Markdown."""
+    rows = tomllib.loads(source.read_text(encoding="utf-8"))["variable"]
+    return _HEADER + "".join(f"| {' | '.join(_cells(row))} |\n" for row in rows)
+
+
+def _cells(row: dict) -> list[str]:
+    size = row.get("size", 4 if "<corner>" in row["name"] else 1)
+    name = f"{row['name']}[1] to [{size}]" if "size" in row else row["name"]
+    first = row["reference"]
+    reference = str(first) if size == 1 else f"{first} to {first + size - 1}"
+    causality = ", ".join(row[key] for key in ("type", "causality", "variability") if key in row)
+    description = row["description"].replace("|", r"\|")
+    units = [row.get("unit", ""), row.get("display", "")]
+    return [f"`{name}`", reference, causality, *units, _start(row), _range(row), description]
+
+
+def _start(row: dict) -> str:
+    if "start" not in row:
+        return "0" if row["causality"] == "input" else ""
+    start = row["start"]
+    if isinstance(start, str):
+        return "shock file"
+    return str(start).lower() if isinstance(start, bool) else f"{start:g}"
+
+
+def _range(row: dict) -> str:
+    low, high = row.get("min"), row.get("max")
+    if low is None and high is None:
+        return ""
+    return f"{low:g} to {high:g}" if high is not None else f"from {low:g}"
+
+
+if __name__ == "__main__":
+    path = DOCS / "ports.md"
+    path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,168 @@
+"""The coupled FMUs against independent solutions of the same equations; docs/coupling.md has the table."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+
+import cosim
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
+from eightpost.signals import Drivefile
+from eightpost.vehicle import read_vehicle
+
+ROOT = Path(__file__).resolve().parents[2]
+CORNERS = ("lf", "rf", "lr", "rr")
+STEPS = (0.002, 0.001, 0.0005)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    spec = importlib.util.spec_from_file_location("benchmark_coupling", ROOT / "benchmarks" / "coupling.py")
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
+
+
+@pytest.fixture(scope="module")
+def errors(bench, drive, shocks, tmp_path_factory):
+    """Rows of errors by scheme and step, all damping in LPNL2 shocks with a gas spring, on 4 s of the track."""
+    law = replace(shocks["lpnl2"].law, port=Port(gas_preload=50.0, gas_stiffness=700.0))
+    assert isinstance(law, Lpnl2)
+    folder = tmp_path_factory.mktemp("accuracy")
+    bench.build_fmus(law, folder)
+    case = bench.make_case(law, drive, 4.0)
+    schemes = {"gauss-seidel": cosim.GaussSeidel(), "jacobi": cosim.Jacobi()}
+    return {
+        (name, step): bench.measure(case, folder, algorithm, step)
+        for name, algorithm in schemes.items()
+        for step in STEPS
+    }
+
+
+def column(errors, scheme, quantity):
+    return np.array([errors[scheme, step][f"error_{quantity}_percent"] for step in STEPS])
+
+
+@pytest.mark.slow
+def test_gauss_seidel_at_1_ms_gives_shock_velocity_within_1_and_tire_force_within_4_percent(errors):
+    row = errors["gauss-seidel", 0.001]
+    assert row["error_velocity_percent"] < 1.0
+    assert row["error_tire_force_percent"] < 4.0
+
+
+@pytest.mark.slow
+def test_the_held_direct_term_of_the_tire_force_is_first_order(errors):
+    slopes = np.diff(np.log2(column(errors, "gauss-seidel", "tire_force"))) / -1.0
+    assert slopes == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_gauss_seidel_is_of_higher_than_first_order_in_shock_velocity_down_to_half_a_millisecond(errors):
+    slopes = -np.diff(np.log2(column(errors, "gauss-seidel", "velocity")))
+    assert (slopes > 1.25).all()
+
+
+@pytest.mark.slow
+def test_jacobi_is_first_order_and_much_worse(errors):
+    slopes = -np.diff(np.log2(column(errors, "jacobi", "velocity")))
+    assert slopes == pytest.approx(1.0, abs=0.15)
+    assert (column(errors, "jacobi", "velocity") > 5.0 * column(errors, "gauss-seidel", "velocity")).all()
+
+
+def linear_curve(rate):
+    """F_s = rate * v in every piece of the curve."""
+    v = 0.4
+    outer = (rate * v, rate * v, 0.0, 0.0)
+    return StaticCurve(
+        inner=(rate * v, *[0.0] * 14),
+        compression=outer,
+        rebound=tuple(-c for c in outer),
+        transition_speed=v,
+        transition_width=0.01,
+        compression_speed=9.0,
+        rebound_speed=9.0,
+        compression_slope=rate,
+        rebound_slope=rate,
+    )
+
+
+def closed_loop(car, damper, drive, stop):
+    """python-control's answer: the car's state space with a linear damper in feedback; outputs by name."""
+    ports = [car.input_names.index(f"{c}.force") for c in CORNERS]
+    velocities = [car.output_names.index(f"{c}.velocity") for c in CORNERS]
+    pick, place = np.eye(len(car.outputs))[velocities], np.eye(len(car.inputs))[:, ports]
+    plant = control.ss(car.A, car.B, car.C, car.D)
+    through = control.ss([], [], [], place) * damper * control.ss([], [], [], pick)
+    loop = control.feedback(plant, through, sign=1)
+    series = drive.series.window(0.0, stop)
+    u = np.stack([series[name] if name in series else np.zeros(len(series)) for name in car.input_names])
+    start = np.concatenate([car.steady_state(u[:, 0]), np.zeros(loop.nstates - car.A.shape[0])])
+    return dict(zip(car.output_names, np.asarray(control.forced_response(loop, series.time, u, start).outputs), strict=True))
+
+
+def linear_errors(bench, drive, law, damper, folder, steps):
+    """Worst corner's error in percent of the standard deviation, by quantity and step."""
+    bench.build_fmus(law, folder)
+    car = read_vehicle(ROOT / "examples" / "car.toml").coupled()
+    expected = closed_loop(car, damper, drive, 4.0)
+    channels = tuple(f"car.{c}.{quantity}" for c in CORNERS for quantity in ("velocity", "tire_force"))
+    errors = {"velocity": [], "tire_force": []}
+    for step in steps:
+        scenario = cosim.Scenario(4.0, drive, record=channels, record_step=0.002)
+        found = cosim.run(bench.load_system(folder), scenario, step=step).series
+        for quantity, rows in errors.items():
+            names = [f"{c}.{quantity}" for c in CORNERS]
+            rows.append(max(100 * np.std(found[f"car.{n}"] - expected[n]) / np.std(expected[n]) for n in names))
+    return {quantity: np.array(rows) for quantity, rows in errors.items()}
+
+
+@pytest.mark.slow
+def test_with_linear_lagged_shocks_the_coupled_fmus_equal_python_controls_closed_loop(bench, drive, tmp_path):
+    """Table 5.1's damper, 30 lbf/(in/s), behind a lag of 1.3 ms: second order in velocity, first in tire force."""
+    rate, tau = 30.0 * 175.12683524647636, 0.0013
+    damper = control.ss(-np.eye(4) / tau, np.eye(4) / tau, rate * np.eye(4), 0)
+    law = Lpf1(linear_curve(rate), tau)
+    errors = linear_errors(bench, drive, law, damper, tmp_path, (0.002, 0.001))
+    assert errors["velocity"][1] < 1.0
+    assert errors["tire_force"][1] < 4.0
+    assert np.log2(errors["velocity"][0] / errors["velocity"][1]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(errors["tire_force"][0] / errors["tire_force"][1]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_with_linear_shocks_without_lag_the_held_force_makes_the_coupling_first_order(bench, drive, tmp_path):
+    """Nothing in the shock makes up for the force that is held half a step late: 1 % takes a quarter of a ms."""
+    rate = 16.67 * 175.12683524647636
+    law, damper = Polylinear(linear_curve(rate)), control.ss([], [], [], rate * np.eye(4))
+    errors = linear_errors(bench, drive, law, damper, tmp_path, (0.001, 0.0005, 0.00025))
+    assert errors["velocity"][-1] < 1.0
+    assert errors["tire_force"][-1] < 1.0
+    assert -np.diff(np.log2(errors["velocity"])) == pytest.approx(1.0, abs=0.05)
+    assert -np.diff(np.log2(errors["tire_force"])) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(bench, shocks, tmp_path):
+    """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
+    law = replace(shocks["lpnl2"].law, port=Port(gas_preload=500.0, gas_stiffness=700.0))
+    bench.build_fmus(law, tmp_path)
+    system = bench.load_system(tmp_path)
+    loads = {f"car.{name}": 0.0 for name in (*bench.LOADS, *(f"{c}.road" for c in CORNERS))}
+    system = cosim.System(system.components, system.bonds, constants=loads)
+    record = tuple(f"car.{c}.{name}" for c in CORNERS for name in ("displacement", "velocity", "tire_force"))
+    series = cosim.run(system, cosim.Scenario(0.5, record=record), step=1e-3).series
+    rates = read_vehicle(ROOT / "examples" / "car.toml").parameters.spring_rate
+    for c, rate in zip(CORNERS, rates, strict=True):
+        displacement = series[f"car.{c}.displacement"]
+        assert displacement[0] == pytest.approx(-500.0 / (rate + 700.0), rel=1e-9)
+        assert np.ptp(displacement) < 1e-12
+        assert np.abs(series[f"car.{c}.velocity"]).max() < 1e-9
+        assert np.ptp(series[f"car.{c}.tire_force"]) < 1e-6

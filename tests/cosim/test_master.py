@@ -1,0 +1,207 @@
+"""The master steps, lands, records and reports as it says."""
+
+import numpy as np
+import pytest
+
+from cosim import Bond, Capabilities, Connection, GaussSeidel, Jacobi, Scenario, System, run
+from eightpost.errors import StepError, WiringError
+from eightpost.signals import Drivefile, TimeSeries
+
+RAMPS = Capabilities(interpolates_inputs=True)
+
+
+def ramp(slope=10.0, stop=10.0):
+    time = np.array([0.0, stop])
+    return Drivefile(TimeSeries.from_channels(time, {"u": ("N", slope * time)}))
+
+
+def steps_of(component):
+    return [entry for entry in component.log if len(entry) == 4]
+
+
+@pytest.mark.parametrize(("stop", "step", "last"), [(1.0, 0.1, 0.1), (1.0, 0.3, 0.1), (0.25, 0.1, 0.05)])
+def test_steps_are_whole_multiples_and_the_last_lands_on_the_stop(make, stop, step, last):
+    part = make.integrator()
+    result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(stop), step=step)
+    times = [entry[0] for entry in steps_of(part)]
+    assert times == [k * step for k in range(len(times))]
+    assert steps_of(part)[-1][1] == pytest.approx(last)
+    assert result.series.time[-1] == stop
+    assert result.series["a.y"][-1] == pytest.approx(stop)
+
+
+def test_long_runs_do_not_drift(make):
+    part = make.integrator()
+    run(System({"a": part}, constants={"a.u": 0.0}), Scenario(30.0, record_step=1.0), step=1e-3)
+    assert len(steps_of(part)) == 30000
+    assert steps_of(part)[29999][0] == 29999 * 1e-3
+
+
+def test_a_held_drive_is_held_at_its_mean_over_the_step(make):
+    part = make.integrator()
+    run(System({"a": part}), Scenario(1.0, ramp()), step=0.25)
+    assert [entry[2]["u"] for entry in steps_of(part)] == pytest.approx([1.25, 3.75, 6.25, 8.75])
+    assert part.state == pytest.approx(5.0)
+
+
+def test_a_component_that_interpolates_gets_the_drive_as_a_ramp(make):
+    part = make.gain(capabilities=RAMPS)
+    result = run(System({"a": part}), Scenario(1.0, ramp()), step=0.25)
+    assert result.series["a.y"].tolist() == pytest.approx([0.0, 2.5, 5.0, 7.5, 10.0])
+    assert result.held_direct == ()
+
+
+def test_outputs_whose_direct_term_was_held_are_named(make):
+    system = System({"a": make.gain(), "b": make.integrator()}, connections=[Connection("a.y", "b.u")])
+    result = run(system, Scenario(1.0, ramp(), {"u": "a.u"}), step=0.25)
+    assert result.held_direct == ("a.y",)
+    assert result.series["a.y"].tolist() == pytest.approx([0.0, 1.25, 3.75, 6.25, 8.75])
+
+
+def test_gauss_seidel_gives_the_newest_and_jacobi_what_was_at_the_start(make):
+    def chain():
+        return System({"a": make.gain(2.0), "b": make.gain(3.0)}, connections=[Connection("a.y", "b.u")])
+
+    scenario = Scenario(0.5, ramp(), {"u": "a.u"})
+    newest = run(chain(), scenario, algorithm=GaussSeidel(), step=0.25).series
+    late = run(chain(), scenario, algorithm=Jacobi(), step=0.25).series
+    assert newest["b.y"].tolist() == pytest.approx([0.0, 7.5, 22.5])
+    assert late["b.y"].tolist() == pytest.approx([0.0, 0.0, 7.5])
+
+
+def test_gauss_seidel_orders_by_declared_dependencies_not_by_declaration(make):
+    parts = {"late": make.gain(unit_in="m/s"), "early": make.integrator()}
+    system = System(parts, connections=[Connection("early.y", "late.u"), Connection("late.y", "early.u")])
+    assert run(system, Scenario(0.1), step=0.1).order == ("early", "late")
+
+
+def test_a_given_sequence_is_kept_and_must_be_complete(make):
+    def pair():
+        return System({"a": make.gain(), "b": make.gain()}, constants={"a.u": 0.0, "b.u": 0.0})
+
+    assert run(pair(), Scenario(0.1), algorithm=GaussSeidel(("b", "a")), step=0.1).order == ("b", "a")
+    with pytest.raises(WiringError, match="every component once"):
+        run(pair(), Scenario(0.1), algorithm=GaussSeidel(("a",)))
+
+
+def test_a_loop_of_direct_terms_is_said(make):
+    parts = {"a": make.gain(0.5), "b": make.gain(0.5)}
+    system = System(parts, connections=[Connection("a.y", "b.u"), Connection("b.y", "a.u")])
+    assert any("form a loop" in note for note in run(system, Scenario(0.1), step=0.1).notes)
+
+
+def test_gauss_seidel_ramps_a_coupling_value_where_the_component_takes_it(make):
+    follower = make.integrator(capabilities=RAMPS)
+    system = System({"a": make.gain(), "b": follower}, connections=[Connection("a.y", "b.u")])
+    run(system, Scenario(1.0, ramp(), {"u": "a.u"}), step=0.25)
+    moves = [(entry[2]["u"], entry[3]["u"]) for entry in steps_of(follower)]
+    assert moves == [pytest.approx(pair) for pair in [(0.0, 1.25), (1.25, 3.75), (3.75, 6.25), (6.25, 8.75)]]
+
+
+def test_the_start_is_a_coupled_equilibrium(make):
+    """A spring of 3 N/m under 12 N against a spring of 1 N/m: x = 12 / (3 + 1) = 3 m."""
+    spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
+    mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
+    system = System(
+        {
+            "mass": make.component(mass, lambda _, u: {"y": (12.0 - u["u"]) / 3.0}),
+            "spring": make.component(spring, lambda _, u: {"y": 1.0 * u["u"]}),
+        },
+        connections=[Connection("mass.y", "spring.u"), Connection("spring.y", "mass.u")],
+    )
+    result = run(system, Scenario(0.1), step=0.1)
+    assert result.converged
+    assert result.series["mass.y"][0] == pytest.approx(3.0, rel=1e-9)
+
+
+def test_a_stiff_start_that_sweeping_cannot_find_is_solved(make):
+    """The same with a spring of 30 N/m: sweeps diverge (30 / 3 > 1), the solve gives 12 / 33 m."""
+    spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
+    mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
+    system = System(
+        {
+            "mass": make.component(mass, lambda x, u: {"y": (12.0 - u["u"]) / 3.0}),
+            "spring": make.component(spring, lambda _, u: {"y": 30.0 * u["u"]}),
+        },
+        connections=[Connection("mass.y", "spring.u"), Connection("spring.y", "mass.u")],
+    )
+    result = run(system, Scenario(1e-3), step=1e-3)
+    assert result.converged
+    assert result.series["mass.y"][0] == pytest.approx(12.0 / 33.0, rel=1e-8)
+
+
+def test_a_start_without_an_equilibrium_is_in_the_status_and_notes(make):
+    part = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "N", ["u"]))
+    system = System(
+        {"a": make.component(part, lambda _, u: {"y": u["u"] + 1.0}), "b": make.gain()},
+        connections=[Connection("a.y", "b.u"), Connection("b.y", "a.u")],
+    )
+    result = run(system, Scenario(0.1), step=0.1)
+    assert not result.converged
+    assert any("not an equilibrium" in note for note in result.notes)
+
+
+def bonded(make, gain=1.0):
+    """A mass of 2 kg at 3 m/s against a damper of 4 N.s/m; the mass feels the force as it is."""
+    ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
+    damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+    mass = make.component(
+        ports, lambda v, _: {"velocity": v}, lambda v, u, _, h: v - u["force"] / 2.0 * h, state=3.0
+    )
+    shock = make.component(damper, lambda _, u: {"force": 4.0 * u["velocity"]})
+    return System({"mass": mass, "shock": shock}, [Bond.between("mass", "shock", gain=gain, displacement=False)])
+
+
+@pytest.mark.parametrize("gain", [1.0, -1.0])
+def test_energy_through_a_bond_is_metered_and_its_residual_falls_with_the_step(make, gain):
+    residuals = []
+    for step in (0.02, 0.01, 0.005):
+        result = run(bonded(make, gain), Scenario(1.0), step=step)
+        energy = result.energy["mass"]
+        lost = 0.5 * 2.0 * (3.0**2 - result.series["mass.velocity"][-1] ** 2)
+        assert energy.transferred == pytest.approx(lost, rel=3.0 * step)
+        residuals.append(abs(energy.residual))
+    assert residuals[0] > residuals[1] > residuals[2] > 0.0
+    assert residuals[2] / residuals[0] == pytest.approx(0.25, rel=0.1)
+
+
+def test_a_diverging_coupling_is_stopped_with_advice(make):
+    with pytest.raises(StepError, match="smaller coupling step"):
+        run(bonded(make), Scenario(1000.0), step=2.0)
+
+
+def test_components_end_also_when_one_fails(make):
+    parts = {"a": make.integrator(), "b": make.integrator(fails_at=0.5)}
+    with pytest.raises(StepError, match="failed at 0.5"):
+        run(System(parts, constants={"a.u": 0.0, "b.u": 0.0}), Scenario(1.0), step=0.25)
+    assert all(part.log[-1] == ("finished",) for part in parts.values())
+
+
+def test_recording_keeps_what_is_asked_at_the_rate_that_is_asked(make):
+    result = run(
+        System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0, record=("a.y",), record_step=0.2), step=0.1
+    )
+    assert result.series.names == ("a.y",)
+    assert result.series.time.tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    assert result.series["a.y"].tolist() == pytest.approx(result.series.time.tolist())
+
+
+def test_progress_reaches_one(make):
+    seen = []
+    run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=1e-3, progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+def test_a_result_is_written_whole(make, tmp_path):
+    from eightpost.signals import read_series
+
+    result = run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=0.1)
+    paths = result.write(tmp_path)
+    for path in paths[:2]:
+        assert read_series(path)["a.y"].tolist() == pytest.approx(result.series["a.y"].tolist())
+    import json
+
+    document = json.loads(paths[2].read_text())
+    assert document["algorithm"] == "gauss-seidel"
+    assert document["identities"] == {"a": "function"}

@@ -1,0 +1,165 @@
+"""A system that does not fit together is refused when it is built, with names and advice."""
+
+import numpy as np
+import pytest
+
+from cosim import Bond, Connection, Scenario, System, UnitDefinition, Variable, run
+from eightpost.errors import InputError, WiringError
+from eightpost.signals import Drivefile, TimeSeries
+
+
+def drive(**channels):
+    time = np.array([0.0, 1.0])
+    return Drivefile(TimeSeries.from_channels(time, {n: (u, np.full(2, v)) for n, (u, v) in channels.items()}))
+
+
+def test_an_unknown_component_or_variable_is_named_with_what_is_close(make):
+    parts = {"a": make.gain(), "b": make.gain()}
+    with pytest.raises(WiringError, match=r"there is no component 'c'"):
+        System(parts, connections=[Connection("c.y", "b.u")])
+    with pytest.raises(WiringError, match=r"no variable 'yy'; did you mean y\?"):
+        System(parts, connections=[Connection("a.yy", "b.u")])
+    with pytest.raises(WiringError, match="not a real input"):
+        System(parts, connections=[Connection("a.y", "b.y")])
+
+
+def test_two_undeclared_sources_for_one_input_are_an_error_and_declared_ones_add_up(make):
+    def parts():
+        return {"a": make.gain(), "b": make.gain(), "sum": make.gain()}
+
+    both = [Connection("a.y", "sum.u"), Connection("b.y", "sum.u", 10.0)]
+    with pytest.raises(WiringError, match=r"sum\.u has 2 sources \(a\.y, b\.y\).*sums"):
+        System(parts(), connections=both)
+    system = System(parts(), connections=both, sums={"sum.u"}, constants={"a.u": 3.0, "b.u": 4.0})
+    result = run(system, Scenario(0.1, record=("sum.y",)), step=0.05)
+    assert result.series["sum.y"].tolist() == [43.0] * 3
+
+
+def test_a_constant_beside_a_connection_is_a_second_source(make):
+    parts = {"a": make.gain(), "b": make.gain()}
+    with pytest.raises(WiringError, match=r"b\.u has 2 sources"):
+        System(parts, connections=[Connection("a.y", "b.u")], constants={"b.u": 1.0})
+
+
+def test_units_of_another_dimension_are_refused_and_others_converted(make):
+    parts = {"a": make.gain(unit_out="mm/s"), "b": make.gain(unit_in="m/s")}
+    system = System(parts, connections=[Connection("a.y", "b.u", -1.0)], constants={"a.u": 250.0})
+    result = run(system, Scenario(0.1), step=0.1)
+    assert result.series["b.y"].tolist() == pytest.approx([-0.25, -0.25])
+    assert result.series["a.y"].tolist() == pytest.approx([0.25, 0.25])
+    assert result.series.unit("a.y") == "m/s"
+    with pytest.raises(WiringError, match=r"a\.y -> b\.u: cannot connect \[N\] to \[m/s\]"):
+        System({"a": make.gain(), "b": make.gain(unit_in="m/s")}, connections=[Connection("a.y", "b.u")])
+
+
+def test_units_are_those_the_components_define_whatever_they_are_called(make):
+    parts = {"a": make.gain(), "b": make.gain()}
+    odd = UnitDefinition("kilopond", {"kg": 1, "m": 1, "s": -2}, 9.80665)
+    parts["a"].variables = make.table(make.variable("u", "input", "N"), Variable("y", "output", unit=odd))
+    system = System(parts, connections=[Connection("a.y", "b.u")], constants={"a.u": 2.0})
+    assert run(system, Scenario(0.1), step=0.1).series["b.y"][0] == pytest.approx(19.6133)
+
+
+def test_a_unit_named_but_not_defined_is_read_by_its_name_or_refused(make):
+    parts = {"a": make.gain(), "b": make.gain(unit_in="m/s")}
+    parts["a"].variables = make.table(
+        make.variable("u", "input", "N"), Variable("y", "output", unit=UnitDefinition("km/h", {"?": 1}))
+    )
+    system = System(parts, connections=[Connection("a.y", "b.u")], constants={"a.u": 36.0})
+    assert run(system, Scenario(0.1), step=0.1).series["b.y"][0] == pytest.approx(10.0)
+    parts["a"].variables = make.table(Variable("y", "output", unit=UnitDefinition("furlong/fortnit", {"?": 1})))
+    with pytest.raises(WiringError, match="furlong"):
+        System(parts, connections=[Connection("a.y", "b.u")])
+
+
+def test_a_variable_without_unit_is_taken_as_it_is_and_the_result_says_so(make):
+    parts = {"a": make.gain(), "b": make.gain()}
+    parts["a"].variables = make.table(make.variable("u", "input", "N"), make.variable("y", "output", None))
+    system = System(parts, connections=[Connection("a.y", "b.u")], constants={"a.u": 2.0})
+    result = run(system, Scenario(0.1), step=0.1)
+    assert result.series["b.y"][0] == 2.0
+    assert any("no unit stated" in note and "a.y" in note for note in result.notes)
+
+
+def test_an_input_without_a_source_is_an_error(make):
+    with pytest.raises(WiringError, match=r"a\.u is an input without a source"):
+        run(System({"a": make.gain()}), Scenario(0.1))
+
+
+def test_drive_channels_go_to_the_only_input_of_their_name_or_where_they_are_sent(make):
+    result = run(System({"a": make.gain()}), Scenario(0.1, drive(u=("N", 5.0))), step=0.1)
+    assert result.series["a.y"].tolist() == [5.0, 5.0]
+    two = {"a": make.gain(), "b": make.gain()}
+    with pytest.raises(WiringError, match=r"'u': a\.u and b\.u takes it"):
+        run(System(two, constants={"b.u": 0.0}), Scenario(0.1, drive(u=("N", 5.0))))
+    sent = Scenario(0.1, drive(push=("N", 5.0)), {"push": "a.u"})
+    assert run(System(two, constants={"b.u": 0.0}), sent, step=0.1).series["a.y"][-1] == 5.0
+    with pytest.raises(WiringError, match=r"no channel 'pull'"):
+        run(System({"a": make.gain()}), Scenario(0.1, drive(push=("N", 5.0)), {"pull": "a.u"}))
+
+
+def test_a_driven_input_has_no_other_source_and_fitting_units(make):
+    with pytest.raises(WiringError, match=r"a\.u has two sources"):
+        run(System({"a": make.gain()}, constants={"a.u": 1.0}), Scenario(0.1, drive(u=("N", 5.0))))
+    with pytest.raises(WiringError, match="dimensions differ"):
+        run(System({"a": make.gain()}), Scenario(0.1, drive(u=("m", 5.0))))
+
+
+def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
+    ports = make.table(
+        make.variable("velocity", "output", "m/s"),
+        make.variable("displacement", "output", "m"),
+        make.variable("force", "input", "N"),
+    )
+    damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+
+    def parts():
+        return {
+            "car": make.component(ports, lambda *_: {"velocity": 2.0, "displacement": 0.0}),
+            "shock": make.component(damper, lambda _, u: {"force": 100.0 * u["velocity"]}),
+            "stop": make.component(damper, lambda _, u: {"force": 7.0 * u["velocity"]}),
+        }
+
+    bonds = [Bond.between("car", name, displacement=False) for name in ("shock", "stop")]
+    with pytest.raises(WiringError, match=r"car\.force"):
+        System(parts(), bonds)
+    system = System(parts(), bonds, sums={"car.force"})
+    run(system, Scenario(0.2), step=0.1)
+    assert system.components["car"].inputs["force"] == 214.0
+
+
+def test_a_gas_spring_without_its_displacement_is_refused(fmus):
+    with pytest.raises(WiringError, match="gas spring.*is a constant"):
+        System.load(
+            {"car": fmus["quarter_car"], "shock": fmus["lpnl2"]},
+            [Bond.between("car", "shock", displacement=False)],
+            constants={"shock.displacement": 0.0},
+        )
+
+
+def test_parameters_must_be_parameters(make):
+    with pytest.raises(WiringError, match="not a parameter"):
+        System({"a": make.gain()}, parameters={"a": {"u": 1.0}})
+    with pytest.raises(WiringError, match="no variable 'mass'"):
+        System({"a": make.gain()}, parameters={"a": {"mass": 1.0}})
+
+
+@pytest.mark.parametrize("gain", [0.0, float("nan")])
+def test_a_gain_of_nothing_is_refused(make, gain):
+    with pytest.raises(WiringError, match="gain"):
+        System({"a": make.gain(), "b": make.gain()}, connections=[Connection("a.y", "b.u", gain)])
+
+
+@pytest.mark.parametrize(
+    "options", [{"stop": 0.0}, {"stop": float("nan")}, {"stop": 1.0, "record_step": -1.0}, {"stop": 1.0, "settling": 2.0}]
+)
+def test_an_impossible_scenario_is_refused(options):
+    with pytest.raises(InputError, match="scenario"):
+        Scenario(**options)
+
+
+@pytest.mark.parametrize(("step", "record"), [(0.0, None), (2.0, None), (float("nan"), None), (0.1, 0.25)])
+def test_an_impossible_step_is_refused(make, step, record):
+    system = System({"a": make.gain()}, constants={"a.u": 1.0})
+    with pytest.raises(InputError, match="step"):
+        run(system, Scenario(1.0, record_step=record), step=step)

@@ -1,0 +1,121 @@
+"""The documentation is true of the code: names resolve, tables agree, links lead somewhere."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from eightpost.signals import ChannelMap, read_series
+from eightpost.signals.header import split_header
+from eightpost.units import convert
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+CODE = re.compile(r"`((?:eightpost|builder|cosim)\.[\w.]+)`")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+OUTSIDE = "../" + "shared"  # written in two parts, so that this file does not mention it
+
+NAMES = sorted(set(CODE.findall((ROOT / "docs" / "equations.md").read_text(encoding="utf-8"))))
+
+
+def resolve(name: str) -> object:
+    """Import the longest module of a dotted name and look up the rest."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError as error:
+            if error.name is None or not name.startswith(error.name):
+                raise
+            continue
+        for attribute in parts[count:]:
+            found = getattr(found, attribute)
+        return found
+    raise ModuleNotFoundError(name)
+
+
+@pytest.fixture(scope="module")
+def make_tables():
+    spec = importlib.util.spec_from_file_location("eightpost_docs_make_tables", ROOT / "docs" / "make_tables.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_in_the_map_of_equations_exists(name):
+    assert resolve(name) is not None
+
+
+def test_the_map_of_equations_names_code():
+    assert len(NAMES) > 30
+
+
+def test_a_name_that_is_not_there_does_not_resolve():
+    with pytest.raises(AttributeError):
+        resolve("eightpost.shock.lpnl2.Lpnl3")
+    with pytest.raises(AttributeError):
+        resolve("eightpost.shock.lpnl3.Lpnl3")
+
+
+def test_the_tables_of_ports_are_those_of_interface_toml(make_tables):
+    page = (ROOT / "docs" / "ports.md").read_text(encoding="utf-8")
+    assert make_tables.rewrite(page) == page, "run: python docs/make_tables.py"
+
+
+@pytest.mark.parametrize("source", sorted((ROOT / "fmus").glob("*/*.toml")), ids=lambda path: path.parent.name)
+def test_every_variable_stands_in_ports_with_its_reference(source):
+    """Read from the page, not made by the script: a table that was left out would show."""
+    page = (ROOT / "docs" / "ports.md").read_text(encoding="utf-8")
+    for row in tomllib.loads(source.read_text(encoding="utf-8")).get("variable", []):
+        first = re.escape(f"| `{row['name']}") + r"(\[1\] to \[\d+\])?` \| " + str(row["reference"])
+        assert re.search(rf"^{first}( to \d+)? \| [^|]*\| {re.escape(row.get('unit', ''))} \|", page, re.MULTILINE), row
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_every_relative_link_leads_to_a_file(page):
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if not re.match(r"[a-z]+:|#", target):
+            assert (page.parent / target.partition("#")[0]).exists(), f"{page.name}: {target}"
+
+
+def test_the_channel_map_of_the_page_is_read(tmp_path):
+    page = (ROOT / "docs" / "signs_and_units.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "map.toml").write_text(block, encoding="utf-8")
+    (tmp_path / "run.csv").write_text("Time;Pot;Load cell 2;v_mm_s\n0,000;1,0;100;5\n0,001;1,1;110;6\n")
+    series = read_series(tmp_path / "run.csv", channel_map=ChannelMap.read(tmp_path / "map.toml"))
+    assert series["force"][0] == pytest.approx(convert(-100.0 + 12.5, "lbf", "N"))
+    assert series["displacement"][1] == pytest.approx(1.1e-3)
+    assert series["velocity"][1] == pytest.approx(6e-3)
+
+
+def test_the_headers_of_the_page_are_split_as_it_says():
+    said = {
+        "velocity [in/s]": ("velocity", "in/s"), "velocity (in/s)": ("velocity", "in/s"), "x_mm": ("x", "mm"),
+        "v_mm_s": ("v", "mm/s"), "F_lbf": ("F", "lbf"), "T_degC": ("T", "degC"), "t_ms": ("t", "ms"),
+        "disp_in": ("disp", "in"), "temp_F": ("temp", "degF"), "max_s": ("max_s", None),
+        "sensor_in": ("sensor_in", None), "lf_force": ("lf_force", None),
+    }  # fmt: skip
+    page = (ROOT / "docs" / "signs_and_units.md").read_text(encoding="utf-8")
+    for header, expected in said.items():
+        assert f"`{header}`" in page
+        assert split_header(header) == expected
+
+
+def test_nothing_in_the_repository_points_outside_it():
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    files = [ROOT / name for name in listed.split("\0") if name]
+    found = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
+    assert found == []
