@@ -79,7 +79,7 @@ def make_case(law: Lpnl2, drive: Drivefile, stop: float, *, record_step: float =
 
 def load_system(folder: Path) -> cosim.System:
     """Load the coupled car from the FMUs in `folder`."""
-    fmus = {"car": folder / "car.fmu"} | {corner: folder / "shock.fmu" for corner in CORNERS}
+    fmus = {"car": folder / "car.fmu"} | dict.fromkeys(CORNERS, folder / "shock.fmu")
     return cosim.System.load(fmus, [cosim.Bond.between(f"car.{corner}", corner) for corner in CORNERS])
 
 

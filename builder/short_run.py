@@ -1,4 +1,7 @@
-"""A short simulation of one FMU, for `builder.check`: `python -m builder.short_run X.fmu` prints JSON on its last line."""
+"""A short simulation of one FMU, for `builder.check`.
+
+`python -m builder.short_run X.fmu` prints JSON on its last line.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def main(path: str) -> dict[str, Any]:
         findings.append("a second run in the same process gave other outputs")
     done = (
         f"simulation with fmpy, twice: {_DURATION} s in steps of {_STEP * 1e3:g} ms, a {_FREQUENCY:g} Hz sine on "
-        f"{len(inputs)} inputs, {len(outputs)} outputs finite and equal in both runs"
+        f"{len(inputs)} inputs; {len(outputs)} outputs must be finite and the same twice"
     )
     return {"done": done, "findings": findings}
 

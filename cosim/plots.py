@@ -22,7 +22,13 @@ _COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 
 
 def plot_traces(
-    runs: Mapping[str, TimeSeries], channels: Sequence[str], path: str | Path, *, start: float, stop: float
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    start: float,
+    stop: float,
+    title: str = "Time traces",
 ) -> None:
     """Draw channels over time between `start` and `stop` [s], one panel each, one line per run."""
     figure = Figure(figsize=(11, 1.9 * len(channels) + 0.8), layout="constrained")
@@ -34,12 +40,18 @@ def plot_traces(
         _label(panel, runs, channel)
     panels[-1].set_xlabel("time [s]")
     panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
-    figure.suptitle("Time traces")
+    figure.align_ylabels()
+    figure.suptitle(title)
     _save(figure, path)
 
 
 def plot_spectra(
-    runs: Mapping[str, TimeSeries], channels: Sequence[str], path: str | Path, *, highest: float = 30.0
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    highest: float = 30.0,
+    title: str = "Power spectral densities",
 ) -> None:
     """Draw power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
     figure = Figure(figsize=(11, 2.4 * ((len(channels) + 1) // 2) + 0.8), layout="constrained")
@@ -61,11 +73,13 @@ def plot_spectra(
         panel.set_xlabel("frequency [Hz]")
         panel.tick_params(labelbottom=True)
     panels[0].legend(frameon=False)
-    figure.suptitle("Power spectral densities")
+    figure.suptitle(title)
     _save(figure, path)
 
 
-def plot_measures(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path) -> None:
+def plot_measures(
+    runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
+) -> None:
     """Draw each measure's change from the first run to the others in percent; a measure of zero is left out."""
     labels = list(runs)
     baseline = runs[labels[0]]
@@ -83,7 +97,7 @@ def plot_measures(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], p
     axes.set_xlabel(f"change from {labels[0]} [%]")
     axes.grid(axis="x", alpha=0.3)
     axes.legend(frameon=False)
-    figure.suptitle("Response measures")
+    figure.suptitle(title)
     _save(figure, path)
 
 
@@ -96,7 +110,7 @@ def _displayed(series: TimeSeries, channel: str) -> np.ndarray[tuple[int], np.dt
 
 
 def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
-    panel.set_ylabel(f"{channel.partition('.')[2]}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.set_ylabel(f"{channel}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
     panel.grid(alpha=0.3)
 
 

@@ -130,7 +130,7 @@ class System:
         Raises:
             WiringError: There is no such component or variable.
         """
-        return self._find(name)
+        return find_variable(self.components, name)
 
     def input(self, name: str) -> Variable:
         """Return the input `component.variable`.
@@ -138,21 +138,10 @@ class System:
         Raises:
             WiringError: There is no such component or variable, or it is not a real input.
         """
-        variable = self._find(name)
+        variable = find_variable(self.components, name)
         if variable.causality != "input" or variable.type != "Real":
             raise WiringError(f"{name} is a {variable.type} {variable.causality}, not a real input")
         return variable
-
-    def _find(self, name: str) -> Variable:
-        component, _, variable = name.partition(".")
-        if component not in self.components:
-            raise WiringError(f"{name}: there is no component {component!r}{_advice(component, self.components)}")
-        variables = self.components[component].variables
-        if variable not in variables:
-            raise WiringError(
-                f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}"
-            )
-        return variables[variable]
 
     def _check_bond_names(self) -> None:
         names = [bond.name for bond in self.bonds]
@@ -189,7 +178,7 @@ class System:
     def _check_parameters(self) -> None:
         for component, values in self.parameters.items():
             for name in values:
-                variable = self._find(f"{component}.{name}")
+                variable = find_variable(self.components, f"{component}.{name}")
                 if variable.causality != "parameter":
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
 
@@ -204,6 +193,21 @@ class System:
                     f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is a constant; "
                     "connect it to the vehicle's displacement at that corner"
                 )
+
+
+def find_variable(components: Mapping[str, Component], name: str) -> Variable:
+    """Return the variable `component.variable`.
+
+    Raises:
+        WiringError: There is no such component or variable; the message says what is close.
+    """
+    component, _, variable = name.partition(".")
+    if component not in components:
+        raise WiringError(f"{name}: there is no component {component!r}{_advice(component, components)}")
+    variables = components[component].variables
+    if variable not in variables:
+        raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
+    return variables[variable]
 
 
 def _check_component_names(names: Iterable[str]) -> None:

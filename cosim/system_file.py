@@ -15,7 +15,7 @@ from cosim.conversion import convert_between, named_unit
 from cosim.fmu_component import FmuComponent
 from cosim.master import DEFAULT_STEP
 from cosim.scenario import Scenario
-from cosim.system import Bond, Connection, System
+from cosim.system import Bond, Connection, System, find_variable
 from eightpost import units
 from eightpost.errors import InputError, UnknownUnitError, WiringError
 from eightpost.signals import Drivefile
@@ -103,15 +103,16 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
         name: FmuComponent(fmus.get(name, folder / entry.fmu), name) for name, entry in content.components.items()
     }
     try:
-        system = _system(content, components)
+        system, scenario = _system(content, components), _scenario(path, content.scenario)
+        step = _seconds("coupling_step", content.scenario.coupling_step)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     return Case(
         name=content.name or path.stem,
         system=system,
-        scenario=_scenario(path, content.scenario),
+        scenario=scenario,
         algorithm=_algorithm(content.scenario),
-        step=_seconds(path, "coupling_step", content.scenario.coupling_step),
+        step=step,
     )
 
 
@@ -154,9 +155,9 @@ def _own_unit(
     components: Mapping[str, FmuComponent], component: str, name: str, value: bool | float | str
 ) -> bool | float | str:
     """Return a value in the variable's own unit; numbers are in it already."""
-    variable = components[component].variables.get(name)
-    if variable is None or variable.type != "Real":
-        return value  # the system check names what is unknown
+    variable = find_variable(components, f"{component}.{name}")
+    if variable.type != "Real":
+        return value
     if not isinstance(value, str):
         return float(value)
     try:
@@ -170,12 +171,12 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
     drive = Drivefile.read(path.parent / content.drivefile) if content.drivefile else None
     record_step = content.record_step
     return Scenario(
-        stop=_seconds(path, "stop", content.stop),
+        stop=_seconds("stop", content.stop),
         drive=drive,
         targets=content.targets,
         record=content.record,
-        record_step=None if record_step is None else _seconds(path, "record_step", record_step),
-        settling=_seconds(path, "settling", content.settling),
+        record_step=None if record_step is None else _seconds("record_step", record_step),
+        settling=_seconds("settling", content.settling),
     )
 
 
@@ -185,11 +186,11 @@ def _algorithm(content: _Scenario) -> Algorithm:
     return ALGORITHMS[content.algorithm]
 
 
-def _seconds(path: Path, key: str, value: Value) -> float:
+def _seconds(key: str, value: Value) -> float:
     if not isinstance(value, str):
         return value
     try:
         number, unit = units.quantity(value)
         return units.convert(number, unit, "s")
     except UnknownUnitError as error:
-        raise InputError(f"{path}: scenario.{key}: {error}") from error
+        raise InputError(f"scenario.{key}: {error}") from error

@@ -1,4 +1,7 @@
-"""The command line: `eightpost` or `python -m eightpost`. Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input."""
+"""The command line: `eightpost` or `python -m eightpost`.
+
+Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from builder.build import TARGETS, Built
 from builder.build import build as build_fmus
@@ -33,9 +33,9 @@ def build(sources: tuple[Path, ...], output: Path, target: str) -> None:
 
 def show_built(console: Console, built: list[Built]) -> None:
     """Print a table of what was built."""
-    table = Table("FMU", "from", "interface", "inputs", "outputs", "parameters", "size")
+    table = Table(Column("FMU", overflow="fold"), "interface", "inputs", "outputs", "parameters", "size")
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
         kind = f"{item.interface.kind} {item.interface.version}"
-        table.add_row(str(item.path), item.source, kind, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
+        table.add_row(str(item.path), kind, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
     console.print(table)

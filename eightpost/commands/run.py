@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
-from rich.table import Table
+from rich.table import Column, Table
 
 import cosim
 from cosim.plots import DISPLAY, plot_traces
@@ -94,7 +94,9 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
 
 
 def _statistics(result: cosim.Result) -> Table:
-    table = Table("channel", "unit", "mean", "RMS about the mean", "least", "greatest")
+    table = Table(
+        Column("channel", no_wrap=True), "unit", "mean", "RMS", "least", "greatest", caption="RMS about the mean"
+    )
     series = result.settled()
     for channel in series.names:
         unit = DISPLAY.get(series.unit(channel), series.unit(channel))

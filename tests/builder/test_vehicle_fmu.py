@@ -45,7 +45,9 @@ def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(com
 @pytest.mark.parametrize("name", CARS)
 def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(component, name):
     model = model_of(name)
-    u = np.linspace(-1.0, 1.0, len(model.inputs)) * np.where([n.endswith("road") for n in model.input_names], 0.01, 500.0)
+    u = np.linspace(-1.0, 1.0, len(model.inputs)) * np.where(
+        [n.endswith("road") for n in model.input_names], 0.01, 500.0
+    )
     expected = model.dc_gain() @ u
     fmu = component(name)
     for scale in (3.0, 1.0):

@@ -106,7 +106,9 @@ def closed_loop(car, damper, drive, stop):
     series = drive.series.window(0.0, stop)
     u = np.stack([series[name] if name in series else np.zeros(len(series)) for name in car.input_names])
     start = np.concatenate([car.steady_state(u[:, 0]), np.zeros(loop.nstates - car.A.shape[0])])
-    return dict(zip(car.output_names, np.asarray(control.forced_response(loop, series.time, u, start).outputs), strict=True))
+    return dict(
+        zip(car.output_names, np.asarray(control.forced_response(loop, series.time, u, start).outputs), strict=True)
+    )
 
 
 def linear_errors(bench, drive, law, damper, folder, steps):

@@ -145,9 +145,7 @@ def bonded(make, gain=1.0):
     """A mass of 2 kg at 3 m/s against a damper of 4 N.s/m; the mass feels the force as it is."""
     ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
     damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
-    mass = make.component(
-        ports, lambda v, _: {"velocity": v}, lambda v, u, _, h: v - u["force"] / 2.0 * h, state=3.0
-    )
+    mass = make.component(ports, lambda v, _: {"velocity": v}, lambda v, u, _, h: v - u["force"] / 2.0 * h, state=3.0)
     shock = make.component(damper, lambda _, u: {"force": 4.0 * u["velocity"]})
     return System({"mass": mass, "shock": shock}, [Bond.between("mass", "shock", gain=gain, displacement=False)])
 
@@ -179,7 +177,9 @@ def test_components_end_also_when_one_fails(make):
 
 def test_recording_keeps_what_is_asked_at_the_rate_that_is_asked(make):
     result = run(
-        System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0, record=("a.y",), record_step=0.2), step=0.1
+        System({"a": make.integrator()}, constants={"a.u": 1.0}),
+        Scenario(1.0, record=("a.y",), record_step=0.2),
+        step=0.1,
     )
     assert result.series.names == ("a.y",)
     assert result.series.time.tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])

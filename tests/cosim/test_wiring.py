@@ -151,7 +151,8 @@ def test_a_gain_of_nothing_is_refused(make, gain):
 
 
 @pytest.mark.parametrize(
-    "options", [{"stop": 0.0}, {"stop": float("nan")}, {"stop": 1.0, "record_step": -1.0}, {"stop": 1.0, "settling": 2.0}]
+    "options",
+    [{"stop": 0.0}, {"stop": float("nan")}, {"stop": 1.0, "record_step": -1.0}, {"stop": 1.0, "settling": 2.0}],
 )
 def test_an_impossible_scenario_is_refused(options):
     with pytest.raises(InputError, match="scenario"):

@@ -1,0 +1,41 @@
+# Two commands do everything on a machine with Python 3.11, git and make:
+#   make demo   installs and runs the main job on shipped data
+#   make test   installs, checks style, types and imports, and passes the tests
+# Without make (Windows): python -m venv .venv, then pip install -e .[test] in it, then python -m eightpost demo.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: demo test lint types contracts unit docs clean
+
+demo: $(INSTALLED)
+	$(BIN)/python -m eightpost demo -o demo
+
+test: lint types contracts unit
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
+	$(BIN)/mypy
+
+contracts: $(INSTALLED)
+	$(BIN)/lint-imports
+
+unit: $(INSTALLED)
+	$(BIN)/pytest -n 2 --dist loadscope
+
+docs: $(INSTALLED)
+	$(BIN)/python docs/make_tables.py
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) demo dist out build

@@ -1,0 +1,135 @@
+"""`eightpost demo`: the whole line once, on shipped synthetic data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+import cosim
+from builder.build import build as build_fmus
+from builder.check import check as check_fmu
+from cosim.plots import plot_measures, plot_spectra, plot_traces
+from cosim.study.measures import Measure, ride_measures
+from cosim.system_file import read_case
+from eightpost import units
+from eightpost.commands.build import show_built
+from eightpost.commands.check import show_report
+from eightpost.commands.fit import show_fit, show_test
+from eightpost.commands.run import run_with_progress, show_result
+from eightpost.errors import InputError
+from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
+from eightpost.ident.shock_fit import LawName
+from eightpost.rig import DynoTest, read_dyno_test
+from eightpost.shock import write_shock
+from eightpost.signals import TimeSeries
+
+_SYNTHETIC = "(synthetic data)"
+_BUILDS = ("A", "B", "C")
+_BASELINE, _SWAP, _CORNER = "A", "B", "lf"
+_TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
+_SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
+
+
+@click.command()
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
+              help="Folder for everything that the demo makes.")  # fmt: skip
+@click.pass_context
+def demo(ctx: click.Context, output: Path) -> None:
+    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure.
+
+    The dynamometer records and the track are SYNTHETIC: examples/make_demo_data.py computes them.
+    """
+    console = Console()
+    examples = examples_folder()
+    _fit_builds(console, examples, output)
+    clean = _build_and_check(console, examples, output)
+    results = _couple_and_swap(console, examples, output)
+    _measure(console, results, output)
+    console.rule("Done")
+    console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
+    for path in sorted(output.rglob("*.png")):
+        console.print(f"  {path}", highlight=False)
+    ctx.exit(0 if clean and all(result.converged for result in results.values()) else 1)
+
+
+def examples_folder() -> Path:
+    """Return the folder of examples: of the checkout, or the copy inside an installed wheel.
+
+    Raises:
+        InputError: It is not there; the installation is broken.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "examples", package.parent / "examples"):
+        if (folder / "seven_dof.toml").is_file():
+            return folder
+    raise InputError(f"no examples/ folder beside or inside {package}; install eightpost again")
+
+
+def _fit_builds(console: Console, examples: Path, output: Path) -> None:
+    """Fit all laws to the first record and LPNL2 to the others; leave shock files and pictures."""
+    console.rule("1. Fit shock laws to dynamometer records (synthetic)")
+    tests = {name: read_dyno_test(examples / "data" / f"dyno_{name}.csv") for name in _BUILDS}
+    show_test(console, tests["A"])
+    laws: tuple[LawName, ...] = ("polylinear", "lpf1", "lpnl2")
+    first = [_fit("A", tests["A"], law) for law in laws]
+    console.print(fit_table(first))
+    show_fit(console, first[-1])
+    fits = {"A": first[-1]} | {name: _fit(name, tests[name], "lpnl2") for name in _BUILDS[1:]}
+    console.print(fit_table(list(fits.values())))
+    for name, found in fits.items():
+        write_shock(found.shock, output / f"dyno_{name}.json")
+    plot_force_velocity(first, output / "fit_laws.png")
+    plot_force_velocity(list(fits.values()), output / "fit_builds.png")
+
+
+def _fit(name: str, test: DynoTest, law: LawName) -> ShockFit:
+    # The demo's static tire loads and ride heights already hold the car up, gas force and all.
+    return fit_shock(test, law, gas="included", name=f"build {name} {_SYNTHETIC}")
+
+
+def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
+    console.rule("2. Build and check FMUs")
+    shocks = [output / f"dyno_{name}.json" for name in _BUILDS]
+    built = build_fmus([*shocks, examples / "car.toml"], output / "fmus")
+    show_built(console, built)
+    reports = [check_fmu(item.path) for item in built]
+    for report in reports:
+        show_report(console, report)
+    return not any(report.findings for report in reports)
+
+
+def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str, cosim.Result]:
+    console.rule(f"3. Couple the car with four shocks, then swap the {_CORNER} shock")
+    folder = output / "fmus"
+    shocks = dict.fromkeys(("lf", "rf", "lr", "rr"), folder / f"dyno_{_BASELINE}.fmu")
+    swapped = shocks | {_CORNER: folder / f"dyno_{_SWAP}.fmu"}
+    results = {}
+    for label, fmus in ((f"{_BASELINE} everywhere", shocks), (f"{_SWAP} at {_CORNER}", swapped)):
+        case = read_case(examples / "seven_dof.toml", fmus={"car": folder / "car.fmu", **fmus})
+        results[label] = run_with_progress(console, case)
+        results[label].write(output / label.replace(" ", "_"))
+    show_result(console, f"{_BASELINE} everywhere", results[f"{_BASELINE} everywhere"])
+    return results
+
+
+def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
+    console.rule("4. Response measures")
+    series = {label: result.settled() for label, result in results.items()}
+    measures = ride_measures("car")
+    console.print(measure_table(series, measures))
+    plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
+    plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
+    plot_measures(series, measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
+
+
+def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:
+    """Return a table of measures by run, with the change of the last run from the first."""
+    table = Table("measure", "unit", *runs, "change")
+    for measure in measures:
+        values = [units.convert(measure.of(s), measure.unit(s), measure.display) for s in runs.values()]
+        change = f"{100.0 * (values[-1] / values[0] - 1.0):+.2f} %" if values[0] else ""
+        table.add_row(measure.name, measure.display, *(f"{value:.4g}" for value in values), change)
+    return table

@@ -1,0 +1,140 @@
+"""`eightpost fit`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost import units
+from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
+from eightpost.ident.shock_fit import GasTreatment, LawName, RecipeName
+from eightpost.rig import DynoConditions, DynoTest, read_dyno_test
+from eightpost.shock import LAWS, write_shock
+from eightpost.signals import ChannelMap
+
+
+@click.command()
+@click.argument("dyno_file", metavar="DYNO", type=click.Path(path_type=Path))
+@click.option("--law", type=click.Choice(list(LAWS)), default="lpnl2", show_default=True, help="Shock law.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Shock file; default: DYNO with .json here.")
+@click.option("--recipe", type=click.Choice(get_args(RecipeName)), default="joint", show_default=True,
+              help="joint: all parameters together. boggs: one after the other, as the dissertation does (3.3).")  # fmt: skip
+@click.option("--gas", type=click.Choice(get_args(GasTreatment)), default="estimate", show_default=True,
+              help="What the force channel holds. estimate: gas force, fitted and kept in the shock. included: gas "
+              "force that the car's static load already counts: fitted and left out of the shock. subtracted: none, "
+              "the dynamometer took it out.")  # fmt: skip
+@click.option(
+    "--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT", help="For a channel whose header has none."
+)
+@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/signs_and_units.md.")
+@click.option("--flip", multiple=True, metavar="CHANNEL", help="Turn a channel that is positive the other way.")
+@click.option(
+    "--segment", nargs=2, type=float, metavar="START STOP", help="Seconds of the record to fit; default 1 10."
+)
+@click.option("--cutoff", type=float, help="Low-pass on model and data [Hz]; default 50.")
+@click.option("--transition-speed", metavar="SPEED", help="Of the curve, as '15 in/s'; default 15 in/s.")
+@click.option("--name", help="Of the shock; default: the file's name.")
+@click.option("--build", help="Of the shock, as the team names it.")
+@click.option("--clicks", help="Adjusters and how they are counted: '14 from closed, rebound'.")
+@click.option("--gas-pressure", metavar="PRESSURE", help="As '150 psi'.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Force-velocity picture; default: the output as .png.")
+@click.pass_context
+def fit(  # one parameter per option
+    ctx: click.Context,
+    dyno_file: Path,
+    law: LawName,
+    output: Path | None,
+    recipe: RecipeName,
+    gas: GasTreatment,
+    unit_words: tuple[str, ...],
+    map_file: Path | None,
+    flip: tuple[str, ...],
+    segment: tuple[float, float] | None,
+    cutoff: float | None,
+    transition_speed: str | None,
+    name: str | None,
+    build: str | None,
+    clicks: str | None,
+    gas_pressure: str | None,
+    plot: Path | None,
+) -> None:
+    """Fit a shock law to a dynamometer file.
+
+    DYNO is a .csv, .parquet or .mat file with time, force, and velocity or displacement; units in its header, in a
+    channel map, or by --units. Exits 1 if the fit did not converge.
+
+    \b
+    Examples:
+      eightpost fit dyno.csv --law lpnl2 -o shock.json
+      eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
+    """
+    console = Console()
+    test = read_dyno_test(
+        dyno_file,
+        channel_map=ChannelMap.read(map_file) if map_file else None,
+        units=dict(_pair(word) for word in unit_words),
+        flip=flip,
+        conditions=DynoConditions(build, clicks, _si(gas_pressure, "Pa")),
+        cutoff=cutoff,
+    )
+    show_test(console, test)
+    found = fit_shock(
+        test,
+        law,
+        recipe=recipe,
+        gas=gas,
+        name=name,
+        segment=segment,
+        cutoff=cutoff,
+        transition_speed=_si(transition_speed, "m/s"),
+    )
+    show_fit(console, found)
+    output = output or Path(f"{dyno_file.stem}.json")
+    plot = plot or output.with_suffix(".png")
+    write_shock(found.shock, output)
+    plot_force_velocity(found, plot)
+    console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
+    ctx.exit(0 if found.converged else 1)
+
+
+def show_test(console: Console, test: DynoTest) -> None:
+    """Print what was read."""
+    series = test.series
+    console.print(
+        f"read {escape(str(test.source))}: {', '.join(series.names)}; {series.duration:.1f} s at "
+        f"{series.sample_rate:.0f} Hz",
+        soft_wrap=True,
+        highlight=False,
+    )
+    for what in test.derived:
+        console.print(f"[yellow]note[/] {escape(what)}", highlight=False)
+
+
+def show_fit(console: Console, found: ShockFit) -> None:
+    """Print a fit's quality, its parameters, and what was decided on the way."""
+    console.print(fit_table([found]))
+    console.print(parameter_table(found))
+    for what in found.changes:
+        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
+    for what in found.warnings:
+        console.print(f"[red]warning[/] {escape(what)}", highlight=False)
+    if not found.converged:
+        console.print(f"[red]not converged[/] {escape(found.status)}", highlight=False)
+
+
+def _pair(word: str) -> tuple[str, str]:
+    channel, equals, unit = word.partition("=")
+    if not (channel and equals and unit):
+        raise click.BadParameter(f"{word!r}: write it as CHANNEL=UNIT", param_hint="--units")
+    return channel, unit
+
+
+def _si(text: str | None, unit: str) -> float | None:
+    if text is None:
+        return None
+    number, given = units.quantity(text)
+    return units.convert(number, given, unit)

@@ -1,0 +1,126 @@
+"""What is no usable FMU is refused with the reason before anything is loaded or left on disk."""
+
+import struct
+import zipfile
+
+import fmpy
+import pytest
+
+from cosim import FmuComponent
+from eightpost.archive import extract_archive, read_archive, write_archive
+from eightpost.errors import FmuError, StepError
+
+
+def changed(source, target, **members):
+    """Copy an FMU with members replaced (None removes one)."""
+    content = read_archive(source)
+    for name, value in members.items():
+        content.pop(name) if value is None else content.update({name: value})
+    write_archive(target, content)
+    return target
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FmuError, match="no such file"):
+        FmuComponent(tmp_path / "none.fmu", "x")
+
+
+def test_a_broken_zip_is_refused(tmp_path, fmus):
+    (tmp_path / "text.fmu").write_text("not a zip")
+    with pytest.raises(FmuError, match="not a readable zip"):
+        FmuComponent(tmp_path / "text.fmu", "x")
+    whole = fmus["lpf1"].read_bytes()
+    (tmp_path / "cut.fmu").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FmuError, match="not a readable zip"):
+        FmuComponent(tmp_path / "cut.fmu", "x")
+
+
+def test_damaged_content_is_refused(tmp_path, fmus):
+    data = bytearray(fmus["lpf1"].read_bytes())
+    with zipfile.ZipFile(fmus["lpf1"]) as archive:
+        entry = archive.getinfo("modelDescription.xml")
+    name, extra = struct.unpack("<HH", data[entry.header_offset + 26 : entry.header_offset + 30])
+    start = entry.header_offset + 30 + name + extra
+    data[start + 20 : start + 60] = bytes(40)
+    (tmp_path / "bad.fmu").write_bytes(data)
+    with pytest.raises(FmuError, match="not a readable zip"):
+        FmuComponent(tmp_path / "bad.fmu", "x")
+
+
+@pytest.mark.parametrize("name", ["../evil.txt", "/evil.txt", "a/../../evil.txt", "..\\evil.txt", "C:/evil.txt"])
+def test_a_path_that_leaves_the_folder_is_refused_and_nothing_is_written(tmp_path, name):
+    with zipfile.ZipFile(tmp_path / "evil.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<x/>")
+        entry = zipfile.ZipInfo("placeholder")
+        entry.filename = entry.orig_filename = name
+        archive.writestr(entry, "evil")
+    with pytest.raises(FmuError, match="outside its folder"):
+        extract_archive(tmp_path / "evil.fmu", tmp_path / "out")
+    assert not list(tmp_path.rglob("evil.txt"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_symbolic_link_is_refused(tmp_path):
+    entry = zipfile.ZipInfo("link")
+    entry.external_attr = 0o120777 << 16
+    with zipfile.ZipFile(tmp_path / "link.fmu", "w") as archive:
+        archive.writestr(entry, "/etc/passwd")
+    with pytest.raises(FmuError, match="symbolic link"):
+        FmuComponent(tmp_path / "link.fmu", "x")
+
+
+def test_an_fmu_for_another_platform_is_refused_with_those_it_has(tmp_path, fmus):
+    content = read_archive(fmus["lpf1"])
+    kept = {name: data for name, data in content.items() if not name.startswith(f"binaries/{fmpy.platform}")}
+    write_archive(tmp_path / "other.fmu", kept)
+    with pytest.raises(FmuError, match=rf"no binary for this platform \({fmpy.platform}\), only for: \w+"):
+        FmuComponent(tmp_path / "other.fmu", "x")
+
+
+@pytest.mark.parametrize(
+    ("member", "value", "said"),
+    [
+        ("modelDescription.xml", None, "no modelDescription.xml"),
+        ("modelDescription.xml", b"<fmiModel", "cannot be read"),
+        ("modelDescription.xml", b'<fmiModelDescription fmiVersion="3.0"/>', "cannot be read|FMI 3.0"),
+    ],
+)
+def test_a_zip_that_is_no_fmi_2_fmu_is_refused(tmp_path, fmus, member, value, said):
+    with pytest.raises(FmuError, match=said):
+        FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{member: value}), "x")
+
+
+def test_a_model_exchange_fmu_is_refused(tmp_path, fmus):
+    xml = read_archive(fmus["lpf1"])["modelDescription.xml"].replace(b"<CoSimulation", b"<ModelExchange")
+    for attribute in (b' canHandleVariableCommunicationStepSize="true"', b' canInterpolateInputs="false"'):
+        xml = xml.replace(attribute, b"")
+    with pytest.raises(FmuError, match="model exchange only"):
+        FmuComponent(changed(fmus["lpf1"], tmp_path / "me.fmu", **{"modelDescription.xml": xml}), "x")
+
+
+def test_a_failing_component_names_itself_the_step_and_what_it_said(fmus):
+    part = FmuComponent(fmus["lpf1"], "left front")
+    part.begin(0.0, 1.0, {})
+    part.end_initialization()
+    part.set(("velocity",), (float("inf"),))
+    with pytest.raises(
+        StepError, match=r"'left front' \(lpf1.fmu\) failed to step from 0.25 s by 0.001 s.*velocity = inf"
+    ):
+        part.step(0.25, 1e-3)
+    part.finish()
+    part.finish()
+
+
+def test_what_the_model_description_says_is_known(fmus):
+    part = FmuComponent(fmus["seven_dof"], "car")
+    velocity = part.variables["lf.velocity"]
+    assert (velocity.causality, velocity.unit.name, dict(velocity.unit.exponents)) == (
+        "output",
+        "m/s",
+        {"m": 1, "s": -1},
+    )
+    assert part.variables["lf.tire_force"].direct == {"lf.road"}
+    assert velocity.direct == frozenset()
+    assert part.capabilities.state
+    assert not part.capabilities.interpolates_inputs
+    part.finish()

@@ -1,0 +1,123 @@
+"""A system file holds a system and its scenario; what is wrong in it is named."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.system_file import read_case
+from eightpost.errors import FmuError, InputError, WiringError
+from eightpost.signals import TimeSeries, write_series
+
+TEXT = """
+schema = 1
+name = "quarter car"
+
+[components.car]
+fmu = "quarter_car.fmu"
+parameters = { static_tire_force = "750 lbf", start_at_equilibrium = true }
+inputs = { aero_force = "100 lbf" }
+
+[components.shock]
+fmu = "lpnl2.fmu"
+parameters = { compression_scale = 1.2 }
+
+[[bond]]
+between = ["car", "shock"]
+
+[scenario]
+drivefile = "road.csv"
+stop = "0.2 s"
+coupling_step = "1 ms"
+record = ["car.velocity", "car.tire_force", "shock.force"]
+record_step = 0.01
+settling = "50 ms"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, fmus):
+    for name in ("quarter_car", "lpnl2", "polylinear"):
+        shutil.copy(fmus[name], tmp_path / f"{name}.fmu")
+    time = np.linspace(0.0, 1.0, 101)
+    road = 0.005 * np.sin(2 * np.pi * 3 * time)
+    write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), tmp_path / "road.csv")
+    return tmp_path
+
+
+def write(folder, text):
+    path = folder / "case.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_case_is_read_with_units_converted_and_runs(folder):
+    case = read_case(write(folder, TEXT))
+    assert case.name == "quarter car"
+    assert case.step == pytest.approx(1e-3)
+    assert case.scenario.stop == pytest.approx(0.2)
+    assert case.scenario.settling == pytest.approx(0.05)
+    assert case.system.parameters["car"]["static_tire_force"] == pytest.approx(750 * 4.4482216152605)
+    assert case.system.constants["car.aero_force"] == pytest.approx(444.82216152605)
+    result = cosim.run(case.system, case.scenario, algorithm=case.algorithm, step=case.step)
+    assert result.series.names == ("car.velocity", "car.tire_force", "shock.force")
+    # 750 lbf of car, 100 lbf of downforce.
+    assert result.series["car.tire_force"][0] == pytest.approx(850 * 4.4482216152605, rel=1e-6)
+    assert result.share_tire_off == {"car.tire_force": 0.0}
+    assert set(result.identities) == {"car", "shock"}
+
+
+def test_a_shock_is_swapped_without_touching_the_file(folder, fmus):
+    swapped = read_case(write(folder, TEXT), fmus={"shock": fmus["polylinear"]})
+    assert "time_constant" not in swapped.system.components["shock"].variables
+    with pytest.raises(WiringError, match="no component 'damper' to swap"):
+        read_case(write(folder, TEXT), fmus={"damper": fmus["polylinear"]})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "said"),
+    [
+        ("schema = 1", "schema = 9", InputError, "schema 9"),
+        ("schema = 1", "schema = ", InputError, "not a readable TOML file"),
+        ("[scenario]", "[scenery]", InputError, "scenario: Field required"),
+        ('name = "quarter car"', 'nome = "x"', InputError, "nome: Extra inputs"),
+        ('stop = "0.2 s"', 'stop = "0.2 m"', InputError, r"scenario\.stop"),
+        ('stop = "0.2 s"', 'stop = "soon"', InputError, r"scenario\.stop"),
+        ('stop = "0.2 s"', "stop = -1.0", InputError, "stop must be a positive time"),
+        ('stop = "0.2 s"', 'stop = "0.2 s"\nalgorithm = "magic"', InputError, "scenario.algorithm"),
+        ('"750 lbf"', '"750 in"', WiringError, "dimensions differ"),
+        ('"750 lbf"', '"heavy"', WiringError, "'heavy' is not a value"),
+        ("compression_scale", "compresion_scale", WiringError, "did you mean compression_scale"),
+        ("aero_force", "aerial_force", WiringError, "did you mean aero_force"),
+        ('["car", "shock"]', '["cart", "shock"]', WiringError, "no component 'cart'"),
+        ("road.csv", "street.csv", InputError, "street.csv"),
+        ("lpnl2.fmu", "none.fmu", FmuError, "none.fmu: there is no such file"),
+    ],
+)
+def test_what_is_wrong_in_a_system_file_is_named(folder, old, new, error, said):
+    assert old in TEXT
+    with pytest.raises(error, match=said) as caught:
+        read_case(write(folder, TEXT.replace(old, new)))
+    assert "case.toml" in str(caught.value) or "none.fmu" in str(caught.value) or "street.csv" in str(caught.value)
+
+
+def test_an_unknown_recorded_channel_is_named(folder):
+    case = read_case(write(folder, TEXT.replace("car.tire_force", "car.tyre_force")))
+    with pytest.raises(WiringError, match=r"car\.tyre_force.*did you mean tire_force"):
+        cosim.run(case.system, case.scenario)
+
+
+def test_a_file_that_is_missing_is_named(tmp_path):
+    with pytest.raises(InputError, match="there is no such file"):
+        read_case(tmp_path / "none.toml")
+
+
+def test_beyond_the_fitted_range_and_lift_off_are_counted(folder):
+    time = np.linspace(0.0, 1.0, 101)
+    road = 0.2 * np.sin(2 * np.pi * 3 * time)
+    write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")
+    case = read_case(write(folder, TEXT))
+    result = cosim.run(case.system, case.scenario, step=case.step)
+    assert 0.2 < result.share_beyond_fit["shock"] < 1.0
+    assert 0.1 < result.share_tire_off["car.tire_force"] < 0.9
