@@ -43,7 +43,7 @@ def read_archive(path: str | Path) -> dict[str, bytes]:
                 _refuse_unsafe(path, entry)
             return {entry.filename: archive.read(entry) for entry in archive.infolist() if not entry.is_dir()}
     except FileNotFoundError:
-        raise FmuError(f"{path}: there is no such file") from None
+        raise FmuError(f"{path}: there is no such file; mend the path, or make it first (eightpost build)") from None
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
         raise FmuError(f"{path}: is not a readable zip archive ({error}); copy or build it again") from error
 

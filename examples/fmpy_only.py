@@ -32,9 +32,11 @@ class Instance:
         self.fmu.enterInitializationMode()
 
     def set(self, name, value):
+        """Set a real variable."""
         self.fmu.setReal([self.references[name]], [value])
 
     def get(self, name):
+        """Return a real variable."""
         return self.fmu.getReal([self.references[name]])[0]
 
 
@@ -77,4 +79,5 @@ def main(car_path, shock_path):
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         sys.exit(__doc__)
-    print("fastest %.4f m/s, tire force changed by %.1f N" % main(*sys.argv[1:]))
+    peak, moved = main(*sys.argv[1:])
+    print(f"fastest {peak:.4f} m/s, tire force changed by {moved:.1f} N")

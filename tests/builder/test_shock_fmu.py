@@ -40,8 +40,9 @@ def law_with(law, values):
             if index:
                 changed = list(curve[field])
                 changed[int(index) - 1] = value
-                value = tuple(changed)
-            curve[field] = value
+                curve[field] = tuple(changed)
+            else:
+                curve[field] = value
     port = {name: values.get(name, getattr(law.port, name)) for name in law.port.__slots__}
     own = {name: values.get(name, getattr(law, name)) for name in eightpost.shock.own_parameters(type(law))}
     return type(law)(curve=type(law.curve)(**curve), port=type(law.port)(**port), **own)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from builder.build import build
+from cosim import FmuComponent
 from eightpost.errors import FmuError, StepError
 from eightpost.vehicle import (
     Channel,
@@ -110,8 +111,6 @@ def free_mass() -> StateSpace:
 
 
 def test_a_model_without_a_steady_state_refuses_to_start_in_one(tmp_path):
-    from cosim import FmuComponent
-
     write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", free_mass()))
     (built,) = build([tmp_path / "free.json"], tmp_path)
     fmu = FmuComponent(built.path, "free")

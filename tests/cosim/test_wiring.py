@@ -129,7 +129,7 @@ def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
 
 
 def test_a_gas_spring_without_its_displacement_is_refused(fmus):
-    with pytest.raises(WiringError, match="gas spring.*is a constant"):
+    with pytest.raises(WiringError, match=r"gas spring.*is a constant"):
         System.load(
             {"car": fmus["quarter_car"], "shock": fmus["lpnl2"]},
             [Bond.between("car", "shock", displacement=False)],

@@ -1,0 +1,121 @@
+"""The command line says what it did, and its exit code says how it went: 0 done, 1 not acceptable, 2 wrong input."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from eightpost import __version__
+from eightpost.__main__ import main
+from eightpost.archive import read_archive, write_archive
+from eightpost.shock import read_shock
+
+ROOT = Path(__file__).parents[2]
+VERBS = ("fit", "build", "check", "run", "demo")
+
+
+@pytest.fixture
+def eightpost():
+    def call(*words):
+        return CliRunner().invoke(main, [str(word) for word in words])
+
+    return call
+
+
+def test_help_lists_the_verbs_in_the_order_of_the_work(eightpost):
+    shown = eightpost("--help")
+    assert shown.exit_code == 0
+    places = [shown.output.index(f"\n  {verb} ") for verb in VERBS]
+    assert places == sorted(places)
+    assert __version__ in eightpost("--version").output
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(eightpost, verb):
+    shown = eightpost(verb, "--help")
+    assert shown.exit_code == 0
+    if verb != "demo":
+        assert "Example" in shown.output
+
+
+@pytest.mark.slow
+def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
+    output = tmp_path / "shock.json"
+    shown = eightpost(
+        "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "lpf1", "-o", output, "--clicks", "3 from closed",
+        "--gas-pressure", "150 psi", "--build", "C",
+    )  # fmt: skip
+    assert shown.exit_code == 0, shown.output
+    assert "LPF1" in shown.output
+    assert "time_constant" in shown.output
+    shock = read_shock(output)
+    assert 0.0005 < shock.law.time_constant < 0.003
+    assert shock.conditions["clicks"] == "3 from closed"
+    assert output.with_suffix(".png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fit", "none.csv"), "none.csv"),
+        (("fit", "{text}"), "x.txt"),
+        (("fit", "{dyno}", "--units", "force"), "CHANNEL=UNIT"),
+        (("fit", "{dyno}", "--transition-speed", "fast"), "fast"),
+        (("fit", "{dyno}", "--law", "magic"), "magic"),
+        (("fit", "{dyno}", "--flip", "force"), "positive"),
+        (("build", "none.json"), "none.json"),
+        (("build", "{text}"), "shock files"),
+        (("check", "none.fmu"), "none.fmu"),
+        (("check", "{text}"), "zip"),
+        (("run", "none.toml"), "none.toml"),
+        (("run", "{case}"), "build"),
+        (("run", "{case}", "--fmu", "lf"), "NAME=FILE"),
+    ],
+)
+def test_wrong_input_exits_2_with_a_message_and_writes_nothing(eightpost, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.txt").write_text("nothing of use\n")
+    shutil.copy(ROOT / "examples" / "seven_dof.toml", tmp_path / "case.toml")
+    before = sorted(tmp_path.rglob("*"))
+    places = {"text": tmp_path / "x.txt", "dyno": ROOT / "examples/data/dyno_A.csv", "case": tmp_path / "case.toml"}
+    shown = eightpost(*(word.format(**places) for word in words))
+    assert shown.exit_code == 2, shown.output
+    assert said in shown.output.replace("\n", " ")
+    assert "Traceback" not in shown.output
+    assert [p for p in sorted(tmp_path.rglob("*")) if p.is_file()] == [p for p in before if p.is_file()]
+
+
+def test_check_exits_1_when_something_is_found(eightpost, fmus, tmp_path):
+    members = read_archive(fmus["lpf1"])
+    members["modelDescription.xml"] = members["modelDescription.xml"].replace(b'unit="m/s"', b'unit="knots"')
+    write_archive(tmp_path / "lpf1.fmu", members)
+    shown = eightpost("check", tmp_path / "lpf1.fmu")
+    assert shown.exit_code == 1
+    assert "knots" in shown.output
+    assert eightpost("check", fmus["lpf1"]).exit_code == 0
+
+
+def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path):
+    shutil.copy(fmus["quarter_car"], tmp_path / "car.fmu")
+    shutil.copy(fmus["lpnl2"], tmp_path / "shock.fmu")
+    (tmp_path / "case.toml").write_text(
+        '[components.car]\nfmu = "car.fmu"\ninputs = { road = 0, aero_force = 0 }\n'
+        '[components.shock]\nfmu = "shock.fmu"\nparameters = { lag_zero_force = 1.0 }\n'
+        '[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 0.1\n'
+    )
+    shown = eightpost("run", tmp_path / "case.toml", "-o", tmp_path / "out")
+    assert shown.exit_code == 1
+    assert "shock" in shown.output
+    assert "lag_zero_force" in shown.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_demo_does_the_whole_line_and_leaves_plots(eightpost, tmp_path):
+    shown = eightpost("demo", "-o", tmp_path / "demo")
+    assert shown.exit_code == 0, shown.output[-3000:]
+    assert "synthetic" in shown.output
+    assert "total tire force" in shown.output
+    names = {path.name for path in (tmp_path / "demo").rglob("*.png")}
+    assert names == {"fit_laws.png", "fit_builds.png", "traces.png", "spectra.png", "measures.png"}

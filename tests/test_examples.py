@@ -1,0 +1,99 @@
+"""Every example and every snippet of README runs, in a folder of its own."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cosim
+from builder.build import build
+from eightpost.shock import write_shock
+from eightpost.signals import Drivefile, TimeSeries, read_series
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(*arguments, cwd):
+    environment = os.environ | {"PYTHONWARNINGS": "error", "MPLBACKEND": "Agg"}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, check=False, env=environment
+    )
+
+
+@pytest.fixture
+def workplace(tmp_path):
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_the_python_example_of_readme_runs_as_it_stands(workplace):
+    (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    (workplace / "snippet.py").write_text(snippet)
+    ran = python("snippet.py", cwd=workplace)
+    assert ran.returncode == 0, ran.stderr
+    numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", ran.stdout)]
+    percent, force = numbers[:2]
+    assert percent < 4.0
+    assert 500 < force < 1500
+    assert abs(numbers[-1]) < 1e-2
+
+
+@pytest.mark.slow
+def test_the_commands_of_readme_run_as_they_stand(workplace):
+    text = (ROOT / "README.md").read_text()
+    commands = re.findall(r"^eightpost (.*)$", text, re.MULTILINE)
+    assert [c.split()[0] for c in commands] == ["fit", "build", "check", "run"]
+    # Three seconds of the track tell as much as thirty.
+    case = workplace / "examples" / "seven_dof.toml"
+    case.write_text(case.read_text().replace('stop = "30 s"', 'stop = "3 s"'))
+    for command in commands:
+        ran = python("-m", "eightpost", *command.split(), cwd=workplace)
+        assert ran.returncode == 0, f"{command}\n{ran.stdout}\n{ran.stderr}"
+    series = read_series(workplace / "out" / "series.parquet")
+    assert series.time[-1] == pytest.approx(3.0)
+    assert 0.02 < series["car.lf.velocity"].std() < 0.3
+    assert (workplace / "out" / "traces.png").stat().st_size > 10_000
+
+
+def test_the_fmpy_only_loop_gives_what_our_master_gives(workplace, fmus, shocks, tmp_path):
+    write_shock(shocks["lpnl2"], tmp_path / "shock.json")
+    build([ROOT / "examples" / "car.toml", tmp_path / "shock.json"], tmp_path)
+    ran = python("examples/fmpy_only.py", tmp_path / "car.fmu", tmp_path / "shock.fmu", cwd=workplace)
+    assert ran.returncode == 0, ran.stderr
+    fastest, change = map(float, re.search(r"fastest (\S+) m/s, tire force changed by (\S+) N", ran.stdout).groups())
+
+    # The loop holds a step of the road from 0.1 s on; the master holds the drive's mean, so the edge is put between.
+    time = np.array([0.0, 0.1 - 1e-9, 0.1, 0.5])
+    drive = Drivefile(TimeSeries.from_channels(time, {"lf.road": ("m", [0.0, 0.0, 0.01, 0.01])}))
+    corners = ("lf", "rf", "lr", "rr")
+    still = ("rf.road", "lr.road", "rr.road", "heave_force", "roll_moment", "pitch_moment")
+    system = cosim.System.load(
+        {"car": tmp_path / "car.fmu"} | dict.fromkeys(corners, tmp_path / "shock.fmu"),
+        [cosim.Bond.between(f"car.{c}", c) for c in corners],
+        constants={f"car.{name}": 0.0 for name in still},
+    )
+    series = cosim.run(system, cosim.Scenario(0.5, drive), step=1e-3).series
+    assert fastest == pytest.approx(series["car.lf.velocity"].max(), abs=1e-4)
+    tire = series["car.lf.tire_force"]
+    assert change == pytest.approx(tire[-1] - tire[0], abs=0.5)
+
+
+def test_the_demo_data_are_what_their_script_makes(tmp_path):
+    """Bytes may differ between versions of numpy and scipy; the samples may not."""
+    shutil.copy(ROOT / "examples" / "make_demo_data.py", tmp_path)
+    (tmp_path / "data").mkdir()
+    ran = python("make_demo_data.py", cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    made = sorted(path.name for path in (tmp_path / "data").iterdir())
+    assert made == sorted(path.name for path in (ROOT / "examples" / "data").iterdir())
+    for name in made:
+        new, shipped = (read_series(folder / name) for folder in (tmp_path / "data", ROOT / "examples" / "data"))
+        assert new.names == shipped.names
+        scale = np.ptp(shipped.values, axis=1, keepdims=True)
+        np.testing.assert_allclose(new.values / scale, shipped.values / scale, atol=5e-4)

@@ -1,0 +1,72 @@
+"""Units are those of the field, converted by their definitions."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eightpost import units
+from eightpost.errors import UnknownUnitError
+
+#: Definitions: the inch, the pound and standard gravity are exact.
+INCH, POUND, GRAVITY = 0.0254, 0.45359237, 9.80665
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "factor"),
+    [
+        ("in", "m", INCH), ("in/s", "m/s", INCH), ("ips", "m/s", INCH), ("mm/s", "m/s", 1e-3), ("kN", "N", 1e3),
+        ("lb", "N", POUND * GRAVITY), ("lbs", "N", POUND * GRAVITY), ("lbf", "N", POUND * GRAVITY),
+        ("lbm", "kg", POUND), ("lbf/in", "N/m", POUND * GRAVITY / INCH),
+        ("lbf/(in/s)", "N.s/m", POUND * GRAVITY / INCH),
+        ("lbf.s/in", "N.s/m", POUND * GRAVITY / INCH), ("lbm.in2", "kg.m2", POUND * INCH**2), ("g", "m/s2", GRAVITY),
+        ("deg", "rad", 3.141592653589793 / 180), ("ms", "s", 1e-3), ("psi", "Pa", POUND * GRAVITY / INCH**2),
+        ("lbf.in", "N.m", POUND * GRAVITY * INCH), ("Hz", "Hz", 1.0), ("1", "1", 1.0), ("clicks", "1", 1.0),
+    ],
+)  # fmt: skip
+def test_a_unit_of_the_field_has_its_si_unit_and_factor(unit, si, factor):
+    assert units.si_unit(unit) == si
+    assert units.conversion(unit, si) == (pytest.approx(factor, rel=1e-12), 0.0)
+
+
+def test_temperatures_have_an_offset():
+    assert units.convert(110.0, "degF", "K") == pytest.approx(316.483333, abs=1e-6)
+    assert units.convert(25.0, "C", "K") == pytest.approx(298.15)
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from([("lbf", "N"), ("in/s", "mm/s"), ("degF", "degC")]))
+def test_a_conversion_undoes_itself(value, pair):
+    there, back = pair
+    assert units.convert(units.convert(value, there, back), back, there) == pytest.approx(value, rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "exponents"),
+    [
+        ("N", {"kg": 1, "m": 1, "s": -2}), ("m/s2", {"m": 1, "s": -2}), ("N.m", {"kg": 1, "m": 2, "s": -2}),
+        ("N.s/m", {"kg": 1, "s": -1}), ("rad", {"rad": 1}), ("1", {}), ("W", {"kg": 1, "m": 2, "s": -3}),
+    ],
+)  # fmt: skip
+def test_si_exponents_are_those_of_the_base_units(unit, exponents):
+    assert units.si_exponents(unit) == exponents
+
+
+@pytest.mark.parametrize("unit", ["furlong/fortnit", "velocity", "x", "N/"])
+def test_what_is_no_unit_is_refused_with_an_example(unit):
+    with pytest.raises(UnknownUnitError, match="write it as for example"):
+        units.si_unit(unit)
+
+
+def test_other_dimensions_are_refused():
+    with pytest.raises(UnknownUnitError, match="dimensions differ"):
+        units.convert(1.0, "N", "m")
+
+
+@pytest.mark.parametrize(("text", "value"), [("70 in", (70.0, "in")), ("1.5e6 lbm.in2", (1.5e6, "lbm.in2"))])
+def test_a_quantity_is_a_value_with_its_unit(text, value):
+    assert units.quantity(text) == value
+
+
+@pytest.mark.parametrize("text", ["in", "seventy in", "70 sideways", ""])
+def test_what_is_no_quantity_is_refused(text):
+    with pytest.raises(UnknownUnitError):
+        units.quantity(text)
