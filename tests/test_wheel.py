@@ -42,11 +42,12 @@ def test_an_unpacked_wheel_builds_an_fmu_without_the_checkout(wheel, tmp_path):
         "assert 'site' in b.__file__ and 'site' in str(examples_folder()); "
         "print(b.build([v.shipped('quarter_car')], 'out')[0].path)"
     )
+    paths = [str(tmp_path / "site"), *sys.path]
     command = [
         sys.executable,
         "-S",
         "-c",
-        f"import sys; sys.path[:0] = {[str(tmp_path / 'site'), *sys.path]!r}; {script}",
+        f"import sys; sys.path[:0] = {paths!r}; {script}",
     ]
     ran = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr

@@ -22,7 +22,7 @@ from eightpost.signals import ChannelMap
 @click.option("--law", type=click.Choice(list(LAWS)), default="lpnl2", show_default=True, help="Shock law.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Shock file; default: DYNO with .json here.")
 @click.option("--recipe", type=click.Choice(get_args(RecipeName)), default="joint", show_default=True,
-              help="joint: all parameters together. boggs: one after the other, as the dissertation does (3.3).")  # fmt: skip
+              help="joint: all parameters together. boggs: one after the other, as in 3.3.")  # fmt: skip
 @click.option("--gas", type=click.Choice(get_args(GasTreatment)), default="estimate", show_default=True,
               help="What the force channel holds. estimate: gas force, fitted and kept in the shock. included: gas "
               "force that the car's static load already counts: fitted and left out of the shock. subtracted: none, "
