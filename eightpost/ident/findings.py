@@ -1,0 +1,102 @@
+"""What a fit found that a person should know before the shock is used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.ident.dynamics import FadingLag
+from eightpost.ident.solution import linear_solution
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from eightpost.ident.parameters import Parameter
+    from eightpost.ident.solution import Solution
+
+#: An offset that was to be taken out is notable from this share of the force's standard deviation.
+_NOTABLE_OFFSET = 0.01
+
+#: Share of the standard deviation from which the residual says that the law does not describe the shock.
+_POOR = 0.1
+
+_IN_WORDS = {"s": (1e3, "ms"), "N": (convert(1.0, "N", "lbf"), "lbf"), "N/m": (convert(1.0, "N/m", "lbf/in"), "lbf/in")}
+
+
+def in_field_units(value: float, unit: str) -> tuple[float, str]:
+    """Return an SI value in the unit that people read it in: ms, lbf, lbf/in."""
+    factor, name = _IN_WORDS[unit]
+    return factor * value, name
+
+
+def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str, rms: float) -> list[str]:
+    """Return a sentence for everything doubtful about a solution.
+
+    Args:
+        solution: Of a recipe.
+        parameters: Its scalar parameters.
+        recipe: Its name.
+        gas: The treatment of the gas force.
+        rms: Of the residual [N].
+    """
+    # A gas stiffness at its lowest, 0, is no cause for doubt.
+    own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
+    found = [] if solution.converged else [f"the fit did not converge: {solution.status}"]
+    found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
+    found += _unused_fading(solution)
+    found += _stiff_with_lag(solution, recipe)
+    found += _offset(solution) if gas == "subtracted" else []
+    deviation = solution.model.prepared.deviation
+    if rms > _POOR * deviation:
+        found.append(
+            f"the residual is {100.0 * rms / deviation:.1f} % of the force's standard deviation: this law does not "
+            "describe this record well"
+        )
+    return found
+
+
+def _at_bound(parameter: Parameter) -> str:
+    value, unit = in_field_units(parameter.value, parameter.unit)
+    return f"{parameter.name} = {value:.4g} {unit} sits at the {parameter.at_bound} end of its bounds"
+
+
+def _unused_fading(solution: Solution) -> list[str]:
+    """Say where LPNL2's transition forces do nothing, or cannot be as high as LPF1 would need them."""
+    model = solution.model
+    if not isinstance(model.dynamics, FadingLag):
+        return []
+    b, _, theta = model.split(solution.parameters)
+    peak = float(np.abs(model.basis.columns @ b).max())
+    if float(model.dynamics.values(theta)[1]) >= peak:
+        return ["alpha is 1 over the whole record: LPNL2 is LPF1 here, and its transition forces mean nothing"]
+    if model.dynamics.bounds()[1][1] < peak:
+        highest, unit = in_field_units(float(model.dynamics.bounds()[1][1]), "N")
+        return [
+            f"the bound of {highest:.4g} {unit} on lag_full_force lies below the record's static force: LPNL2 cannot "
+            "become LPF1 here and may be worse"
+        ]
+    return []
+
+
+def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
+    """Say where the gas stiffness was fitted to a force whose lag nothing else explained."""
+    if solution.model.gas.count < 2 or (recipe == "joint" and solution.model.dynamics.names):
+        return []
+    return ["gas_stiffness was fitted without a lag and holds part of it; a joint LPF1 fit tells the two apart"]
+
+
+def _offset(solution: Solution) -> list[str]:
+    """Say where a force that is held to be free of gas still has an offset at rest."""
+    prepared = solution.model.prepared
+    inside = prepared.inside
+    columns = np.column_stack([solution.model.basis.columns[inside], np.ones(int(inside.sum()))])
+    offset = float(linear_solution(columns, prepared.measured)[-1])
+    if abs(offset) <= _NOTABLE_OFFSET * prepared.deviation:
+        return []
+    pounds, unit = in_field_units(offset, "N")
+    return [
+        f"an offset of {pounds:.3g} {unit} ({offset:.3g} N) is left in the force although the gas force was said to be "
+        "subtracted; the curve passes through zero and cannot hold it: fit with gas 'estimate'"
+    ]

@@ -1,0 +1,89 @@
+"""Bounds of the dynamic parameters: the dissertation's (3.3.3), moved where the record asks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_POUND = convert(1.0, "lbf", "N")
+
+#: tau [s], transition forces [N] and their smallest distance [N] of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, 1 lbf.
+TIME_CONSTANT, FORCE, GAP = (1e-4, 1e-2), (10.0 * _POUND, 1000.0 * _POUND), _POUND
+
+#: A record below this rate [Hz] may show longer lags; the bound is opened to this [s]. Measured ones reach 30 ms.
+_SLOW_RATE, _LONG_LAG = 1000.0, 5e-2
+
+#: tau is not sought below this share of the sampling interval.
+_SHORTEST_SHARE = 0.1
+
+#: Room for the transition forces above the record's peak, so that alpha = 1 can be reached everywhere.
+_HEADROOM = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds of the dynamic parameters.
+
+    Attributes:
+        time_constant: Lowest and highest tau [s].
+        force: Lowest and highest transition force [N].
+        gap: Smallest distance of the two transition forces [N].
+        lag_changes: A sentence for each bound of tau that is not the dissertation's.
+        force_changes: The same for the transition forces.
+    """
+
+    time_constant: tuple[float, float]
+    force: tuple[float, float]
+    gap: float
+    lag_changes: tuple[str, ...] = ()
+    force_changes: tuple[str, ...] = ()
+
+
+def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> Limits:
+    """Return the bounds that suit a record.
+
+    Args:
+        force: (N,) measured [N].
+        rate: Of its samples [Hz].
+        ceiling: The highest transition force whatever the record [N].
+    """
+    peak = float(np.abs(force - force.mean()).max())
+    time_constant, lag_changes = _time_constant(rate)
+    forces, gap = (min(FORCE[0], 0.1 * peak), min(_HEADROOM * peak, ceiling)), min(GAP, 0.05 * peak)
+    return Limits(time_constant, forces, gap, lag_changes, _force_changes(forces, gap, peak))
+
+
+def _time_constant(rate: float) -> tuple[tuple[float, float], tuple[str, ...]]:
+    lowest, highest = max(TIME_CONSTANT[0], _SHORTEST_SHARE / rate), TIME_CONSTANT[1]
+    changes = []
+    if lowest > TIME_CONSTANT[0] * (1.0 + 1e-9):
+        why = "a tenth of the record's sampling interval"
+        changes.append(f"shortest tau {1e3 * lowest:.3g} ms instead of 0.1 ms: {why}")
+    if rate < _SLOW_RATE:
+        highest = _LONG_LAG
+        changes.append(f"longest tau {1e3 * highest:.3g} ms instead of 10 ms: the record is sampled at {rate:.4g} Hz")
+    return (lowest, highest), tuple(changes)
+
+
+def _force_changes(forces: tuple[float, float], gap: float, peak: float) -> tuple[str, ...]:
+    changes, why = [], f"the record's force peaks at {_force(peak)} about its mean"
+    if forces[0] < FORCE[0]:
+        changes.append(f"lowest transition force {_force(forces[0])} instead of 10 lbf: {why}")
+    if forces[1] != FORCE[1]:
+        changes.append(f"highest transition force {_force(forces[1])} instead of 1000 lbf: {why}")
+    if gap < GAP:
+        changes.append(f"transition forces {_force(gap)} apart or more instead of 1 lbf: {why}")
+    return tuple(changes)
+
+
+def _force(force: float) -> str:
+    return f"{convert(force, 'N', 'lbf'):.4g} lbf ({force:.4g} N)"

@@ -1,0 +1,82 @@
+"""Tables of fits for people: one like Table 3.4, and the parameters of each fit."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from eightpost.ident.findings import in_field_units
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eightpost.ident.parameters import Parameter
+    from eightpost.ident.shock_fit import ShockFit
+
+_TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}
+
+
+def fit_table(fits: Sequence[ShockFit]) -> Table:
+    """Return a table of fits as Table 3.4 has it; the reduction is from the first Polylinear among them.
+
+    Args:
+        fits: Of one record.
+    """
+    table = Table(title=f"Fit of {fits[0].shock.name}" if fits else "Fit")
+    table.add_column("law", no_wrap=True)
+    for title in ("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s"):
+        table.add_column(title, justify="right")
+    static = next((fit.rms for fit in fits if fit.shock.law_name == "polylinear"), None)
+    for fit in fits:
+        table.add_row(
+            _TITLES[fit.shock.law_name],
+            f"{convert(fit.rms, 'N', 'lbf'):.2f}",
+            f"{fit.rms:.2f}",
+            f"{fit.percent:.2f}",
+            _reduction(fit, static),
+            f"{fit.seconds:.2f}",
+        )
+    return table
+
+
+def parameter_table(fit: ShockFit) -> Table:
+    """Return the parameters of a fit: value, standard error and bounds in SI and in field units."""
+    table = Table(title=f"{fit.shock.name}, {_TITLES[fit.shock.law_name]}: parameters")
+    table.add_column("parameter", no_wrap=True)
+    for title in ("value", "± error", "SI", "bounds"):
+        table.add_column(title, justify="right")
+    table.add_column("at bound")
+    for parameter in fit.parameters:
+        value, unit = in_field_units(parameter.value, parameter.unit)
+        table.add_row(
+            parameter.name,
+            f"{value:.4g} {unit}",
+            _error(parameter),
+            f"{parameter.value:.4g} {parameter.unit}",
+            _bounds(parameter),
+            parameter.at_bound or "-",
+        )
+    return table
+
+
+def _reduction(fit: ShockFit, static: float | None) -> str:
+    if static is None or fit.shock.law_name == "polylinear":
+        return "-"
+    return f"{100.0 * (1.0 - fit.rms / static):.1f}"
+
+
+def _error(parameter: Parameter) -> str:
+    if parameter.error is None:
+        return "not determined"
+    value, unit = in_field_units(parameter.error, parameter.unit)
+    return f"{value:.2g} {unit}"
+
+
+def _bounds(parameter: Parameter) -> str:
+    if parameter.bounds is None:
+        return "-"
+    (low, unit), (high, _) = (in_field_units(bound, parameter.unit) for bound in parameter.bounds)
+    return f"{low:.4g} to {high:.4g} {unit}" if isfinite(high) else f"{low:.4g} or more"

@@ -1,0 +1,60 @@
+"""Wrong choices are refused by name; what is doubtful is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident import fit_shock
+from eightpost.ident.basis import curve_coefficients
+from eightpost.ident.fitted_curve import fitted_curve
+from eightpost.shock import Lpf1
+
+
+@pytest.fixture(scope="module")
+def laggard(curve, law_record):
+    """A shock whose lag of 15 ms is beyond the dissertation's bounds."""
+    return law_record(Lpf1(curve, 1.5e-2), 1)
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ({"law": "lpf2"}, "unknown law 'lpf2'; it must be one of polylinear, lpf1, lpnl2"),
+        ({"recipe": "fast"}, "unknown recipe 'fast'; it must be one of joint, boggs"),
+        ({"gas": "none"}, "unknown gas treatment 'none'; it must be one of estimate, included, subtracted"),
+    ],
+)
+def test_an_unknown_choice_is_refused(laggard, choice, message):
+    with pytest.raises(ParameterError, match=message):
+        fit_shock(laggard, **{"law": "lpf1", **choice})
+
+
+def test_a_bound_that_is_hit_is_reported(laggard):
+    fit = fit_shock(laggard, "lpf1")
+    assert fit.parameter("time_constant").at_bound == "upper"
+    assert any("time_constant = 1" in warning and "upper end" in warning for warning in fit.warnings)
+    assert fit.shock.fit["parameters"]["time_constant"]["at_bound"] == "upper"
+
+
+def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
+    record = law_record(Lpf1(curve, 1.3e-3), 1)
+    lpf1, lpnl2 = fit_shock(record, "lpf1"), fit_shock(record, "lpnl2")
+    assert lpnl2.rms <= lpf1.rms * (1.0 + 1e-9)
+    assert lpnl2.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
+
+
+def test_a_curve_that_turns_back_is_named_with_its_velocities(basis, curve):
+    coefficients = curve_coefficients(curve)
+    coefficients[15] -= 300.0
+    _, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
+    assert any("not monotone" in warning and "14.6 to 15.3 in/s" in warning for warning in warnings)
+
+
+def test_an_end_slope_out_of_proportion_gives_way_to_a_robust_one(basis, curve):
+    coefficients = curve_coefficients(curve)
+    coefficients[15:19] = coefficients[15], 900.0, 0.0, -500.0  # falls at the end
+    found, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
+    assert found.compression_slope >= 0.0
+    assert any("30" in warning.split("in/s")[0] or "31" in warning.split("in/s")[0] for warning in warnings)

@@ -1,0 +1,80 @@
+"""The gas force is estimated, left to the car, or gone already; the curve always passes through zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.ident import evaluate, fit_shock
+from eightpost.ident.basis import curve_forces
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Lpf1, Port
+
+
+def same_curve(first, second):
+    velocity = np.linspace(-0.6, 0.6, 200)
+    one, two = curve_forces(first.shock.law.curve, velocity), curve_forces(second.shock.law.curve, velocity)
+    return np.sqrt(np.mean((one - two) ** 2) / np.mean(one**2))
+
+
+@pytest.fixture(scope="module")
+def with_gas(curve, law_record, gas_port):
+    return law_record(Lpf1(curve, 1.3e-3, port=gas_port), 1)
+
+
+@pytest.fixture(scope="module")
+def without_gas(curve, law_record):
+    return law_record(Lpf1(curve, 1.3e-3), 1)
+
+
+def test_estimate_finds_preload_and_stiffness(with_gas, gas_port):
+    fit = fit_shock(with_gas, "lpf1")
+    reference = fit.shock.conditions["displacement_reference [m]"]
+    at_reference = gas_port.gas_preload + gas_port.gas_stiffness * reference
+    assert fit.shock.law.port.gas_preload == pytest.approx(at_reference, abs=2.0)
+    assert fit.shock.law.port.gas_stiffness == pytest.approx(gas_port.gas_stiffness, rel=0.05)
+    assert fit.shock.law.curve.force(0.0) == 0.0
+
+
+def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_port):
+    fit = fit_shock(with_gas, "lpf1", gas="included")
+    assert fit.shock.law.port == Port()
+    assert fit.shock.conditions["gas_preload_estimate [N]"] == pytest.approx(gas_port.gas_preload, abs=2.0)
+    assert same_curve(fit, fit_shock(with_gas, "lpf1")) < 1e-9
+    assert evaluate(fit.shock, with_gas).percent < 0.3
+
+
+def test_subtracted_gives_the_same_curve_on_a_record_without_gas(without_gas):
+    fit = fit_shock(without_gas, "lpf1", gas="subtracted")
+    assert fit.shock.law.port == Port()
+    assert same_curve(fit, fit_shock(without_gas, "lpf1")) < 1e-3
+    assert not fit.warnings
+
+
+def test_an_offset_left_over_is_warned_about(with_gas):
+    fit = fit_shock(with_gas, "lpf1", gas="subtracted")
+    assert any("offset of 4" in warning and "lbf" in warning for warning in fit.warnings)
+
+
+def test_without_displacement_only_the_preload_is_estimated(with_gas):
+    blind = DynoTest(with_gas.series.select(["velocity", "force"]))
+    fit = fit_shock(blind, "lpf1")
+    assert fit.shock.law.port.gas_stiffness == 0.0
+    assert fit.shock.law.port.gas_preload == pytest.approx(204.6, abs=3.0)
+    assert any("no displacement" in change for change in fit.changes)
+
+
+@pytest.mark.parametrize("recipe", ["joint", "boggs"])
+def test_a_gas_spring_never_pulls(curve, law_record, recipe):
+    record = law_record(Lpf1(curve, 1e-4, port=Port()), 1)
+    series = record.series.with_channel("force", "N", record.series["force"] - 3000.0 * record.series["displacement"])
+    fit = fit_shock(DynoTest(series), "polylinear", recipe=recipe)
+    assert fit.shock.law.port.gas_stiffness >= 0.0
+    assert fit.shock.law.port.gas_stiffness < 5.0
+
+
+def test_the_reference_travels_with_the_shock(with_gas):
+    fit = fit_shock(with_gas, "lpf1")
+    shifted = with_gas.series.with_channel("displacement", "m", with_gas.series["displacement"] + 0.01)
+    offset = evaluate(fit.shock, DynoTest(shifted)).offset
+    assert offset == pytest.approx(-0.01 * fit.shock.law.port.gas_stiffness, abs=0.5)

@@ -1,0 +1,57 @@
+"""Measured records, where EIGHTPOST_DATA names their folder: nothing of them is shipped."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from eightpost.errors import WrongSignError
+from eightpost.ident import evaluate, fit_shock
+from eightpost.rig.dyno_test import read_dyno_test
+
+FOLDER = os.environ.get("EIGHTPOST_DATA")
+pytestmark = pytest.mark.skipif(not FOLDER, reason="EIGHTPOST_DATA does not name the folder of measured records")
+DATA = Path(FOLDER or ".")
+RECORDS = (
+    "ohlins/ohlins_t1_1_1_18_18_s5_n10_150psi.csv",
+    "ohlins/ohlins_t1_1_1_18_18_s5_n10_50psi.csv",
+    "ohlins/ohlins_t1_1_1_18_18_s1_n10_150psi.csv",
+    "ohlins/ohlins_t1_3_3_24_24_s5_n10_100psi.csv",
+    "labcontrol/labcontrol_ensaio.vali.1.csv",
+    "labcontrol/labcontrol_ensaio8.2.csv",
+    "labcontrol/labcontrol_ensaio1.csv",
+)
+
+
+def read(name):
+    """Read a record; the force of the 18-18 runs is positive in extension."""
+    try:
+        return read_dyno_test(DATA / name)
+    except WrongSignError:
+        return read_dyno_test(DATA / name, flip=("force",))
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
+    record = read(name)
+    fits = {law: fit_shock(record, law) for law in ("polylinear", "lpf1", "lpnl2")}
+    assert fits["polylinear"].rms > 1.5 * fits["lpf1"].rms
+    assert fits["lpnl2"].rms <= 1.001 * fits["lpf1"].rms
+    for fit in fits.values():
+        assert fit.changes
+        assert not any("not monotone" in warning for warning in fit.warnings)
+
+
+@pytest.mark.parametrize("name", RECORDS)
+@pytest.mark.parametrize("law", ["polylinear", "lpf1", "lpnl2"])
+def test_the_dissertation_recipe_runs_too(name, law):
+    assert fit_shock(read(name), law, recipe="boggs").percent < 100.0
+
+
+def test_another_run_is_predicted_better_with_a_lag():
+    """ensaio8.2 predicts ensaio.vali.1 (the same damper, another day): 24 % static, 21 % LPF1, 19 % LPNL2."""
+    first, other = read("labcontrol/labcontrol_ensaio8.2.csv"), read("labcontrol/labcontrol_ensaio.vali.1.csv")
+    errors = {law: evaluate(fit_shock(first, law).shock, other).percent for law in ("polylinear", "lpf1", "lpnl2")}
+    assert errors["lpnl2"] < errors["lpf1"] < errors["polylinear"] < 30.0

@@ -1,0 +1,153 @@
+"""What is fitted follows the record, and every departure from the dissertation's choices is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError, TooShortError
+from eightpost.ident import fit_shock
+from eightpost.ident.limits import limits_for
+from eightpost.ident.preparation import prepare, single_frequency
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Lpf1
+from eightpost.signals import TimeSeries
+
+
+def said(changes, *words):
+    return any(all(word in change for word in words) for change in changes)
+
+
+@pytest.fixture(scope="module")
+def record(curve, law_record):
+    return law_record(Lpf1(curve, 1.3e-3), 1)
+
+
+def test_the_dissertation_record_is_taken_as_it_is(record):
+    prepared = prepare(record)
+    assert prepared.changes == ()
+    assert prepared.cutoff == 50.0
+    assert prepared.transition_speed == pytest.approx(0.381)
+    inside = prepared.record.time[prepared.inside]
+    assert (inside[0], inside[-1]) == pytest.approx((1.0, 10.0), abs=1e-6)
+
+
+def test_a_100_hz_record_lowers_the_cutoff(curve, law_record):
+    fit = fit_shock(law_record(Lpf1(curve, 1.5e-2), 1, rate=100.0), "lpf1")
+    assert said(fit.changes, "cut-off", "50", "40")
+    assert said(fit.changes, "longest tau 50 ms")
+    assert said(fit.changes, "shortest tau 1 ms")
+    assert fit.parameter("time_constant").value == pytest.approx(1.5e-2, rel=0.1)
+
+
+def test_a_slow_record_moves_the_transition(curve, law_record):
+    fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1, slower=8.0), "lpf1")
+    found = fit.shock.law.curve
+    slower = min(found.compression_speed, found.rebound_speed)
+    assert found.transition_speed == pytest.approx(0.6 * slower, rel=0.05)
+    assert found.transition_width == pytest.approx(found.transition_speed / 30.0)
+    assert said(fit.changes, "transition moved from 15 in/s", "its width")
+
+
+def test_a_side_without_data_beyond_the_transition_goes_on_straight(record):
+    fit = fit_shock(record, "lpf1", transition_speed=1.5)
+    assert said(fit.changes, "straight line", "compression")
+    assert said(fit.changes, "straight line", "rebound")
+    assert fit.shock.law.curve.compression[2:] == (0.0, 0.0)
+    assert fit.percent < 1.0
+
+
+def test_a_short_record_is_fitted_whole_less_the_edges(record):
+    short = DynoTest(record.series.window(0.0, 4.0))
+    prepared = prepare(short)
+    inside = prepared.record.time[prepared.inside]
+    assert (inside[0], inside[-1]) == pytest.approx((0.12, 3.88), abs=1e-3)
+    assert said(prepared.changes, "filter's edges", "4 s")
+
+
+def test_seconds_count_from_the_start_of_the_record(record):
+    late = TimeSeries(record.series.time + 700.0, record.series.values, record.series.names, record.series.units)
+    early, shifted = fit_shock(record, "lpf1"), fit_shock(DynoTest(late), "lpf1")
+    assert shifted.rms == pytest.approx(early.rms, rel=1e-6)
+
+
+def test_an_idle_start_is_not_fitted_alone(record):
+    series = record.series
+    time = np.arange(round(12.0 * 2000)) / 2000.0 + series.time[-1] + 5e-4
+    idle = {name: (unit, np.zeros(time.size)) for name, unit in zip(series.names, series.units, strict=True)}
+    rest = TimeSeries.from_channels(time - time[0], idle)
+    joined = TimeSeries(
+        np.append(rest.time, series.time + rest.time[-1] + 5e-4),
+        np.hstack([rest.values, series.values]),
+        series.names,
+        series.units,
+    )
+    assert said(prepare(DynoTest(joined)).changes, "all of the record", "peak speed")
+
+
+def test_an_uneven_record_is_resampled(record):
+    series = record.series.window(0.0, 3.0)
+    time = series.time + 1e-2 * np.sin(3.0 * series.time)
+    assert said(prepare(DynoTest(TimeSeries(time, series.values, series.names, series.units))).changes, "resampled")
+
+
+def test_a_fast_record_is_thinned(curve, law_record):
+    prepared = prepare(law_record(Lpf1(curve, 1.3e-3), 1, rate=10000.0))
+    assert prepared.rate == pytest.approx(2000.0)
+    assert said(prepared.changes, "every 5th sample")
+
+
+def test_options_are_reported(record):
+    prepared = prepare(record, segment=(2.0, 6.0), cutoff=80.0, transition_speed=0.3)
+    assert said(prepared.changes, "seconds 2 to 6", "asked")
+    assert said(prepared.changes, "cut-off 80 Hz", "asked")
+    assert said(prepared.changes, "transition moved", "asked")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"segment": (5.0, 20.0)}, "0 to 10.5 s"),
+        ({"segment": (5.0, 4.0)}, "from 5 to 4"),
+        ({"cutoff": 900.0}, "0.4 of the record's 2000 Hz"),
+        ({"cutoff": -1.0}, "between 0"),
+        ({"transition_speed": -0.1}, "transition speed must be positive"),
+    ],
+)
+def test_an_option_that_does_not_suit_is_refused(record, option, message):
+    with pytest.raises(ParameterError, match=message):
+        fit_shock(record, "lpf1", **option)
+
+
+def test_too_few_samples_are_refused(record):
+    with pytest.raises(TooShortError, match="samples"):
+        fit_shock(record, "lpf1", segment=(3.0, 3.04))
+
+
+def test_a_single_sine_is_recognised_and_its_stiffness_not_guessed(curve):
+    time = np.arange(6000) / 500.0
+    displacement = 0.018 * np.sin(2 * np.pi * 1.1 * time)
+    velocity = 2 * np.pi * 1.1 * 0.018 * np.cos(2 * np.pi * 1.1 * time)
+    force = np.array([curve.force(v) for v in velocity])
+    channels = {"velocity": ("m/s", velocity), "force": ("N", force), "displacement": ("m", displacement)}
+    test = DynoTest(TimeSeries.from_channels(time, channels))
+    assert single_frequency(velocity, 500.0) == pytest.approx(1.1, abs=0.1)
+    fit = fit_shock(test, "lpf1")
+    assert said(fit.changes, "one sine of 1.", "look alike")
+    assert fit.shock.law.port.gas_stiffness == 0.0
+
+
+def test_limits_are_the_dissertation_ones_for_its_record():
+    force = np.array([-500.0, 500.0]) * 4.4482216
+    limits = limits_for(force, 2000.0)
+    assert limits.time_constant == (1e-4, 1e-2)
+    assert limits.force == pytest.approx((44.48, 4448.2), rel=1e-4)
+    assert limits.lag_changes == ()
+
+
+def test_limits_follow_a_weak_shock():
+    limits = limits_for(np.array([-50.0, 50.0]), 2000.0)
+    assert limits.force[0] == pytest.approx(5.0)
+    assert limits.force[1] == pytest.approx(100.0)
+    assert limits.gap == pytest.approx(2.5)
+    assert len(limits.force_changes) == 3

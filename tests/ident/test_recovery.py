@@ -1,0 +1,89 @@
+"""A known shock comes back from its record."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.ident import evaluate, fit_shock
+from eightpost.ident.basis import curve_forces
+from eightpost.shock import Lpf1, Lpnl2, read_shock, write_shock
+
+
+def curve_error(found, truth):
+    """RMS error of the curve over its fitted range, in percent of the truth's RMS."""
+    velocity = np.linspace(-found.rebound_speed, found.compression_speed, 500)
+    true = curve_forces(truth, velocity)
+    return 100.0 * np.sqrt(np.mean((curve_forces(found, velocity) - true) ** 2) / np.mean(true**2))
+
+
+def test_lpf1_inside_the_class(curve, law_record):
+    fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1")
+    assert fit.converged
+    assert curve_error(fit.shock.law.curve, curve) < 0.5
+    assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
+    assert fit.percent < 0.2
+    assert not fit.warnings
+
+
+def test_lpnl2_inside_the_class(curve, law_record):
+    fit = fit_shock(law_record(Lpnl2(curve, 1.3e-3, 400.0, 1600.0), 2), "lpnl2")
+    assert curve_error(fit.shock.law.curve, curve) < 0.5
+    assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
+    assert fit.parameter("lag_full_force").value == pytest.approx(400.0, abs=40.0)
+    assert fit.parameter("lag_zero_force").value == pytest.approx(1600.0, rel=0.03)
+    assert fit.percent < 0.2
+
+
+def test_a_step_at_the_transition_is_followed_where_the_record_shows_it(curve, law_record):
+    stepped = replace(curve, compression=(curve.compression[0] + 60.0, 2500.0, -300.0, 0.0))
+    fit = fit_shock(law_record(Lpf1(stepped, 1.3e-3), 3), "lpf1")
+    assert curve_error(fit.shock.law.curve, stepped) < 0.5
+    assert not any("join" in change for change in fit.changes)
+
+
+def test_outside_the_class_the_held_out_error_is_under_one_percent(digressive_record):
+    fit = fit_shock(digressive_record(4), "lpf1")
+    held_out = evaluate(fit.shock, digressive_record(5))
+    assert held_out.percent < 1.0
+    assert held_out.beyond < 0.01
+    assert fit.parameter("time_constant").value == pytest.approx(1.7e-3, rel=0.03)
+
+
+def test_the_error_bars_hold_the_truth(curve, law_record):
+    fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 6), "lpf1")
+    tau = fit.parameter("time_constant")
+    assert abs(tau.value - 1.3e-3) < 5.0 * tau.error + 0.002 * 1.3e-3
+    assert tau.error < 0.02 * tau.value
+
+
+def test_evaluating_on_the_fitted_record_gives_the_fit_error(curve, law_record):
+    test = law_record(Lpf1(curve, 1.3e-3), 1)
+    fit = fit_shock(test, "lpf1", gas="included")
+    assert evaluate(fit.shock, test).rms == pytest.approx(fit.rms, rel=1e-9)
+
+
+def test_a_fit_is_saved_and_read_back(curve, law_record, tmp_path):
+    fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpnl2", name="build 1")
+    write_shock(fit.shock, tmp_path / "shock.json")
+    back = read_shock(tmp_path / "shock.json")
+    assert back.law == fit.shock.law
+    assert back.name == "build 1"
+    document = json.loads((tmp_path / "shock.json").read_text())
+    assert document["fit"]["recipe"] == "joint"
+    assert len(fit.digest) == 64
+    assert back.conditions["velocity_range [m/s]"][1] == back.law.curve.compression_speed
+
+
+def test_the_ends_go_on_upward_and_the_range_is_the_measured_one(curve, law_record):
+    test = law_record(Lpf1(curve, 1.3e-3), 1)
+    found = fit_shock(test, "lpf1").shock.law.curve
+    assert found.compression_slope >= 0.0
+    assert found.rebound_slope >= 0.0
+    inside = test.series.window(0.88, 10.12)["velocity"]
+    assert found.compression_speed == pytest.approx(inside.max(), abs=3e-3)
+    assert found.rebound_speed == pytest.approx(-inside.min(), abs=3e-3)
+    assert found.force(0.0) == 0.0

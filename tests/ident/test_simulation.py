@@ -1,0 +1,66 @@
+"""A simulated record is the scalar law stepped through it, for every law and any port."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from eightpost.errors import MissingChannelError
+from eightpost.ident import simulate
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
+from eightpost.signals import TimeSeries
+
+PORT = Port(1.2, 0.9, 1.1, 700.0, 200.0, 15.0, 0.004)
+LAWS = {
+    "polylinear": lambda curve, port: Polylinear(curve, port=port),
+    "lpf1": lambda curve, port: Lpf1(curve, 1.3e-3, port=port),
+    "lpnl2": lambda curve, port: Lpnl2(curve, 1.3e-3, 300.0, 1500.0, port=port),
+}
+velocities = arrays(np.float64, 30, elements=st.floats(-2.5, 2.5, allow_subnormal=False))
+
+
+def stepped(law, series):
+    """The slow way: response and advance of the scalar law."""
+    velocity, displacement = series["velocity"].tolist(), series["displacement"].tolist()
+    steps = [series.duration / (len(series) - 1)] * (len(series) - 1) if series.is_uniform else np.diff(series.time)
+    lagged = law.static_force(velocity[0])
+    forces = [law.response(lagged, velocity[0], displacement[0]).force]
+    for n, step in enumerate(steps, start=1):
+        lagged = law.advance(lagged, velocity[n - 1], velocity[n], float(step))
+        forces.append(law.response(lagged, velocity[n], displacement[n]).force)
+    return np.array(forces)
+
+
+def record(velocity, time):
+    return TimeSeries.from_channels(time, {"velocity": ("m/s", velocity), "displacement": ("m", 0.01 * velocity)})
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(velocity=velocities)
+def test_an_even_record(curve, name, velocity):
+    law, series = LAWS[name](curve, PORT), record(velocity, np.arange(30) / 2000.0)
+    np.testing.assert_allclose(simulate(law, series), stepped(law, series), rtol=1e-12, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_an_uneven_record(curve, name):
+    generator = np.random.default_rng(3)
+    law = LAWS[name](curve, PORT)
+    series = record(generator.normal(size=60), np.cumsum(generator.uniform(2e-4, 2e-3, 60)))
+    assert not series.is_uniform
+    np.testing.assert_allclose(simulate(law, series), stepped(law, series), rtol=1e-12, atol=1e-9)
+
+
+def test_without_displacement_the_gas_spring_rests_at_its_reference(curve):
+    series = record(np.zeros(5), np.arange(5) / 100.0).select(["velocity"])
+    np.testing.assert_allclose(
+        simulate(Polylinear(curve, port=Port(gas_preload=50.0, gas_stiffness=9e3)), series), 50.0
+    )
+
+
+def test_without_velocity_it_says_so(curve):
+    with pytest.raises(MissingChannelError, match="velocity"):
+        simulate(Polylinear(curve), record(np.zeros(5), np.arange(5.0)).select(["displacement"]))
