@@ -30,6 +30,7 @@ unit: $(INSTALLED)
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py
+	$(BIN)/python docs/make_pictures.py
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)

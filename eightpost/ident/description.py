@@ -37,14 +37,14 @@ def conditions_of(test: DynoTest, prepared: Prepared, *, gas: str, gas_force: tu
     described: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
     described |= _temperature(test, prepared)
     described |= {
-        "velocity_range [m/s]": _range(prepared.record["velocity"]),
+        "velocity_range [m/s]": _range(prepared.record["velocity"][prepared.inside]),
         "frequency_range [Hz]": _frequency_range(prepared),
         "gas_treatment": gas,
         "gas_preload_estimate [N]": gas_force[0],
         "gas_stiffness_estimate [N/m]": gas_force[1],
     }
     if "displacement" in prepared.record:
-        absolute = prepared.record["displacement"] + prepared.reference
+        absolute = prepared.record["displacement"][prepared.inside] + prepared.reference
         described["displacement_range [m]"] = _range(absolute)
         described["displacement_reference [m]"] = prepared.reference
     if test.derived:

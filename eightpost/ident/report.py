@@ -20,23 +20,20 @@ _TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}
 
 
 def fit_table(fits: Sequence[ShockFit]) -> Table:
-    """Return a table of fits as Table 3.4 has it; the reduction is from the first Polylinear among them.
-
-    Args:
-        fits: Of one record.
-    """
-    table = Table(title=f"Fit of {fits[0].shock.name}" if fits else "Fit")
+    """Return a table of fits as Table 3.4 has it; the reduction is from the Polylinear of the same shock, if any."""
+    table = Table("shock", title="Fits")
     table.add_column("law", no_wrap=True)
     for title in ("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s"):
         table.add_column(title, justify="right")
-    static = next((fit.rms for fit in fits if fit.shock.law_name == "polylinear"), None)
+    static = {fit.shock.name: fit.rms for fit in fits if fit.shock.law_name == "polylinear"}
     for fit in fits:
         table.add_row(
+            fit.shock.name,
             _TITLES[fit.shock.law_name],
             f"{convert(fit.rms, 'N', 'lbf'):.2f}",
             f"{fit.rms:.2f}",
             f"{fit.percent:.2f}",
-            _reduction(fit, static),
+            _reduction(fit, static.get(fit.shock.name)),
             f"{fit.seconds:.2f}",
         )
     return table

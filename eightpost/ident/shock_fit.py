@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from eightpost.errors import ParameterError
 from eightpost.ident.basis import CurveBasis, working_basis
@@ -135,7 +136,9 @@ def fit_shock(
     columns, held = gas_columns(prepared, gas)
     joins = _straight_sides(prepared)
     dynamics = dynamics_for(law, limits)
-    solution = chosen.fit(lambda join: ForceModel(prepared, _basis(prepared, join, joins), columns, dynamics))
+    # Matrices this small gain nothing from several threads, and lose much where something else wants the cores.
+    with threadpool_limits(1, "blas"):
+        solution = chosen.fit(lambda join: ForceModel(prepared, _basis(prepared, join, joins), columns, dynamics))
     changes = (
         *prepared.changes,
         *_limit_changes(law, limits),
@@ -198,11 +201,11 @@ def _result(
     prepared, model = solution.model.prepared, solution.model
     b, g, theta = model.split(solution.parameters)
     basis = CurveBasis(prepared.transition_speed, prepared.transition_width)
-    curve, ends = fitted_curve(basis, model.basis.to_curve @ b, prepared.record["velocity"])
+    measured = _inside(prepared.record, prepared)
+    curve, ends = fitted_curve(basis, model.basis.to_curve @ b, measured["velocity"])
     preload, stiffness = model.gas.values(g)
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
     predicted = _predicted(model.dynamics.law(curve, fitted_port, theta), prepared)
-    measured = _inside(prepared.record, prepared)
     rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
     parameters = parameters_of(solution)
     doubts = [*findings(solution, parameters, recipe=recipe, gas=gas, rms=rms), *ends]
