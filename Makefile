@@ -26,7 +26,7 @@ contracts: $(INSTALLED)
 	$(BIN)/lint-imports
 
 unit: $(INSTALLED)
-	$(BIN)/pytest -n 2 --dist loadscope
+	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py

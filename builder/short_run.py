@@ -13,6 +13,7 @@ import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
+_ERROR = 3  # fmi2Error
 _DURATION, _STEP, _FREQUENCY = 0.5, 1e-3, 4.0
 
 #: Size of the sine on an input, by its SI unit: what a race car sees.
@@ -25,11 +26,15 @@ def main(path: str) -> dict[str, Any]:
     inputs = [v for v in description.modelVariables if v.causality == "input" and v.type == "Real"]
     outputs = [v.name for v in description.modelVariables if v.causality == "output" and v.type == "Real"]
     signals = _signals(inputs)
+    errors: list[str] = []
     try:
-        first, second = (_simulate(path, signals, outputs) for _ in range(2))
+        first, second = (_simulate(path, signals, outputs, errors) for _ in range(2))
     except Exception as error:  # whatever fmpy raises is the finding
         return {"done": "a short simulation, which failed", "findings": [f"{type(error).__name__}: {error}"]}
-    findings = [f"output {name} is not finite" for name in outputs if not np.isfinite(first[name]).all()]
+    findings = [f"it logged an error: {message}" for message in dict.fromkeys(errors)]
+    findings += [f"output {name} is not finite" for name in outputs if not np.isfinite(first[name]).all()]
+    if first["time"][-1] < _DURATION - _STEP / 2:
+        findings.append(f"it ended at {first['time'][-1]:g} s, before the stop time of {_DURATION:g} s")
     if first.tobytes() != second.tobytes():
         findings.append("a second run in the same process gave other outputs")
     done = (
@@ -48,9 +53,20 @@ def _signals(inputs: list[Any]) -> NDArray[Any]:
     return signals
 
 
-def _simulate(path: str, signals: NDArray[Any], outputs: list[str]) -> NDArray[Any]:
+def _simulate(path: str, signals: NDArray[Any], outputs: list[str], errors: list[str]) -> NDArray[Any]:
+    def log(_environment: Any, _instance: Any, status: int, _category: Any, message: bytes) -> None:
+        if status >= _ERROR:
+            errors.append(message.decode("utf-8", "replace").strip())
+
     result = fmpy.simulate_fmu(
-        path, stop_time=_DURATION, output_interval=_STEP, input=signals, output=outputs, fmi_type="CoSimulation"
+        path,
+        stop_time=_DURATION,
+        output_interval=_STEP,
+        input=signals,
+        output=outputs,
+        fmi_type="CoSimulation",
+        logger=log,
+        debug_logging=True,
     )
     return np.asarray(result)
 

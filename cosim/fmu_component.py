@@ -22,6 +22,7 @@ logger = logging.getLogger(__name__)
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
+_ERROR = 3  # fmi2Error
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL)
 
 
@@ -47,6 +48,7 @@ class FmuComponent:
         self._arrays: dict[tuple[str, ...], tuple[Any, Any]] = {}
         self._slave: Any = None
         self._messages: list[str] = []
+        self._errors = 0
 
     @property
     def variables(self) -> Mapping[str, Variable]:
@@ -67,13 +69,13 @@ class FmuComponent:
         """Instantiate, set parameters, set up the experiment and enter initialization."""
         self._call("instantiate", self._instantiate)
         for name, value in parameters.items():
-            self._call(f"set {name} = {value!r}", self._set_parameter, name, value)
+            self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
         self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=stop)
         self._call("enter initialization", self._slave.enterInitializationMode)
 
     def end_initialization(self) -> None:
         """Leave initialization mode."""
-        self._call("leave initialization", self._slave.exitInitializationMode)
+        self._call_without_error("leave initialization", self._slave.exitInitializationMode)
         self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
@@ -140,6 +142,7 @@ class FmuComponent:
     def _log(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
         text = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
         logger.log(_LEVELS[min(max(status, 0), 4)], "%s: %s", self._name, text)
+        self._errors += status >= _ERROR
         if status > 0:
             self._messages.append(text.strip())
 
@@ -165,10 +168,18 @@ class FmuComponent:
         try:
             function(*arguments, **options)
         except (fmpy.fmi1.FMICallException, OSError, AttributeError) as error:
-            said = "; ".join(self._messages[-3:]) or "it gave no reason"
-            raise StepError(
-                f"component {self._name!r} ({self._path.name}) failed to {what}: {error} It said: {said}"
-            ) from error
+            raise self._failure(what, str(error)) from error
+
+    def _failure(self, what: str, error: str) -> StepError:
+        said = "; ".join(dict.fromkeys(self._messages[-3:])) or "it gave no reason"
+        return StepError(f"component {self._name!r} ({self._path.name}) failed to {what}: {error} It said: {said}")
+
+    def _call_without_error(self, what: str, function: Any, *arguments: Any) -> None:
+        """Call where an error in the log counts too: some FMUs (PythonFMU's) can say it nowhere else."""
+        errors = self._errors
+        self._call(what, function, *arguments)
+        if self._errors > errors:
+            raise self._failure(what, "it logged an error.")
 
 
 def _read_description(path: Path, folder: Path) -> Any:

@@ -18,6 +18,11 @@ _KINDS = {"Real": Real, "Boolean": Boolean}
 class TableSlave(Fmi2Slave):
     """Holds every variable in `self.values`; a model reads its inputs and parameters there and writes its outputs.
 
+    No exception may leave a slave: pythonfmu answers one with fmi2Fatal and damages the interpreter's memory on the
+    way. So whatever is wrong is logged with its reason, the old values stay, and the next step is refused
+    (fmi2Discard); the one after that is fine again. Parameters that do not fit each other refuse every step until
+    they do, and an initialization that failed refuses all of them.
+
     A model gives three things: `initialise` (a consistent start from inputs and parameters), `advance` (one step) and
     `refresh` (its parameters have changed).
     """
@@ -34,6 +39,7 @@ class TableSlave(Fmi2Slave):
         self.initialising = True
         self.stale = True
         self.refused = None
+        self.started = False
         for row in table["variables"]:
             self._register(row)
 
@@ -67,11 +73,9 @@ class TableSlave(Fmi2Slave):
 
     def _get(self, name):
         if self.initialising and self.stale:
-            try:
-                self._update()
-                self.initialise()
-            except ValueError as error:  # leaving initialization says it again, if it is still so then
-                self._refuse(str(error))
+            refused = self.refused
+            self._guarded(self._start)
+            self.refused = refused  # leaving initialization tries again
         return self.values[name]
 
     def _set(self, row, value):
@@ -94,43 +98,104 @@ class TableSlave(Fmi2Slave):
             return f"{name} = {value!r} {row['unit']} is not between {low} and {high}"
         return None
 
-    # An exception in a setter or getter would end the instance (fmi2Fatal). So the old value stays, the reason is
-    # logged, and the next step is refused (fmi2Discard); the one after that is fine again. Parameters that do not
-    # fit each other refuse every step until they do.
     def _refuse(self, reason):
         self.refused = reason
         self.log(reason, Fmi2Status.error, "logStatusError")
+
+    def _guarded(self, action, *arguments):
+        """Do something that may fail; say whether it did not."""
+        try:
+            action(*arguments)
+        except Exception as error:
+            self._refuse(str(error) or type(error).__name__)
+            return False
+        return True
 
     def _update(self):
         self.refresh()
         self.stale = False
 
-    def exit_initialization_mode(self):
+    def _start(self):
         self._update()
         self.initialise()
+
+    def exit_initialization_mode(self):
+        self.started = self._guarded(self._start)
         self.initialising = False
-        self.refused = None
 
     def do_step(self, current_time, step_size):
-        if not (isfinite(step_size) and step_size > 0.0):
+        if not self.started:
+            self._refuse("initialization did not succeed; reset, mend what it said, and start again")
+        elif not (isfinite(step_size) and step_size > 0.0):
             self._refuse(f"a step of {step_size!r} s from {current_time!r} s: it must be positive")
-        try:
-            if self.stale:
-                self._update()
-        except ValueError as error:
-            self._refuse(str(error))
+        elif self.stale:
+            self._guarded(self._update)
         if self.refused:
             self.refused = None
             return False
-        self.advance(step_size)
-        return True
+        return self._guarded(self.advance, step_size)
 
     # Every name and internal state, so that a restored state continues bit for bit (pythonfmu saves names only).
     def _get_fmu_state(self):
-        return {"values": dict(self.values), "state": list(self.state), "initialising": self.initialising}
+        return {
+            "values": dict(self.values),
+            "state": list(self.state),
+            "initialising": self.initialising,
+            "started": self.started,
+        }
+
+    @staticmethod
+    def _fmu_state_from_bytes(state):
+        try:
+            return json.loads(state)
+        except ValueError:
+            return {}
 
     def _set_fmu_state(self, state):
+        self._guarded(self._restore, state)
+
+    def _restore(self, state):
         self.values = dict(state["values"])
         self.state = list(state["state"])
-        self.initialising = state["initialising"]
+        self.initialising, self.started = state["initialising"], state["started"]
         self.stale = True
+
+    def get_real(self, vrs):
+        return [float(self._read(vr, Real)) for vr in vrs]
+
+    def get_boolean(self, vrs):
+        return [bool(self._read(vr, Boolean)) for vr in vrs]
+
+    def set_real(self, vrs, values):
+        self._write(vrs, values, Real)
+
+    def set_boolean(self, vrs, values):
+        self._write(vrs, values, Boolean)
+
+    def get_integer(self, vrs):
+        return [int(self._read(vr, None)) for vr in vrs]
+
+    def get_string(self, vrs):
+        return [str(self._read(vr, None)) for vr in vrs]
+
+    def set_integer(self, vrs, values):
+        self._write(vrs, values, None)
+
+    def set_string(self, vrs, values):
+        self._write(vrs, values, None)
+
+    def _known(self, reference, kind):
+        variable = self.vars.get(reference)
+        if kind is None or not isinstance(variable, kind):
+            self._refuse(f"value reference {reference} is not a {kind.__name__ if kind else 'known'} variable")
+            return None
+        return variable
+
+    def _read(self, reference, kind):
+        variable = self._known(reference, kind)
+        return variable.getter() if variable else 0.0
+
+    def _write(self, references, values, kind):
+        for reference, value in zip(references, values, strict=True):
+            if variable := self._known(reference, kind):
+                variable.setter(value)

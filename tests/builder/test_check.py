@@ -52,7 +52,7 @@ def test_our_fmus_are_clean_and_the_report_says_what_was_done(fmus, name):
         (in_description(b"<InitialUnknowns>", b"<Outputs>"), "fmpy validate", ""),
         (in_description(b'variability="tunable"', b'variability="continuous"'), "fmutool -check", "cannot be combined"),
         (lambda members: members.pop("binaries/linux64/lpnl2.so"), "simulation", "platform|binary|linux64|lpnl2"),
-        (in_slave(b"law.response(", b"law.answer("), "simulation", "answer|fatal"),
+        (in_slave(b"law.response(", b"law.answer("), "simulation", r"logged an error.*answer"),
         (in_slave(b"def advance(self, step):", ABORT), "simulation", "killed by signal 6"),
         (in_slave(b'getattr(response, name)', b'getattr(response, name) + id(self)'), "simulation", "other outputs"),
         (in_slave(b'getattr(response, name)', b'float("nan")'), "simulation", "force is not finite"),

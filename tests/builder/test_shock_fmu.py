@@ -189,6 +189,36 @@ def test_a_step_that_is_not_positive_is_refused_and_the_next_one_is_fine(compone
     fmu.step(0.0, 1e-3)
 
 
+def test_a_refused_parameter_ends_the_start_with_the_reason(component):
+    with pytest.raises(StepError, match=r"failed to set motion_ratio = -1.0.*is not between"):
+        component("lpnl2", motion_ratio=-1.0)
+
+
+def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(component):
+    fmu = component("lpnl2")
+    fmu.end_initialization()
+    assert fmu._slave.getReal([999]) == [0.0]
+    fmu._slave.setBoolean([0], [True])
+    fmu._slave.setInteger([0], [1])
+    with pytest.raises(StepError, match="value reference 999 is not a Real variable"):
+        fmu.step(0.0, 1e-3)
+    fmu.step(0.0, 1e-3)
+
+
+def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(component):
+    fmu = component("lpnl2")
+    fmu.end_initialization()
+    fmu.set(("velocity",), (0.2,))
+    fmu.step(0.0, 1e-3)
+    before = fmu.get(OUTPUTS)
+    for bad in (b"{}", b"not json", b'{"values": 1}'):
+        fmu._slave.setFMUstate(fmu._slave.deSerializeFMUstate(bad))
+        assert fmu.get(OUTPUTS) == before
+        with pytest.raises(StepError):
+            fmu.step(1e-3, 1e-3)
+    fmu.step(1e-3, 1e-3)
+
+
 def test_parameters_that_do_not_fit_each_other_end_initialization_with_the_reason(component):
     fmu = component("lpnl2", lag_zero_force=1.0)
     assert fmu.get(("force",)) == [0.0]
