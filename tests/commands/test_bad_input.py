@@ -1,0 +1,172 @@
+"""Every kind of bad input ends a verb with exit code 2, a message that says where, and no output."""
+
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.archive import read_archive, write_archive
+
+ROOT = Path(__file__).parents[2]
+HEADER = "Time [s],Position [in],Velocity [in/s],Force [lbf]"
+
+
+def samples():
+    """Two seconds of a 3 Hz sine on a damper of 20 lbf/(in/s), at 500 Hz."""
+    time = np.arange(0.0, 2.0, 0.002)
+    velocity = 10.0 * np.sin(2 * np.pi * 3 * time)
+    position = -10.0 / (2 * np.pi * 3) * np.cos(2 * np.pi * 3 * time)
+    return np.stack([time, position, velocity, 20.0 * velocity], axis=1)
+
+
+def csv(rows, header=HEADER):
+    return "\n".join([header, *(",".join(f"{value:.6g}" for value in row) for row in rows)]) + "\n"
+
+
+def with_cell(row, column, text):
+    lines = csv(samples()).splitlines()
+    cells = lines[row].split(",")
+    cells[column] = text
+    lines[row] = ",".join(cells)
+    return "\n".join(lines) + "\n"
+
+
+def changed(column, change):
+    rows = samples()
+    rows[:, column] = change(rows[:, column])
+    return csv(rows)
+
+
+FAULTS = {
+    "missing force": (csv(samples()[:, :3], "Time [s],Position [in],Velocity [in/s]"), ["force"]),
+    "missing unit": (csv(samples(), HEADER.replace(" [lbf]", "")), ["unit", "--units"]),
+    "unknown unit": (csv(samples(), HEADER.replace("lbf", "slugs")), ["slugs", "force"]),
+    "wrong dimension": (csv(samples(), HEADER.replace("lbf", "mm")), ["mm", "force"]),
+    "text in a cell": (with_cell(100, 3, "oops"), ["line 101", "oops"]),
+    "empty cell": (with_cell(100, 3, ""), ["line 101"]),
+    "NaN": (with_cell(100, 2, "nan"), ["line 101", "velocity"]),
+    "time backwards": (with_cell(100, 0, "0.1"), ["line 101"]),
+    "time doubled": (with_cell(100, 0, "0.196"), ["line 101"]),
+    "gap": (csv(np.delete(samples(), slice(300, 350), axis=0)), ["line 3"]),
+    "constant force": (changed(3, lambda force: 0 * force + 5), ["force", "from the first sample to the last"]),
+    "too short": (csv(samples()[:40]), ["40 samples", "at least 200"]),
+    "clipped force": (changed(3, lambda force: np.clip(force, -120, 120)), ["force"]),
+    "wrong sign": (changed(3, lambda force: -force), ["force", "--flip"]),
+    "not a table": ("hello\nworld\n", ["bad.csv"]),
+}
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch):
+    """Run a verb; it must exit 2, name what is asked, and leave no new file."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words, said):
+        before = {path for path in tmp_path.rglob("*") if path.is_file()}
+        shown = CliRunner().invoke(main, [str(word) for word in words])
+        text = " ".join(shown.output.split())
+        assert shown.exit_code == 2, text
+        for word in said:
+            assert word in text, text
+        assert {path for path in tmp_path.rglob("*") if path.is_file()} == before
+
+    return run
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_faulty_record_is_refused(refused, tmp_path, fault):
+    text, said = FAULTS[fault]
+    (tmp_path / "bad.csv").write_text(text)
+    refused("fit", "bad.csv", "-o", "shock.json", said=["bad.csv", *said])
+
+
+def test_the_record_without_a_fault_is_accepted(tmp_path):
+    """Else the test above would pass for any reason."""
+    (tmp_path / "good.csv").write_text(csv(samples()))
+    shown = CliRunner().invoke(
+        main, ["fit", str(tmp_path / "good.csv"), "--law", "lpf1", "-o", str(tmp_path / "s.json")]
+    )
+    assert shown.exit_code in (0, 1), shown.output
+    assert "read " in shown.output
+    assert (tmp_path / "s.json").is_file()
+
+
+def zip_with(path, *names):
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in names:
+            archive.writestr(name, "x")
+
+
+def foreign(source, path):
+    kept = {n: data for n, data in read_archive(source).items() if not n.startswith(f"binaries/{fmpy.platform}/")}
+    write_archive(path, kept)
+
+
+BAD_FMUS = {
+    "missing": (lambda path, _: None, "no such file"),
+    "broken zip": (lambda path, source: path.write_bytes(source.read_bytes()[:5000]), "not a readable zip"),
+    "path out of the folder": (lambda path, _: zip_with(path, "modelDescription.xml", "../x"), "outside its folder"),
+    "no FMU": (lambda path, _: zip_with(path, "readme.txt"), "modelDescription.xml"),
+    "another platform": (lambda path, source: foreign(source, path), "no binary for this platform"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_FMUS)
+def test_a_bad_fmu_in_a_system_is_refused(refused, tmp_path, fmus, kind):
+    make, said = BAD_FMUS[kind]
+    make(tmp_path / "shock.fmu", fmus["lpnl2"])
+    (tmp_path / "case.toml").write_text(
+        f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ road = 0, aero_force = 0 }}\n'
+        '[components.shock]\nfmu = "shock.fmu"\n[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 0.1\n'
+    )
+    refused("run", "case.toml", "-o", "out", said=["shock.fmu", said])
+
+
+SYSTEM = """
+[components.car]
+fmu = "{car}"
+{inputs}
+[components.shock]
+fmu = "{shock}"
+{more}
+[[bond]]
+between = ["car", "shock"]
+[scenario]
+stop = 0.1
+{scenario}
+"""
+INPUTS = "inputs = { road = 0, aero_force = 0 }"
+
+BAD_SYSTEMS = {
+    "unknown variable": ({"more": 'parameters = { stiffnes = 1 }'}, "no variable 'stiffnes'"),
+    "unconnected input": ({"inputs": "inputs = { road = 0 }"}, "car.aero_force is an input without a source"),
+    "two sources": ({"more": "inputs = { velocity = 0.1 }"}, "shock.velocity has 2 sources"),
+    "incompatible units": (
+        {"scenario": '[[connection]]\nfrom = "shock.force"\nto = "car.road"', "inputs": "inputs = { aero_force = 0 }"},
+        "cannot connect [N] to [m]",
+    ),
+    "unknown recorded channel": ({"scenario": 'record = ["car.speed"]'}, "no variable 'speed'"),
+    "unknown entry": ({"scenario": "stopp = 1"}, "stopp"),
+    "missing drivefile": ({"scenario": 'drivefile = "none.csv"'}, "none.csv"),
+    "impossible step": ({"scenario": "coupling_step = -1"}, "coupling step"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD_SYSTEMS)
+def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, kind):
+    change, said = BAD_SYSTEMS[kind]
+    values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": INPUTS, "more": "", "scenario": ""}
+    (tmp_path / "case.toml").write_text(SYSTEM.format(**(values | change)))
+    refused("run", "case.toml", "-o", "out", said=[said])
+
+
+def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):
+    output = tmp_path / "s.json"
+    output.write_text("good")
+    (tmp_path / "bad.csv").write_text(FAULTS["NaN"][0])
+    assert CliRunner().invoke(main, ["fit", str(tmp_path / "bad.csv"), "-o", str(output)]).exit_code == 2
+    assert output.read_text() == "good"
