@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from typing import Any
 
@@ -72,4 +73,5 @@ def _simulate(path: str, signals: NDArray[Any], outputs: list[str], errors: list
 
 
 if __name__ == "__main__":
-    print(json.dumps(main(sys.argv[1])))  # noqa: T201 - its parent process reads this line
+    print(json.dumps(main(sys.argv[1])), flush=True)  # noqa: T201 - its parent process reads this line
+    os._exit(0)  # what loaded libraries do while an interpreter ends is not the FMU's doing
