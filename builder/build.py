@@ -14,7 +14,7 @@ from builder.interface import Interface, shock_interface, vehicle_interface
 from builder.python_fmu import PythonModel, build_python_fmu, imported_files
 from builder.sources import source_folder
 from eightpost.errors import FmuError
-from eightpost.files import document_kind
+from eightpost.files import check_output_folder, document_kind
 from eightpost.shock import Shock, read_shock
 from eightpost.vehicle import StateSpace, Vehicle, read_vehicle
 
@@ -44,11 +44,11 @@ def build(sources: Sequence[str | Path], folder: str | Path, *, target: str = "p
     """
     if target not in TARGETS:
         raise FmuError(f"target {target!r} is not known; known are {', '.join(TARGETS)}")
+    check_output_folder(folder)
     models = [_model(Path(source)) for source in sources]
     names = [model.identifier for model in models]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
-    Path(folder).mkdir(parents=True, exist_ok=True)
     built = []
     for source, model in zip(sources, models, strict=True):
         path = Path(folder) / f"{model.identifier}.fmu"

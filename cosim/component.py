@@ -35,6 +35,8 @@ class Variable:
         type: Real, Integer, Boolean or String.
         unit: None where the component states none.
         start: Its default.
+        minimum: Least value that it states to accept.
+        maximum: Greatest value that it states to accept.
         direct: Of an output: the inputs that it follows without delay.
     """
 
@@ -44,6 +46,8 @@ class Variable:
     type: str = "Real"
     unit: UnitDefinition | None = None
     start: float | bool | str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     direct: frozenset[str] = frozenset()
 
 
@@ -70,6 +74,10 @@ class Component(Protocol):
     @property
     def identity(self) -> str:
         """What tells this component from another of the same name: an FMU's GUID."""
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What it warned about since it began, each once."""
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
         """Make ready and enter initialization, with parameters set. Times in s."""

@@ -44,34 +44,40 @@ class Coupling:
     """The values on every connection during a run.
 
     `now` holds the outputs at the start of the step, `ahead` those at its end of the components that have stepped.
-    `used` holds the value of each input at the start and end of the last step, as its component saw it.
+    `fed` holds, per component, the outputs that its inputs followed at the start and at the end of its last step; the
+    same twice where inputs are held.
     """
 
-    def __init__(self, system: System, scenario: Scenario, watched: frozenset[str]) -> None:
+    def __init__(
+        self, system: System, scenario: Scenario, *, every_step: Sequence[str] = (), recorded: Sequence[str] = ()
+    ) -> None:
         """Resolve every connection.
 
         Args:
             system: Components and connections.
             scenario: Its drive.
-            watched: Variables to read at recorded points besides the connected ones, as `component.variable`.
+            every_step: Variables to read after every step besides the connected ones, as `component.variable`.
+            recorded: Variables to read at recorded points.
 
         Raises:
             WiringError: A drive channel has no input, an input has no source or two, units do not fit.
         """
-        self._drive = scenario.drive
+        self._drive, self._drive_start = scenario.drive, scenario.drive_start
         self._drive_rows: tuple[list[list[float]], list[list[float]]] = ([], [])
         self._index = 0
         self.components: Mapping[str, Component] = system.components
         self.feeds = _feeds(system, scenario)
-        sources = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
+        connected = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
+        sources = connected | set(every_step)
         self.outputs = {name: _names_of(name, sources) for name in self.components}
-        self.watched = {name: _names_of(name, watched - sources) for name in self.components}
+        self.recorded = {name: _names_of(name, set(recorded) - sources) for name in self.components}
         self.now: dict[str, float] = {}
         self.ahead: dict[str, float] = {}
-        self.used: dict[str, tuple[float, float]] = {}
+        self.fed: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {}
 
     def prepare(self, times: NDArray[np.float64]) -> None:
         """Sample the drive at the coupling points `times` (K+1,) [s], and its exact means between them."""
+        times = times + self._drive_start
         if self._drive:
             self._drive_rows = (self._drive.sample(times).T.tolist(), self._drive.means(times).T.tolist())
         else:
@@ -86,13 +92,13 @@ class Coupling:
             self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
 
     def read(self, name: str) -> dict[str, float]:
-        """Return a component's connected outputs, by full name."""
+        """Return a component's connected outputs, and what else is read in every step, by full name."""
         return self._get(name, self.outputs[name])
 
-    def read_watched(self) -> dict[str, float]:
-        """Return all connected and watched variables as they are now, by full name."""
+    def read_recorded(self) -> dict[str, float]:
+        """Return all connected and recorded variables as they are now, by full name."""
         values = dict(self.now)
-        for name, names in self.watched.items():
+        for name, names in self.recorded.items():
             values.update(self._get(name, names))
         return values
 
@@ -111,19 +117,19 @@ class Coupling:
             newest: Whether its inputs follow the outputs, at the end of the step, of components that have stepped.
         """
         component, feeds = self.components[name], self.feeds[name]
-        end_outputs = {**self.now, **self.ahead} if newest else self.now
+        start, end = dict(self.now), {**self.now, **self.ahead} if newest else dict(self.now)
+        targets = [feed.target for feed in feeds]
         samples, means = self._drive_rows
         if component.capabilities.interpolates_inputs:
-            targets = [feed.target for feed in feeds]
-            drive_start, drive_end = samples[self._index], samples[self._index + 1]
-            ends = [(_value(feed, self.now, drive_start), _value(feed, end_outputs, drive_end)) for feed in feeds]
-            component.set(targets, [start for start, _ in ends])
-            component.set_derivatives(targets, [(end - start) / step for start, end in ends])
+            starts = [_value(feed, start, samples[self._index]) for feed in feeds]
+            ends = [_value(feed, end, samples[self._index + 1]) for feed in feeds]
+            component.set(targets, starts)
+            component.set_derivatives(targets, [(b - a) / step for a, b in zip(starts, ends, strict=True)])
+            self.fed[name] = (start, end)
         else:
-            ends = [(value, value) for value in (_value(f, end_outputs, means[self._index]) for f in feeds)]
-            component.set([feed.target for feed in feeds], [value for value, _ in ends])
+            component.set(targets, [_value(feed, end, means[self._index]) for feed in feeds])
+            self.fed[name] = (end, end)
         component.step(time, step)
-        self.used.update({f"{name}.{feed.target}": pair for feed, pair in zip(feeds, ends, strict=True)})
         self.ahead.update(self.read(name))
 
     def accept(self) -> None:
@@ -156,6 +162,12 @@ class Coupling:
         outputs = [v for v in variables.values() if f"{name}.{v.name}" in coupled]
         return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
 
+    def term(self, source: str, target: str) -> Term:
+        """Return what a connection feeds into its input."""
+        component, _, name = target.partition(".")
+        (feed,) = [feed for feed in self.feeds[component] if feed.target == name]
+        return next(term for term in feed.terms if term.source == source)
+
     def held_inputs(self) -> frozenset[str]:
         """Return the inputs that change over a step but are held in it, because their component cannot ramp them."""
         return frozenset(
@@ -180,7 +192,7 @@ def _sources(feed: Feed) -> tuple[str, ...]:
     return tuple(term.source for term in feed.terms)
 
 
-def _names_of(component: str, full_names: set[str] | frozenset[str]) -> tuple[str, ...]:
+def _names_of(component: str, full_names: set[str]) -> tuple[str, ...]:
     prefix = f"{component}."
     return tuple(sorted(name.removeprefix(prefix) for name in full_names if name.startswith(prefix)))
 

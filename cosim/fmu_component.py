@@ -37,8 +37,8 @@ class FmuComponent:
     def __init__(self, path: str | Path, name: str) -> None:
         self._path, self._name = Path(path), name
         self._folder = tempfile.mkdtemp(prefix="fmu_")
-        # Also where nobody calls finish: a system that is refused, an interpreter that ends.
-        self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        # With the component, or with the interpreter: a component may begin more than once.
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         extract_archive(path, self._folder)
         self._description = _read_description(self._path, Path(self._folder))
         _check_platform(self._path, Path(self._folder))
@@ -65,8 +65,14 @@ class FmuComponent:
         """The FMU's GUID."""
         return str(self._description.guid)
 
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What it logged as warnings or worse since it began, each once."""
+        return tuple(dict.fromkeys(self._messages))
+
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
         """Instantiate, set parameters, set up the experiment and enter initialization."""
+        self._messages.clear()
         self._call("instantiate", self._instantiate)
         for name, value in parameters.items():
             self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
@@ -110,7 +116,7 @@ class FmuComponent:
         )
 
     def finish(self) -> None:
-        """Terminate, free the instance and remove the unpacked files."""
+        """Terminate and free the instance; the component may begin again."""
         slave, self._slave = self._slave, None
         if slave is not None:
             try:
@@ -118,7 +124,6 @@ class FmuComponent:
             except Exception as error:  # an FMU that failed may refuse to terminate; it is freed all the same
                 logger.debug("%s: terminate: %s", self._name, error)
             slave.freeInstance()
-        self._remove_folder()
 
     def _instantiate(self) -> None:
         self._slave = fmi2.FMU2Slave(
@@ -236,8 +241,14 @@ def _variable(
         type=v.type,
         unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
         start=v.start,
+        minimum=_limit(v, v.min),
+        maximum=_limit(v, v.max),
         direct=known & inputs if v.causality == "output" else frozenset(),
     )
+
+
+def _limit(v: Any, text: Any) -> float | None:
+    return float(text) if text is not None and v.type in ("Real", "Integer") else None
 
 
 def _unit(unit: Any) -> UnitDefinition:

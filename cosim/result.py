@@ -54,6 +54,11 @@ class Result:
     share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
     share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
 
+    @property
+    def acceptable(self) -> bool:
+        """Whether the start converged and no bond makes or loses a notable share of its energy."""
+        return self.converged and all(energy.acceptable for energy in self.energy.values())
+
     def settled(self) -> TimeSeries:
         """Return the series without the settling time."""
         return self.series.window(self.settling, float(self.series.time[-1])) if self.settling else self.series

@@ -16,7 +16,8 @@ class Scenario:
 
     Args:
         stop: Duration [s].
-        drive: Signals for the inputs that no component feeds; its time 0 is the start of the run.
+        drive: Signals for the inputs that no component feeds.
+        drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
         targets: Which input each channel of `drive` goes to: `{"lf.road": "car.lf.road"}`. Empty: every channel goes
             to the one component input of that name.
         record: Variables to keep, as `component.variable`; empty: every output.
@@ -24,7 +25,7 @@ class Scenario:
         settling: Time at the start that response measures leave out [s].
 
     Raises:
-        InputError: A time is not positive and finite.
+        InputError: A time is not positive and finite, or the drive does not cover the run.
     """
 
     stop: float
@@ -33,13 +34,27 @@ class Scenario:
     record: tuple[str, ...] = ()
     record_step: float | None = None
     settling: float = 0.0
+    drive_start: float = 0.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.stop) and self.stop > 0.0):
             raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
         if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
             raise InputError(f"scenario: record_step must be a positive time, not {self.record_step!r} s")
+        self._check_cover()
         if not 0.0 <= self.settling < self.stop:
             raise InputError(
                 f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
+            )
+
+    def _check_cover(self) -> None:
+        if self.drive is None:
+            return
+        first, last = float(self.drive.series.time[0]), float(self.drive.series.time[-1])
+        begin, end = self.drive_start, self.drive_start + self.stop
+        slack = 1e-9 * max(abs(last), 1.0)
+        if first > begin + slack or last < end - slack:
+            raise InputError(
+                f"scenario: the run takes {begin:g} to {end:g} s of the drivefile, it holds {first:g} to {last:g} s: "
+                "change stop or drive_start"
             )

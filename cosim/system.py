@@ -36,7 +36,9 @@ class Bond:
     displacement: Connection | None = None
 
     @classmethod
-    def between(cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True) -> Bond:
+    def between(
+        cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
+    ) -> Bond:
         """Join a vehicle's port and a shock by the names of docs/ports.md.
 
         Args:
@@ -44,10 +46,11 @@ class Bond:
             shock: The shock's component.
             gain: On velocity, displacement and force; -1 for a shock that is positive in extension.
             displacement: Whether the shock takes the displacement too.
+            name: Of the bond; default the vehicle's port.
         """
         travel = Connection(f"{vehicle}.displacement", f"{shock}.displacement", gain) if displacement else None
         return cls(
-            name=vehicle,
+            name=name or vehicle,
             velocity=Connection(f"{vehicle}.velocity", f"{shock}.velocity", gain),
             force=Connection(f"{shock}.force", f"{vehicle}.force", gain),
             displacement=travel,
@@ -88,12 +91,12 @@ class System:
         object.__setattr__(self, "connections", tuple(self.connections))
         object.__setattr__(self, "sums", frozenset(self.sums))
         _check_component_names(self.components)
-        self._check_bond_names()
         for connection in self.all_connections:
             self._check_connection(connection)
         for name in (*self.constants, *self.sums):
             self.input(name)
         self._check_sources()
+        self._check_bond_names()
         self._check_parameters()
         self._check_gas_springs()
 
@@ -145,12 +148,10 @@ class System:
 
     def _check_bond_names(self) -> None:
         names = [bond.name for bond in self.bonds]
-        if doubled := sorted(
-            {name for name in names if names.count(name) > 1} - {s.rpartition(".")[0] for s in self.sums}
-        ):
+        if doubled := sorted({name for name in names if names.count(name) > 1}):
             raise WiringError(
-                f"two bonds at {doubled[0]}: if both act on it (a shock and a bump stop), add "
-                f'"{doubled[0]}.force" to sums'
+                f"two bonds are called {doubled[0]!r}: give each a name of its own (name = ...), so that energies "
+                "can be told apart"
             )
 
     def _check_connection(self, connection: Connection) -> None:
@@ -177,10 +178,13 @@ class System:
 
     def _check_parameters(self) -> None:
         for component, values in self.parameters.items():
-            for name in values:
+            for name, value in values.items():
                 variable = find_variable(self.components, f"{component}.{name}")
                 if variable.causality != "parameter":
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
+                _check_value(f"{component}.{name}", variable, value)
+        for name, constant in self.constants.items():
+            _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
         """A gas spring whose displacement stands still gives a wrong force without a word (docs/ports.md)."""
@@ -208,6 +212,28 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     if variable not in variables:
         raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
     return variables[variable]
+
+
+_KINDS: Mapping[str, tuple[type, ...]] = {
+    "Real": (int, float),
+    "Integer": (int,),
+    "Boolean": (bool,),
+    "String": (str,),
+    "Enumeration": (int,),
+}
+
+
+def _check_value(name: str, variable: Variable, value: object) -> None:
+    """Refuse a value of the wrong kind or outside the range that the component itself states."""
+    if type(value) not in _KINDS.get(variable.type, (type(value),)):
+        raise WiringError(f"{name} = {value!r}: it is a {variable.type} variable and takes no {type(value).__name__}")
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return
+    low, high = variable.minimum, variable.maximum
+    if not isfinite(value) or (low is not None and value < low) or (high is not None and value > high):
+        unit = f" {variable.unit.name}" if variable.unit and variable.unit.name != "1" else ""
+        lowest, highest = ("any" if limit is None else f"{limit:g}" for limit in (low, high))
+        raise WiringError(f"{name} = {value!r}{unit} is outside its range, {lowest} to {highest}{unit}")
 
 
 def _check_component_names(names: Iterable[str]) -> None:

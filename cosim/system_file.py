@@ -18,7 +18,7 @@ from cosim.scenario import Scenario
 from cosim.system import Bond, Connection, System, find_variable
 from eightpost import units
 from eightpost.errors import InputError, UnknownUnitError, WiringError
-from eightpost.signals import Drivefile
+from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
 
@@ -40,6 +40,7 @@ class _Bond(_Strict):
     between: tuple[str, str]
     gain: float = 1.0
     displacement: bool = True
+    name: str | None = None
 
 
 class _Connection(_Strict):
@@ -51,6 +52,9 @@ class _Connection(_Strict):
 class _Scenario(_Strict):
     stop: Value
     drivefile: str | None = None
+    drive_start: Value = 0.0
+    units: dict[str, str] = Field(default_factory=dict)
+    channel_map: str | None = None
     targets: dict[str, str] = Field(default_factory=dict)
     coupling_step: Value = DEFAULT_STEP
     algorithm: Literal["jacobi", "gauss-seidel"] = "gauss-seidel"
@@ -104,14 +108,14 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
     }
     try:
         system, scenario = _system(content, components), _scenario(path, content.scenario)
-        step = _seconds("coupling_step", content.scenario.coupling_step)
+        step, algorithm = _seconds("coupling_step", content.scenario.coupling_step), _algorithm(content.scenario)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     return Case(
         name=content.name or path.stem,
         system=system,
         scenario=scenario,
-        algorithm=_algorithm(content.scenario),
+        algorithm=algorithm,
         step=step,
     )
 
@@ -136,7 +140,9 @@ def _system(content: _File, components: Mapping[str, FmuComponent]) -> System:
     entries = content.components
     return System(
         components=components,
-        bonds=tuple(Bond.between(*b.between, gain=b.gain, displacement=b.displacement) for b in content.bond),
+        bonds=tuple(
+            Bond.between(*b.between, gain=b.gain, displacement=b.displacement, name=b.name) for b in content.bond
+        ),
         connections=tuple(Connection(c.source, c.target, c.gain) for c in content.connection),
         sums=frozenset(content.sums),
         constants={
@@ -168,7 +174,13 @@ def _own_unit(
 
 
 def _scenario(path: Path, content: _Scenario) -> Scenario:
-    drive = Drivefile.read(path.parent / content.drivefile) if content.drivefile else None
+    folder = path.parent
+    mapping = ChannelMap.read(folder / content.channel_map) if content.channel_map else None
+    drive = (
+        Drivefile.read(folder / content.drivefile, channel_map=mapping, units=content.units)
+        if content.drivefile
+        else None
+    )
     record_step = content.record_step
     return Scenario(
         stop=_seconds("stop", content.stop),
@@ -177,11 +189,14 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
         record=content.record,
         record_step=None if record_step is None else _seconds("record_step", record_step),
         settling=_seconds("settling", content.settling),
+        drive_start=_seconds("drive_start", content.drive_start),
     )
 
 
 def _algorithm(content: _Scenario) -> Algorithm:
-    if content.sequence and content.algorithm == "gauss-seidel":
+    if content.sequence and content.algorithm != "gauss-seidel":
+        raise InputError(f"scenario.sequence: {content.algorithm} steps all components at once; remove one of the two")
+    if content.sequence:
         return GaussSeidel(content.sequence)
     return ALGORITHMS[content.algorithm]
 

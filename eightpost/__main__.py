@@ -11,6 +11,7 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.logging import RichHandler
+from rich.markup import escape
 
 from eightpost import __version__
 from eightpost.commands.build import build
@@ -28,16 +29,19 @@ class _Verbs(click.Group):
         try:
             return super().invoke(ctx)
         except EightpostError as error:
-            Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {_plain(str(error))}", highlight=False)
+            _complain(str(error))
             ctx.exit(2 if isinstance(error, InputError) else 1)
+        except OSError as error:  # a full disk, a folder that may not be written
+            _complain(f"{error.filename or 'file system'}: {error.strerror or error}")
+            ctx.exit(2)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the verbs in the order of the work."""
         return list(self.commands)
 
 
-def _plain(text: str) -> str:
-    return text.replace("[", r"\[")
+def _complain(text: str) -> None:
+    Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}", highlight=False)
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})

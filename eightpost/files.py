@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eightpost.errors import InputError
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -27,6 +29,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         The temporary path to write to.
     """
     target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name a file in it")
+    check_output_folder(target.parent)
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:12]}{target.suffix}")
     try:
@@ -34,6 +39,17 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_output_folder(path: str | Path) -> None:
+    """Refuse a folder for output that cannot be one, before any work is done for it.
+
+    Raises:
+        InputError: There is a file in its place, or in the place of one of its parents.
+    """
+    for place in (Path(path), *Path(path).parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{path}: {place} is a file, no folder for output; name another")
 
 
 def sha256_of(path: str | Path) -> str:

@@ -64,7 +64,8 @@ def _expression(unit: str) -> str:
     """Rewrite a symbol so that pint reads it: `N.m` -> `N*m`, `m/s2` -> `m/s**2`."""
     text = unit.strip()
     text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
-    text = {"C": "degC", "F": "degF"}.get(text, text)
+    # Upper and lower case tell these apart: Nm is a torque here, nm a length.
+    text = {"C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm"}.get(text, text)
     text = re.sub(r"\b(lbs|lb)\b(?!m|f)", "lbf", text)
     text = re.sub(r"(?<![\w.])g(?![\w])", "g_0", text)
     text = text.replace("²", "2").replace("³", "3").replace("·", ".").replace("^", "")
@@ -146,6 +147,8 @@ def si_exponents(unit: str) -> dict[str, int]:
     {'kg': 1, 'm': 1, 's': -2}
     """
     base = _REGISTRY.Quantity(1.0, _unit(unit)).to_base_units().units
+    if unknown := sorted(set(base._units) - set(_PINT_BASE)):
+        raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is no quantity of this field")
     exponents = {_PINT_BASE[name]: int(power) for name, power in base._units.items()}
     return {name: exponents[name] for name in _BASE if exponents.get(name)}
 

@@ -20,7 +20,8 @@ INCH, POUND, GRAVITY = 0.0254, 0.45359237, 9.80665
         ("lbf/(in/s)", "N.s/m", POUND * GRAVITY / INCH),
         ("lbf.s/in", "N.s/m", POUND * GRAVITY / INCH), ("lbm.in2", "kg.m2", POUND * INCH**2), ("g", "m/s2", GRAVITY),
         ("deg", "rad", 3.141592653589793 / 180), ("ms", "s", 1e-3), ("psi", "Pa", POUND * GRAVITY / INCH**2),
-        ("lbf.in", "N.m", POUND * GRAVITY * INCH), ("Hz", "Hz", 1.0), ("1", "1", 1.0), ("clicks", "1", 1.0),
+        ("lbf.in", "N.m", POUND * GRAVITY * INCH),
+        ("Nm", "N.m", 1.0), ("Hz", "Hz", 1.0), ("1", "1", 1.0), ("clicks", "1", 1.0),
     ],
 )  # fmt: skip
 def test_a_unit_of_the_field_has_its_si_unit_and_factor(unit, si, factor):
@@ -70,3 +71,8 @@ def test_a_quantity_is_a_value_with_its_unit(text, value):
 def test_what_is_no_quantity_is_refused(text):
     with pytest.raises(UnknownUnitError):
         units.quantity(text)
+
+
+def test_a_unit_of_no_quantity_of_this_field_is_refused():
+    with pytest.raises(UnknownUnitError, match="no quantity of this field"):
+        units.si_unit("count")

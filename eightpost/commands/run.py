@@ -15,6 +15,7 @@ import cosim
 from cosim.plots import DISPLAY, plot_traces
 from cosim.system_file import Case, read_case
 from eightpost import units
+from eightpost.files import check_output_folder
 
 #: Panels of the picture that every run leaves.
 _PANELS = 8
@@ -35,15 +36,18 @@ def run(
     """Run a system of coupled FMUs.
 
     SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is one with comments.
-    Exits 1 if the coupled start did not converge.
+    Exits 1 if the coupled start did not converge or the coupling makes or loses energy.
 
     \b
     Example:
       eightpost run examples/seven_dof.toml -o out/
       eightpost run examples/seven_dof.toml -o out/ --fmu lf=dist/dyno_B.fmu
     """
+    check_output_folder(output)
     case = read_case(case_file, fmus=dict(_swap(text) for text in swaps))
-    case = replace(case, step=step or case.step, algorithm=cosim.ALGORITHMS[algorithm] if algorithm else case.algorithm)
+    if algorithm and algorithm != case.algorithm.name:
+        case = replace(case, algorithm=cosim.ALGORITHMS[algorithm])
+    case = replace(case, step=case.step if step is None else step)
     console = Console()
     result = run_with_progress(console, case)
     show_result(console, case.name, result)
@@ -51,7 +55,7 @@ def run(
     end = float(result.series.time[-1])
     plot_traces({case.name: result.series}, result.series.names[:_PANELS], paths[-1], start=0.0, stop=end)
     console.print(f"wrote {', '.join(map(str, paths))}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if result.converged else 1)
+    ctx.exit(0 if result.acceptable else 1)
 
 
 def run_with_progress(console: Console, case: Case) -> cosim.Result:

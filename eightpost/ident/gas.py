@@ -14,9 +14,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: What may be done with the gas force.
-TREATMENTS = ("estimate", "included", "subtracted")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GasColumns:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from eightpost.files import atomic_path
 from eightpost.ident.basis import curve_forces
+from eightpost.ident.report import TITLES
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
-_TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}
 
 #: Samples shown as dots, and how long a stretch of the model's loop is drawn [s]: more only fills the page.
 _DOTS, _LOOP = 6000, 1.0
@@ -55,7 +55,7 @@ def _panel(axes: Axes, fit: ShockFit) -> None:
     axes.plot(velocity[dots], measured[dots], ".", color="0.6", markersize=2.0, label="measured")
     axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s of it")
     axes.plot(*_static_curve(fit), color="tab:red", linewidth=1.8, label="static curve")
-    law = _TITLES[fit.shock.law_name]
+    law = TITLES[fit.shock.law_name]
     axes.set_title(f"{fit.shock.name}: {law}, RMS {_POUND * fit.rms:.2f} lbf, {fit.percent:.2f} % of std", pad=34)
     _decorate(axes)
 

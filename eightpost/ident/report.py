@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from eightpost.ident.parameters import Parameter
     from eightpost.ident.shock_fit import ShockFit
 
-_TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}
+#: The laws as people write them.
+TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}
 
 
 def fit_table(fits: Sequence[ShockFit]) -> Table:
@@ -29,7 +30,7 @@ def fit_table(fits: Sequence[ShockFit]) -> Table:
     for fit in fits:
         table.add_row(
             fit.shock.name,
-            _TITLES[fit.shock.law_name],
+            TITLES[fit.shock.law_name],
             f"{convert(fit.rms, 'N', 'lbf'):.2f}",
             f"{fit.rms:.2f}",
             f"{fit.percent:.2f}",
@@ -41,7 +42,7 @@ def fit_table(fits: Sequence[ShockFit]) -> Table:
 
 def parameter_table(fit: ShockFit) -> Table:
     """Return the parameters of a fit: value, standard error and bounds in SI and in field units."""
-    table = Table(title=f"{fit.shock.name}, {_TITLES[fit.shock.law_name]}: parameters")
+    table = Table(title=f"{fit.shock.name}, {TITLES[fit.shock.law_name]}: parameters")
     table.add_column("parameter", no_wrap=True)
     for title in ("value", "± error", "SI", "bounds"):
         table.add_column(title, justify="right")

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
-from eightpost.signals.channel_map import ChannelMap, MappedChannel
+from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
@@ -16,7 +16,7 @@ DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature
 
 #: Column names by channel, in lower case without anything but letters. `F` and `T` are met in both cases.
 _ALIASES = {
-    "time": {"time", "t", "timestamp"},
+    "time": set(TIME_NAMES),
     "velocity": {"velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "speed"},
     "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce"},
     "displacement": {

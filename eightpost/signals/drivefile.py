@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.signals.faults import check_gaps
+from eightpost.signals.origin import Origin
 from eightpost.signals.read import read_series
 from eightpost.signals.write import write_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
     Array = NDArray[np.float64]
+
+
+#: Share of the steps that must be alike for the others to count as gaps.
+_EVEN_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +54,16 @@ class Drivefile:
         channel_map: ChannelMap | None = None,
         units: Mapping[str, str] | None = None,
     ) -> Drivefile:
-        """Read a drivefile from any file that `read_series` reads."""
-        return cls(read_series(path, channel_map=channel_map, units=units))
+        """Read a drivefile from any file that `read_series` reads.
+
+        Raises:
+            DataError: One of its kinds, as `read_series`.
+            TimeGapError: An even grid with samples missing. Knots that are uneven all along are no gaps.
+        """
+        series = read_series(path, channel_map=channel_map, units=units)
+        if _is_even_but_for_gaps(series.time):
+            check_gaps(series.time, origin=Origin(path=Path(path)))
+        return cls(series)
 
     def write(self, path: str | Path) -> None:
         """Write the drivefile in the format that the suffix of `path` says."""
@@ -102,3 +116,11 @@ class Drivefile:
         partial = 0.5 * (values[:, left] + ends) * inside
         primitive: Array = self._integral[:, left] + partial + values[:, :1] * before
         return primitive
+
+
+def _is_even_but_for_gaps(time: Array) -> bool:
+    steps = np.diff(time)
+    if steps.size == 0:
+        return False
+    median = float(np.median(steps))
+    return bool(np.mean(np.abs(steps - median) < 0.25 * median) >= _EVEN_SHARE)

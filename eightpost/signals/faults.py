@@ -182,7 +182,7 @@ def check_sign(values: Array, reference: Array, *, channel: str, against: str, o
         raise origin.header_fault(
             WrongSignError,
             f"it correlates with {against} at {correlation:.3f}, so one of them is positive the other way "
-            f"(both must be positive in compression); set gain = -1 for {channel!r} in the channel map "
-            f"or pass `--flip {channel}`",
+            f"(both must be positive in compression); set gain = -1 in the channel map, or pass --flip, for the one "
+            f"that is wrong: `--flip {channel}`, unless it was turned already and {against} is the wrong one",
             channel=channel,
         )

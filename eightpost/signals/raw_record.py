@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eightpost.errors import FileFormatError, MissingChannelError, MissingUnitError, NotANumberError
+from eightpost.errors import (
+    FileFormatError,
+    MissingChannelError,
+    MissingUnitError,
+    NotANumberError,
+    UnknownUnitError,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,9 +57,18 @@ class RawRecord:
 
         Raises:
             MissingUnitError: Nobody says it.
+            UnknownUnitError: The file and `given` say different ones.
         """
-        source = self.names[index]
-        unit = mapped or given.get(channel) or given.get(source) or self.units[index]
+        source, stated = self.names[index], self.units[index]
+        said = given.get(channel) or given.get(source)
+        if said and stated and not mapped and said != stated:
+            raise self.origin.header_fault(
+                UnknownUnitError,
+                f"the file says [{stated}] for the column {source!r}, and {said!r} was given; leave that away, or set "
+                "the unit in a channel map if the file is wrong",
+                channel=channel,
+            )
+        unit = mapped or said or stated
         if unit is None:
             raise self.origin.header_fault(
                 MissingUnitError,

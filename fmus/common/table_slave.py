@@ -75,7 +75,8 @@ class TableSlave(Fmi2Slave):
         if self.initialising and self.stale:
             refused = self.refused
             self._guarded(self._start)
-            self.refused = refused  # leaving initialization tries again
+            # Not again until something is set; leaving initialization tries in any case.
+            self.refused, self.stale = refused, False
         return self.values[name]
 
     def _set(self, row, value):
@@ -95,7 +96,7 @@ class TableSlave(Fmi2Slave):
         if row["type"] == "Real" and not isfinite(value):
             return f"{name} = {value!r} is not finite"
         if (low is not None and value < low) or (high is not None and value > high):
-            return f"{name} = {value!r} {row['unit']} is not between {low} and {high}"
+            return f"{name} = {value!r} is not between {low} and {high} [{row['unit']}]"
         return None
 
     def _refuse(self, reason):

@@ -164,6 +164,36 @@ def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, kind):
     refused("run", "case.toml", "-o", "out", said=[said])
 
 
+def test_a_drivefile_with_a_hole_is_refused(refused, tmp_path, fmus):
+    time = np.delete(np.arange(0.0, 2.0, 0.01), slice(50, 60))
+    (tmp_path / "road.csv").write_text("t [s],road [mm]\n" + "\n".join(f"{t:.2f},0" for t in time) + "\n")
+    values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": "inputs = { aero_force = 0 }", "more": ""}
+    (tmp_path / "case.toml").write_text(SYSTEM.format(**values, scenario='drivefile = "road.csv"'))
+    refused("run", "case.toml", "-o", "out", said=["road.csv", "a gap of 0.11 s"])
+
+
+def test_a_unit_that_contradicts_the_header_is_refused(refused, tmp_path):
+    (tmp_path / "good.csv").write_text(csv(samples()))
+    refused("fit", "good.csv", "--units", "force=N", said=["the file says [lbf]", "'N' was given"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "case.toml", "-o", "afile"),
+        ("build", "case.toml", "-o", "afile"),
+        ("demo", "-o", "afile"),
+        ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
+    ],
+)
+def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
+    (tmp_path / "afile").write_text("in the way")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "case.toml").write_text('model = "quarter_car"\n')
+    (tmp_path / "good.csv").write_text(csv(samples()))
+    refused(*words, said=[words[-1]])
+
+
 def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):
     output = tmp_path / "s.json"
     output.write_text("good")

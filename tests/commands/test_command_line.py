@@ -105,7 +105,7 @@ def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path)
         '[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 0.1\n'
     )
     shown = eightpost("run", tmp_path / "case.toml", "-o", tmp_path / "out")
-    assert shown.exit_code == 1
+    assert shown.exit_code == 1, shown.output
     assert "shock" in shown.output
     assert "lag_zero_force" in shown.output
     assert not (tmp_path / "out").exists()

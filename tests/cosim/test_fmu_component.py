@@ -7,6 +7,7 @@ import fmpy
 import pytest
 
 from cosim import FmuComponent
+from cosim.conversion import Conversion, to_si
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError, StepError
 
@@ -109,6 +110,27 @@ def test_a_failing_component_names_itself_the_step_and_what_it_said(fmus):
         part.step(0.25, 1e-3)
     part.finish()
     part.finish()
+
+
+def test_a_component_may_run_again(fmus):
+    part, seen = FmuComponent(fmus["lpf1"], "lf"), []
+    for _ in range(2):
+        part.begin(0.0, 1.0, {})
+        part.end_initialization()
+        part.set(("velocity",), (0.2,))
+        part.step(0.0, 1e-3)
+        seen.append(part.get(("force",)))
+        part.finish()
+    assert seen[0] == seen[1]
+
+
+def test_a_unit_that_is_named_but_not_defined_is_kept_by_name(tmp_path, fmus):
+    xml = read_archive(fmus["lpf1"])["modelDescription.xml"]
+    start = xml.index(b'<Unit name="m/s">')
+    xml = xml[:start] + xml[xml.index(b"</Unit>", start) + 7 :]
+    part = FmuComponent(changed(fmus["lpf1"], tmp_path / "odd.fmu", **{"modelDescription.xml": xml}), "x")
+    assert part.variables["velocity"].unit.name == "m/s"
+    assert to_si(part.variables["velocity"]) == (Conversion(), "m/s")
 
 
 def test_what_the_model_description_says_is_known(fmus):

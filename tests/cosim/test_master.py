@@ -1,6 +1,8 @@
 """The master steps, lands, records and reports as it says."""
 
 import json
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -168,6 +170,45 @@ def test_energy_through_a_bond_is_metered_and_its_residual_falls_with_the_step(m
 def test_a_diverging_coupling_is_stopped_with_advice(make):
     with pytest.raises(StepError, match="smaller coupling step"):
         run(bonded(make), Scenario(1000.0), step=2.0)
+
+
+def test_a_run_that_makes_energy_is_not_acceptable_and_says_so(make):
+    """2 kg against 4 N.s/m: an explicit step of 0.8 s is stable, but far from right."""
+    result = run(bonded(make), Scenario(8.0), step=0.8)
+    assert not result.acceptable
+    assert any("lost or made by the coupling" in note for note in result.notes)
+    assert run(bonded(make), Scenario(1.0), step=0.01).acceptable
+
+
+def test_what_a_component_warned_about_is_in_the_notes(make):
+    part = make.integrator()
+    part.messages = ("the ratio looks inverted",)
+    result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(1.0), step=0.5)
+    assert "a said: the ratio looks inverted" in result.notes
+
+
+def test_a_component_of_one_step_size_gets_no_shorter_one(make):
+    fixed = Capabilities(variable_step=False)
+    system = System({"a": make.integrator(capabilities=fixed)}, constants={"a.u": 1.0})
+    with pytest.raises(WiringError, match="a takes steps of one size only"):
+        run(system, Scenario(1.0), step=0.3)
+    assert run(system, Scenario(0.9), step=0.3).steps == 3
+
+
+def test_ctrl_c_ends_a_run_between_two_steps_and_every_component_is_finished(make):
+    part = make.integrator()
+
+    def press(_state, _start, _end, _step):
+        os.kill(os.getpid(), signal.SIGINT)
+        part.log.append(("after the signal",))
+        return 0.0
+
+    part.advance = press
+    with pytest.raises(KeyboardInterrupt):
+        run(System({"a": part}, constants={"a.u": 1.0}), Scenario(1.0), step=0.1)
+    assert ("after the signal",) in part.log
+    assert len(steps_of(part)) == 1
+    assert part.log[-1] == ("finished",)
 
 
 def test_components_end_also_when_one_fails(make):

@@ -102,6 +102,35 @@ def test_what_is_wrong_in_a_system_file_is_named(folder, old, new, error, said):
     assert "case.toml" in str(caught.value) or "none.fmu" in str(caught.value) or "street.csv" in str(caught.value)
 
 
+def test_shares_do_not_depend_on_what_is_recorded(folder):
+    time = np.linspace(0.0, 1.0, 101)
+    road = 0.2 * np.sin(2 * np.pi * 3 * time)
+    write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")
+    shares = []
+    for text in (TEXT, TEXT.replace('"car.velocity", "car.tire_force", ', "").replace("0.01", "0.1")):
+        case = read_case(write(folder, text))
+        result = cosim.run(case.system, case.scenario, step=case.step)
+        shares.append((result.share_beyond_fit, result.share_tire_off))
+    assert shares[0] == shares[1]
+    assert shares[0][1]["car.tire_force"] > 0.0
+
+
+def test_a_drivefile_may_take_units_and_a_channel_map(folder):
+    (folder / "road.csv").write_text("t [s],Z1\n0,0\n1,10\n")
+    (folder / "map.toml").write_text('[channels.road]\nsource = "Z1"\nunit = "mm"\ngain = -1\n')
+    mapped = TEXT.replace('drivefile = "road.csv"', 'drivefile = "road.csv"\nchannel_map = "map.toml"')
+    assert read_case(write(folder, mapped)).scenario.drive.at(1.0) == pytest.approx([-0.01])
+    named = TEXT.replace('drivefile = "road.csv"', 'drivefile = "road.csv"\nunits = { Z1 = "mm" }')
+    named = named.replace('settling = "50 ms"', 'targets = { Z1 = "car.road" }')
+    assert read_case(write(folder, named)).scenario.drive.at(1.0) == pytest.approx([0.01])
+
+
+def test_a_sequence_is_refused_where_it_means_nothing(folder):
+    text = TEXT.replace('stop = "0.2 s"', 'stop = "0.2 s"\nalgorithm = "jacobi"\nsequence = ["car", "shock"]')
+    with pytest.raises(InputError, match="jacobi steps all components at once"):
+        read_case(write(folder, text))
+
+
 def test_an_unknown_recorded_channel_is_named(folder):
     case = read_case(write(folder, TEXT.replace("car.tire_force", "car.tyre_force")))
     with pytest.raises(WiringError, match=r"car\.tyre_force.*did you mean tire_force"):

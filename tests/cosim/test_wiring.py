@@ -120,12 +120,65 @@ def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
             "stop": make.component(damper, lambda _, u: {"force": 7.0 * u["velocity"]}),
         }
 
-    bonds = [Bond.between("car", name, displacement=False) for name in ("shock", "stop")]
-    with pytest.raises(WiringError, match=r"car\.force"):
+    bonds = [Bond.between("car", name, displacement=False, name=name) for name in ("shock", "stop")]
+    with pytest.raises(WiringError, match=r"car\.force has 2 sources"):
         System(parts(), bonds)
+    with pytest.raises(WiringError, match="two bonds are called 'car'"):
+        twins = [Bond.between("car", name, displacement=False) for name in ("shock", "stop")]
+        System(parts(), twins, sums={"car.force"})
     system = System(parts(), bonds, sums={"car.force"})
-    run(system, Scenario(0.2), step=0.1)
+    result = run(system, Scenario(0.2), step=0.1)
     assert system.components["car"].inputs["force"] == 214.0
+    # Each bond meters what it feeds itself: 100 and 7 N.s/m at 2 m/s for 0.2 s.
+    assert result.energy["shock"].transferred == pytest.approx(80.0)
+    assert result.energy["stop"].transferred == pytest.approx(5.6)
+    assert [energy.residual for energy in result.energy.values()] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"start_at_equilibrium": "false"}, "takes no str"),
+        ({"start_at_equilibrium": 1.0}, "takes no float"),
+        ({"motion_ratio": True}, "takes no bool"),
+        ({"motion_ratio": "4 lbf"}, "takes no str"),
+        ({"motion_ratio": -1.0}, "outside its range, 0.001 to 10"),
+        ({"gas_stiffness": float("nan")}, "outside its range"),
+    ],
+)
+def test_a_parameter_of_the_wrong_kind_or_out_of_its_range_is_refused(fmus, values, said):
+    name = "car" if "start_at_equilibrium" in values else "shock"
+    with pytest.raises(WiringError, match=said):
+        System.load(
+            {"car": fmus["quarter_car"], "shock": fmus["polylinear"]},
+            [Bond.between("car", "shock")],
+            parameters={name: values},
+        )
+
+
+def test_what_is_not_real_cannot_be_recorded(fmus):
+    system = System.load(
+        {"car": fmus["quarter_car"]}, constants={"car.force": 0.0, "car.road": 0.0, "car.aero_force": 0.0}
+    )
+    with pytest.raises(WiringError, match="is a Boolean and cannot be recorded"):
+        run(system, Scenario(0.1, record=("car.start_at_equilibrium",)))
+
+
+def test_a_drive_that_does_not_cover_the_run_is_refused_and_may_be_entered_late():
+    time = np.array([5.0, 9.0])
+    late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
+    with pytest.raises(InputError, match=r"0 to 4 s of the drivefile, it holds 5 to 9 s"):
+        Scenario(4.0, late)
+    with pytest.raises(InputError, match="drive_start"):
+        Scenario(5.0, late, drive_start=5.0)
+    assert Scenario(4.0, late, drive_start=5.0).drive_start == 5.0
+
+
+def test_a_late_entry_shifts_the_drive(make):
+    time = np.array([5.0, 9.0])
+    late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
+    result = run(System({"a": make.gain()}), Scenario(2.0, late, drive_start=6.0), step=1.0)
+    assert result.series["a.y"].tolist() == pytest.approx([6.0, 6.5, 7.5])
 
 
 def test_a_gas_spring_without_its_displacement_is_refused(fmus):
