@@ -22,7 +22,7 @@ from eightpost.commands.run import run_with_progress, show_result
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
-from eightpost.ident.shock_fit import LawName
+from eightpost.ident.shock.fit import LawName
 from eightpost.rig import DynoTest, read_dyno_test
 from eightpost.shock import write_shock
 from eightpost.signals import TimeSeries

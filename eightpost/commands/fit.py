@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from eightpost import units
 from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
-from eightpost.ident.shock_fit import GasTreatment, LawName, RecipeName
+from eightpost.ident.shock.fit import GasTreatment, LawName, RecipeName
 from eightpost.rig import DynoConditions, DynoTest, read_dyno_test
 from eightpost.shock import LAWS, write_shock
 from eightpost.signals import ChannelMap

@@ -7,8 +7,8 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.basis import curve_coefficients
-from eightpost.ident.fitted_curve import fitted_curve
+from eightpost.ident.shock.basis import curve_coefficients
+from eightpost.ident.shock.fitted_curve import fitted_curve
 from eightpost.shock import Lpf1
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.basis import CurveBasis, working_basis
-from eightpost.ident.dynamics import dynamics_for
-from eightpost.ident.force_model import ForceModel
-from eightpost.ident.gas import gas_columns
-from eightpost.ident.limits import limits_for
-from eightpost.ident.preparation import prepare
-from eightpost.ident.problem import Problem
+from eightpost.ident.shock.basis import CurveBasis, working_basis
+from eightpost.ident.shock.dynamics import dynamics_for
+from eightpost.ident.shock.force_model import ForceModel
+from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.preparation import prepare
+from eightpost.ident.shock.problem import Problem
 from eightpost.shock import Lpf1
 
 THETA = {"polylinear": [], "lpf1": [1.4e-3], "lpnl2": [1.4e-3, 500.0, 0.3]}

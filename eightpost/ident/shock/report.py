@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from eightpost.ident.findings import in_field_units
+from eightpost.ident.shock.findings import in_field_units
 from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eightpost.ident.parameters import Parameter
-    from eightpost.ident.shock_fit import ShockFit
+    from eightpost.ident.shock.fit import ShockFit
+    from eightpost.ident.shock.parameters import Parameter
 
 #: The laws as people write them.
 TITLES = {"polylinear": "Polylinear", "lpf1": "LPF1", "lpnl2": "LPNL2"}

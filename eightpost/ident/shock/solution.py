@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.force_model import ForceModel
+    from eightpost.ident.shock.force_model import ForceModel
 
     Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.ident.basis import curve_forces
-from eightpost.ident.lagging import lag
+from eightpost.ident.shock.basis import curve_forces
+from eightpost.ident.shock.lagging import lag
 from eightpost.shock import Lpf1, Lpnl2, Polylinear
 
 if TYPE_CHECKING:

@@ -10,30 +10,30 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eightpost.errors import ParameterError
-from eightpost.ident.basis import CurveBasis, working_basis
-from eightpost.ident.boggs import Boggs
-from eightpost.ident.description import conditions_of, digest_of, fit_of
-from eightpost.ident.dynamics import dynamics_for
-from eightpost.ident.findings import findings
-from eightpost.ident.fitted_curve import fitted_curve
-from eightpost.ident.force_model import ForceModel
-from eightpost.ident.gas import gas_columns
-from eightpost.ident.joint import Joint
-from eightpost.ident.limits import limits_for
-from eightpost.ident.parameters import parameters_of
-from eightpost.ident.preparation import prepare
-from eightpost.ident.simulation import simulate
+from eightpost.ident.shock.basis import CurveBasis, working_basis
+from eightpost.ident.shock.boggs import Boggs
+from eightpost.ident.shock.description import conditions_of, digest_of, fit_of
+from eightpost.ident.shock.dynamics import dynamics_for
+from eightpost.ident.shock.findings import findings
+from eightpost.ident.shock.fitted_curve import fitted_curve
+from eightpost.ident.shock.force_model import ForceModel
+from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.joint import Joint
+from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.parameters import parameters_of
+from eightpost.ident.shock.preparation import prepare
+from eightpost.ident.shock.simulation import simulate
 from eightpost.shock import Port, Shock
 from eightpost.signals import TimeSeries
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.basis import Join, WorkingBasis
-    from eightpost.ident.limits import Limits
-    from eightpost.ident.parameters import Parameter
-    from eightpost.ident.preparation import Prepared
-    from eightpost.ident.solution import Solution
+    from eightpost.ident.shock.basis import Join, WorkingBasis
+    from eightpost.ident.shock.limits import Limits
+    from eightpost.ident.shock.parameters import Parameter
+    from eightpost.ident.shock.preparation import Prepared
+    from eightpost.ident.shock.solution import Solution
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.shock import ShockLaw
 

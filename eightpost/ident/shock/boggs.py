@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from eightpost.ident.dynamics import FadingLag, FullLag
-from eightpost.ident.limits import FORCE
-from eightpost.ident.solution import Solution, covariance, independent_samples, linear_solution
+from eightpost.ident.shock.dynamics import FadingLag, FullLag
+from eightpost.ident.shock.limits import FORCE
+from eightpost.ident.shock.solution import Solution, covariance, independent_samples, linear_solution
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from eightpost.ident.basis import Join
-    from eightpost.ident.force_model import ForceModel
+    from eightpost.ident.shock.basis import Join
+    from eightpost.ident.shock.force_model import ForceModel
 
     Array = NDArray[np.float64]
 

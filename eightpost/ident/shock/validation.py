@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.ident.preparation import prepare
-from eightpost.ident.simulation import simulate
+from eightpost.ident.shock.preparation import prepare
+from eightpost.ident.shock.simulation import simulate
 from eightpost.signals import TimeSeries
 
 if TYPE_CHECKING:
-    from eightpost.ident.preparation import Prepared
+    from eightpost.ident.shock.preparation import Prepared
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.shock import Shock, ShockLaw
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import theilslopes
 
-from eightpost.ident.basis import GRID, CurveBasis, split_coefficients
+from eightpost.ident.shock.basis import GRID, CurveBasis, split_coefficients
 from eightpost.shock import StaticCurve
 from eightpost.units import convert
 

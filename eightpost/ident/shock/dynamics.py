@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eightpost.ident.lagging import lag, lag_sensitivity
+from eightpost.ident.shock.lagging import lag, lag_sensitivity
 from eightpost.shock import Lpf1, Lpnl2, Polylinear
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.limits import Limits
+    from eightpost.ident.shock.limits import Limits
     from eightpost.shock import Port, ShockLaw, StaticCurve
 
     Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.solution import Solution
+    from eightpost.ident.shock.solution import Solution
 
     Array = NDArray[np.float64]
 

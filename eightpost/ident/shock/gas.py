@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.preparation import Prepared
+    from eightpost.ident.shock.preparation import Prepared
 
     Array = NDArray[np.float64]
 

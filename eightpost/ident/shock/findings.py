@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.ident.dynamics import FadingLag
-from eightpost.ident.solution import linear_solution
+from eightpost.ident.shock.dynamics import FadingLag
+from eightpost.ident.shock.solution import linear_solution
 from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from eightpost.ident.parameters import Parameter
-    from eightpost.ident.solution import Solution
+    from eightpost.ident.shock.parameters import Parameter
+    from eightpost.ident.shock.solution import Solution
 
 #: An offset that was to be taken out is notable from this share of the force's standard deviation.
 _NOTABLE_OFFSET = 0.01

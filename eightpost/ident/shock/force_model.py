@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.ident.lagging import lag
+from eightpost.ident.shock.lagging import lag
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.basis import WorkingBasis
-    from eightpost.ident.dynamics import Dynamics
-    from eightpost.ident.gas import GasColumns
-    from eightpost.ident.preparation import Prepared
+    from eightpost.ident.shock.basis import WorkingBasis
+    from eightpost.ident.shock.dynamics import Dynamics
+    from eightpost.ident.shock.gas import GasColumns
+    from eightpost.ident.shock.preparation import Prepared
 
     Array = NDArray[np.float64]
 

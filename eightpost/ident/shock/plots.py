@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eightpost.files import atomic_path
-from eightpost.ident.basis import curve_forces
-from eightpost.ident.report import TITLES
+from eightpost.ident.shock.basis import curve_forces
+from eightpost.ident.shock.report import TITLES
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from eightpost.ident.shock_fit import ShockFit
+    from eightpost.ident.shock.fit import ShockFit
 
     Array = NDArray[np.float64]
 

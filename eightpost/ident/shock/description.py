@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from eightpost.ident.parameters import Parameter
-    from eightpost.ident.preparation import Prepared
-    from eightpost.ident.solution import Solution
+    from eightpost.ident.shock.parameters import Parameter
+    from eightpost.ident.shock.preparation import Prepared
+    from eightpost.ident.shock.solution import Solution
     from eightpost.rig.dyno_test import DynoTest
 
     Array = NDArray[np.float64]

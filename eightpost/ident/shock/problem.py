@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from eightpost.ident.solution import Solution, covariance, independent_samples
+from eightpost.ident.shock.solution import Solution, covariance, independent_samples
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.force_model import ForceModel
+    from eightpost.ident.shock.force_model import ForceModel
 
     Array = NDArray[np.float64]
 

@@ -16,20 +16,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from eightpost.ident.dynamics import FadingLag, FullLag
-from eightpost.ident.fitted_curve import NOTABLE_FALL
-from eightpost.ident.lagging import lag
-from eightpost.ident.problem import Problem
-from eightpost.ident.solution import Solution, linear_solution
+from eightpost.ident.shock.dynamics import FadingLag, FullLag
+from eightpost.ident.shock.fitted_curve import NOTABLE_FALL
+from eightpost.ident.shock.lagging import lag
+from eightpost.ident.shock.problem import Problem
+from eightpost.ident.shock.solution import Solution, linear_solution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
-    from eightpost.ident.basis import Join
-    from eightpost.ident.force_model import ForceModel
-    from eightpost.ident.problem import Minimum
+    from eightpost.ident.shock.basis import Join
+    from eightpost.ident.shock.force_model import ForceModel
+    from eightpost.ident.shock.problem import Minimum
 
     Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.segment import FILTER_EDGE, choose_segment
+from eightpost.ident.shock.segment import FILTER_EDGE, choose_segment
 from eightpost.signals import TimeSeries, lowpass
 from eightpost.units import convert
 
