@@ -107,6 +107,6 @@ def _simulate(path: Path) -> tuple[str, list[Finding]]:
     if ran.returncode != 0 or not last:
         how = f"was killed by signal {-ran.returncode}" if ran.returncode < 0 else f"exit code {ran.returncode}"
         said = " ".join((ran.stderr or ran.stdout).strip().splitlines()[-3:])
-        return "a short simulation, which failed", [Finding(source, f"the process {how}: {said}")]
+        return "a short simulation, which failed", [Finding(source, f"the process {how}: {said or 'it said nothing'}")]
     outcome = json.loads(last[0])
     return str(outcome["done"]), [Finding(source, message) for message in outcome["findings"]]

@@ -76,6 +76,10 @@ class Component(Protocol):
         """What tells this component from another of the same name: an FMU's GUID."""
 
     @property
+    def source(self) -> str:
+        """Where it came from: an FMU's file name."""
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """What it warned about since it began, each once."""
 

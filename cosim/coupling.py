@@ -257,7 +257,10 @@ def _only_input(system: System, channel: str) -> str:
     ]
     if len(homes) != 1:
         found = " and ".join(homes) or "none"
-        raise WiringError(f"drivefile channel {channel!r}: {found} takes it; say where it goes in [scenario.targets]")
+        raise WiringError(
+            f"drivefile channel {channel!r}: {found} takes it; say where it goes: under [scenario.targets], "
+            f'"{channel}" = "COMPONENT.INPUT"'
+        )
     return homes[0]
 
 

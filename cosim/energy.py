@@ -9,6 +9,9 @@ from cosim.conversion import to_si
 from cosim.coupling import Coupling, Term
 from cosim.system import Bond, Connection, System
 
+#: Residual, as a share of the energy transferred, from which a run deserves a second one at half the step.
+DOUBTFUL = 1e-3
+
 #: Largest residual, as a share of the energy transferred, of a result that can be used: sound runs stay under 0.1 %.
 LIMIT = 0.05
 

@@ -66,6 +66,11 @@ class FmuComponent:
         return str(self._description.guid)
 
     @property
+    def source(self) -> str:
+        """The FMU's file name."""
+        return self._path.name
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """What it logged as warnings or worse since it began, each once."""
         return tuple(dict.fromkeys(self._messages))

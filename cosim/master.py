@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.algorithm import Algorithm, GaussSeidel
 from cosim.coupling import Coupling
-from cosim.energy import BondEnergy, EnergyMeter
+from cosim.energy import DOUBTFUL, BondEnergy, EnergyMeter
 from cosim.equilibrium import Equilibrium, solve_equilibrium
 from cosim.interrupt import interrupts_deferred
 from cosim.limits import LimitWatch
@@ -91,6 +91,8 @@ class _Session:
             energy=energy,
             held_direct=held_direct_outputs(self._system, self._coupling.held_inputs(), self._recorder.names),
             identities={name: component.identity for name, component in self._system.components.items()},
+            sources={name: component.source for name, component in self._system.components.items()},
+            parameters={name: dict(values) for name, values in self._system.parameters.items() if values},
             settling=self._scenario.settling,
             share_beyond_fit=self._limits.beyond_fit(),
             share_tire_off=self._limits.tire_off(),
@@ -128,6 +130,7 @@ class _Session:
             *_energy_notes(energy),
             *_order_notes(self._coupling, self._algorithm),
             *_unit_notes(self._system),
+            *_gas_notes(self._system),
             *(f"{name} said: {said}" for name, c in self._system.components.items() for said in c.messages),
         )
 
@@ -173,8 +176,13 @@ def _energy_notes(energy: Mapping[str, BondEnergy]) -> Iterator[str]:
     for name, bond in energy.items():
         if not bond.acceptable:
             yield (
-                f"bond {name}: {abs(bond.relative):.0%} of the energy through it is lost or made by the coupling; take "
+                f"bond {name}: {abs(bond.relative):.0%} of the energy through it is lost or made by the coupling: take "
                 "a smaller coupling step, and do not use this result"
+            )
+        elif abs(bond.relative) > DOUBTFUL:
+            yield (
+                f"bond {name}: {abs(bond.relative):.2%} of the energy through it is lost or made by the coupling; "
+                "sound runs stay under 0.1 %: halve the coupling step and compare"
             )
 
 
@@ -195,3 +203,20 @@ def _unit_notes(system: System) -> Iterator[str]:
     )
     if unstated:
         yield f"no unit stated, values taken as they are: {', '.join(unstated)}"
+
+
+def _gas_notes(system: System) -> Iterator[str]:
+    """Static loads hold the car up with the gas force in them; a shock's own preload then counts it again."""
+    values = {
+        f"{name}.{v.name}": system.parameters.get(name, {}).get(v.name, v.start)
+        for name, component in system.components.items()
+        for v in component.variables.values()
+        if v.name == "gas_preload" or v.name.endswith("static_tire_force")
+    }
+    given = [name for name, value in values.items() if float(value or 0.0) != 0.0]
+    shocks = [name.partition(".")[0] for name in given if name.endswith("gas_preload")]
+    if shocks and len(shocks) < len(given):
+        yield (
+            f"the car has static tire forces and {', '.join(shocks)} a gas preload of their own: if the static state "
+            "was taken with the gas in the shocks, it counts twice (fit with --gas included, or set gas_preload = 0)"
+        )

@@ -33,6 +33,8 @@ class Result:
         energy: Per bond: energy residual and energy transferred [J].
         held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
         identities: GUID of each component.
+        sources: File of each component.
+        parameters: Values that differ from the components' own, by component; in their own units.
         settling: Time at the start that response measures leave out [s].
         share_beyond_fit: Per shock: share of time beyond its fitted velocities.
         share_tire_off: Per tire force: share of time below zero load; None where no static load is known.
@@ -50,6 +52,8 @@ class Result:
     energy: Mapping[str, BondEnergy]
     held_direct: tuple[str, ...]
     identities: Mapping[str, str]
+    sources: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
     settling: float = 0.0
     share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
     share_tire_off: Mapping[str, float | None] = field(default_factory=dict)

@@ -143,7 +143,9 @@ class System:
         """
         variable = find_variable(self.components, name)
         if variable.causality != "input" or variable.type != "Real":
-            raise WiringError(f"{name} is a {variable.type} {variable.causality}, not a real input")
+            raise WiringError(
+                f"{name} is a {variable.type} {variable.causality}, not a real input; in a bond the vehicle comes first"
+            )
         return variable
 
     def _check_bond_names(self) -> None:

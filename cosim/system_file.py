@@ -26,6 +26,14 @@ SCHEMA = 1
 Value = float | str
 
 
+#: pydantic's kinds of fault in words that help.
+_WORDS = {
+    "extra_forbidden": "is no entry of a system file (docs/system_file.md lists them)",
+    "missing": "is missing",
+    "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
+}
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
@@ -132,7 +140,7 @@ def _read(path: Path) -> _File:
     try:
         return _File.model_validate({"schema": SCHEMA, **content})
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {_WORDS.get(f['type'], f['msg'])}" for f in error.errors())
         raise InputError(f"{path}: {faults}") from error
 
 

@@ -16,6 +16,7 @@ from rich.markup import escape
 from eightpost import __version__
 from eightpost.commands.build import build
 from eightpost.commands.check import check
+from eightpost.commands.compare import compare
 from eightpost.commands.demo import demo
 from eightpost.commands.fit import fit
 from eightpost.commands.run import run
@@ -57,11 +58,12 @@ def main(verbose: bool) -> None:
       eightpost check dist/shock.fmu
       eightpost run examples/seven_dof.toml -o out/
     """
-    level = logging.DEBUG if verbose else logging.ERROR
+    # What components log comes back in notes and errors; on its own it would stand in the middle of a progress bar.
+    level = logging.DEBUG if verbose else logging.CRITICAL
     logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
 
 
-for _verb in (fit, build, check, run, demo):
+for _verb in (fit, build, check, run, compare, demo):
     main.add_command(_verb)
 
 if __name__ == "__main__":

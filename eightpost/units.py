@@ -53,6 +53,8 @@ SI_UNITS = (
     "1",
 )
 
+_QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
+
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _PINT_BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
@@ -83,7 +85,7 @@ def _unit(unit: str) -> Any:
     try:
         return _REGISTRY.Unit(_expression(unit)) if _expression(unit) != "1" else _REGISTRY.Unit("")
     except Exception as error:  # pint raises several kinds, and assertion errors from its parser
-        known = ", ".join(("m", "mm", "in", "m/s", "mm/s", "in/s", "N", "kN", "lbf", "s", "ms", "degC", "degF"))
+        known = ", ".join(("m", "mm", "in", "m/s", "in/s", "N", "lbf", "lbf/in", "kg", "lbm", "psi", "s", "ms", "degC"))
         raise UnknownUnitError(f"unknown unit {unit!r}; write it as for example {known}") from error
 
 
@@ -171,10 +173,11 @@ def quantity(text: str) -> tuple[float, str]:
     Raises:
         UnknownUnitError: It does not begin with a number, or the unit is not known.
     """
-    number, _, unit = text.strip().partition(" ")
-    try:
-        value = float(number)
-    except ValueError:
-        raise UnknownUnitError(f"{text!r} is not a value with a unit; write it as for example '70 in'") from None
+    match = _QUANTITY.fullmatch(text.strip())
+    if match is None:
+        raise UnknownUnitError(f"{text!r} is not a value with a unit; write it as for example '70 in'")
+    number, unit = match.groups()
+    if not unit:
+        raise UnknownUnitError(f"{text!r} has no unit; write it as for example '70 in'")
     _unit(unit)
-    return value, unit.strip()
+    return float(number), unit

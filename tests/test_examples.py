@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import cosim
 from builder.build import build
+from cosim.system_file import read_case
 from eightpost.shock import write_shock
 from eightpost.signals import Drivefile, TimeSeries, read_series
 
@@ -82,6 +84,18 @@ def test_the_fmpy_only_loop_gives_what_our_master_gives(workplace, fmus, shocks,
     assert fastest == pytest.approx(series["car.lf.velocity"].max(), abs=1e-4)
     tire = series["car.lf.tire_force"]
     assert change == pytest.approx(tire[-1] - tire[0], abs=0.5)
+
+
+def test_the_quarter_car_example_runs(workplace, shocks):
+    write_shock(shocks["lpnl2"], workplace / "dist" / "dyno_A.json")
+    build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
+    case = read_case(workplace / "examples" / "quarter_car.toml")
+    scenario = replace(case.scenario, stop=3.0)
+    result = cosim.run(case.system, scenario, algorithm=case.algorithm, step=case.step)
+    assert result.acceptable
+    # 750 lbf of car, 250 lbf of downforce.
+    assert result.series["corner.tire_force"][0] == pytest.approx(1000 * 4.4482216152605, rel=1e-3)
+    assert any("counts twice" in note for note in result.notes), "the test's shock has a gas preload of its own"
 
 
 def test_the_demo_data_are_what_their_script_makes(tmp_path):

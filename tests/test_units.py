@@ -62,12 +62,14 @@ def test_other_dimensions_are_refused():
         units.convert(1.0, "N", "m")
 
 
-@pytest.mark.parametrize(("text", "value"), [("70 in", (70.0, "in")), ("1.5e6 lbm.in2", (1.5e6, "lbm.in2"))])
+@pytest.mark.parametrize(
+    ("text", "value"), [("70 in", (70.0, "in")), ("1.5e6 lbm.in2", (1.5e6, "lbm.in2")), ("150psi", (150.0, "psi"))]
+)
 def test_a_quantity_is_a_value_with_its_unit(text, value):
     assert units.quantity(text) == value
 
 
-@pytest.mark.parametrize("text", ["in", "seventy in", "70 sideways", ""])
+@pytest.mark.parametrize("text", ["in", "seventy in", "70 sideways", "", "30"])
 def test_what_is_no_quantity_is_refused(text):
     with pytest.raises(UnknownUnitError):
         units.quantity(text)

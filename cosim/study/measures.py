@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.signals import TimeSeries
+
+Statistic = Literal["rms", "mean"]
+
+_STATISTICS: tuple[tuple[str, Statistic], ...] = (("RMS", "rms"), ("mean", "mean"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +29,7 @@ class Measure:
 
     name: str
     channels: tuple[str, ...]
-    statistic: Literal["rms", "mean"]
+    statistic: Statistic
     display: str
 
     def of(self, series: TimeSeries) -> float:
@@ -45,6 +49,20 @@ class Measure:
 def rms(values: NDArray[np.float64]) -> float:
     """Return the root mean square of the values less their mean, in their unit."""
     return float(np.std(values))
+
+
+def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, ...]:
+    """Return the measures whose channels every run has."""
+    return tuple(m for m in measures if all(channel in run for run in runs for channel in m.channels))
+
+
+def channel_measures(series: TimeSeries, display: Mapping[str, str]) -> tuple[Measure, ...]:
+    """Return RMS and mean of every channel; `display` gives the unit to show by SI unit."""
+    return tuple(
+        Measure(f"{name}, {label}", (name,), statistic, display.get(unit, unit))
+        for name, unit in zip(series.names, series.units, strict=True)
+        for label, statistic in _STATISTICS
+    )
 
 
 def ride_measures(vehicle: str, corners: Sequence[str] = ("lf", "rf", "lr", "rr")) -> tuple[Measure, ...]:

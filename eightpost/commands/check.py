@@ -31,9 +31,13 @@ def check(ctx: click.Context, fmus: tuple[Path, ...]) -> None:
     ctx.exit(1 if any(report.findings for report in reports) else 0)
 
 
+def _count(number: int) -> str:
+    return "1 finding" if number == 1 else f"{number} findings"
+
+
 def show_report(console: Console, report: CheckReport) -> None:
     """Print what was done to an FMU and what was found."""
-    verdict = f"[bold red]{len(report.findings)} findings[/]" if report.findings else "[bold green]clean[/]"
+    verdict = f"[bold red]{_count(len(report.findings))}[/]" if report.findings else "[bold green]clean[/]"
     console.print(f"{escape(str(report.path))}: {verdict}")
     for what in report.done:
         console.print(f"  did    {escape(what)}", highlight=False)

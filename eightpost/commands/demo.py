@@ -6,17 +6,16 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.table import Table
 
 import cosim
 from builder.build import build as build_fmus
 from builder.check import check as check_fmu
 from cosim.plots import plot_measures, plot_spectra, plot_traces
-from cosim.study.measures import Measure, ride_measures
+from cosim.study.measures import ride_measures
 from cosim.system_file import read_case
-from eightpost import units
 from eightpost.commands.build import show_built
 from eightpost.commands.check import show_report
+from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
 from eightpost.commands.run import run_with_progress, show_result
 from eightpost.errors import InputError
@@ -25,7 +24,6 @@ from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
 from eightpost.ident.shock.fit import LawName
 from eightpost.rig import DynoTest, read_dyno_test
 from eightpost.shock import write_shock
-from eightpost.signals import TimeSeries
 
 _SYNTHETIC = "(synthetic data)"
 _BUILDS = ("A", "B", "C")
@@ -125,13 +123,3 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
     plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
     plot_measures(series, measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
-
-
-def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:
-    """Return a table of measures by run, with the change of the last run from the first."""
-    table = Table("measure", "unit", *runs, "change")
-    for measure in measures:
-        values = [units.convert(measure.of(s), measure.unit(s), measure.display) for s in runs.values()]
-        change = f"{100.0 * (values[-1] / values[0] - 1.0):+.2f} %" if values[0] else ""
-        table.add_row(measure.name, measure.display, *(f"{value:.4g}" for value in values), change)
-    return table

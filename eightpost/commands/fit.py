@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import units
+from eightpost.errors import InputError
 from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
 from eightpost.ident.shock.fit import GasTreatment, LawName, RecipeName
 from eightpost.rig import DynoConditions, DynoTest, read_dyno_test
@@ -73,6 +74,8 @@ def fit(  # one parameter per option
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
     console = Console()
+    output = output or Path(f"{dyno_file.stem}.json")
+    _check_output(output, dyno_file)
     test = read_dyno_test(
         dyno_file,
         channel_map=ChannelMap.read(map_file) if map_file else None,
@@ -93,7 +96,6 @@ def fit(  # one parameter per option
         transition_speed=_si(transition_speed, "m/s"),
     )
     show_fit(console, found)
-    output = output or Path(f"{dyno_file.stem}.json")
     plot = plot or output.with_suffix(".png")
     write_shock(found.shock, output)
     plot_force_velocity(found, plot)
@@ -118,12 +120,20 @@ def show_fit(console: Console, found: ShockFit) -> None:
     """Print a fit's quality, its parameters, and what was decided on the way."""
     console.print(fit_table([found]))
     console.print(parameter_table(found))
-    for what in found.changes:
-        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
     for what in found.warnings:
         console.print(f"[red]warning[/] {escape(what)}", highlight=False)
+    for what in found.changes:
+        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
     if not found.converged:
         console.print(f"[red]not converged[/] {escape(found.status)}", highlight=False)
+
+
+def _check_output(output: Path, dyno_file: Path) -> None:
+    """Refuse an output that would take the place of something that is no shock file."""
+    if output.is_dir():
+        raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
+    if output.suffix != ".json":
+        raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
 
 
 def _pair(word: str) -> tuple[str, str]:

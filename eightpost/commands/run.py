@@ -16,9 +16,10 @@ from cosim.plots import DISPLAY, plot_traces
 from cosim.system_file import Case, read_case
 from eightpost import units
 from eightpost.files import check_output_folder
+from eightpost.signals import TimeSeries
 
-#: Panels of the picture that every run leaves.
-_PANELS = 8
+#: Panels of the picture that every run leaves, and how much of a long run it shows [s].
+_PANELS, _SHOWN = 12, 4.0
 
 
 @click.command()
@@ -27,11 +28,11 @@ _PANELS = 8
               help="Folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
 @click.option("--fmu", "swaps", multiple=True, metavar="NAME=FILE",
               help="Take another FMU for a component: --fmu lf=dist/soft.fmu")  # fmt: skip
-@click.option("--step", type=float, help="Coupling step [s], in place of the file's.")
+@click.option("--step", metavar="TIME", help="Coupling step in place of the file's, as '1 ms'.")
 @click.option("--algorithm", type=click.Choice(list(cosim.ALGORITHMS)), help="In place of the file's.")
 @click.pass_context
 def run(
-    ctx: click.Context, case_file: Path, output: Path, swaps: tuple[str, ...], step: float | None, algorithm: str | None
+    ctx: click.Context, case_file: Path, output: Path, swaps: tuple[str, ...], step: str | None, algorithm: str | None
 ) -> None:
     """Run a system of coupled FMUs.
 
@@ -47,14 +48,19 @@ def run(
     case = read_case(case_file, fmus=dict(_swap(text) for text in swaps))
     if algorithm and algorithm != case.algorithm.name:
         case = replace(case, algorithm=cosim.ALGORITHMS[algorithm])
-    case = replace(case, step=case.step if step is None else step)
+    if step is not None:
+        case = replace(case, step=units.convert(*units.quantity(step), "s"))
     console = Console()
     result = run_with_progress(console, case)
     show_result(console, case.name, result)
     paths = [*result.write(output), output / "traces.png"]
-    end = float(result.series.time[-1])
-    plot_traces({case.name: result.series}, result.series.names[:_PANELS], paths[-1], start=0.0, stop=end)
+    shown, (start, stop) = result.series.names[:_PANELS], _window(result.series)
+    plot_traces({case.name: result.series}, shown, paths[-1], start=start, stop=stop, title=case.name)
     console.print(f"wrote {', '.join(map(str, paths))}", soft_wrap=True, highlight=False)
+    console.print(
+        f"traces.png shows {len(shown)} of {len(result.series.names)} channels from {start:g} to {stop:g} s",
+        highlight=False,
+    )
     ctx.exit(0 if result.acceptable else 1)
 
 
@@ -91,10 +97,19 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
     if any(share is None for share in result.share_tire_off.values()):
         console.print("[yellow]note[/] no static tire force is given, so lift-off cannot be told")
     if result.held_direct:
-        console.print(f"[yellow]note[/] direct terms held over each step (first order in the step): "
-                      f"{', '.join(result.held_direct)}", highlight=False)  # fmt: skip
+        console.print(
+            f"[yellow]note[/] {len(result.held_direct)} outputs, such as {result.held_direct[0]}, follow an input that "
+            "was held over each step: their error is proportional to it (docs/coupling.md; all in result.json)",
+            highlight=False,
+        )
     for note in result.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+
+
+def _window(series: TimeSeries) -> tuple[float, float]:
+    """Return four seconds from the middle of a long run, else all of it."""
+    last = float(series.time[-1])
+    return (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
 
 
 def _statistics(result: cosim.Result) -> Table:

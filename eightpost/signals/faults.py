@@ -183,6 +183,7 @@ def check_sign(values: Array, reference: Array, *, channel: str, against: str, o
             WrongSignError,
             f"it correlates with {against} at {correlation:.3f}, so one of them is positive the other way "
             f"(both must be positive in compression); set gain = -1 in the channel map, or pass --flip, for the one "
-            f"that is wrong: `--flip {channel}`, unless it was turned already and {against} is the wrong one",
+            f"that is wrong: `--flip {channel}` if {against} is right, else that of {against}. A wrong choice swaps "
+            "compression and rebound; gas force tells: it must come out positive",
             channel=channel,
         )

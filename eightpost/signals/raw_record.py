@@ -73,7 +73,7 @@ class RawRecord:
             raise self.origin.header_fault(
                 MissingUnitError,
                 f"the column {source!r} says no unit; write it into the header as `{source} [unit]`, pass "
-                f"`--units {channel}=unit`, or set it in a channel map",
+                f"`--units {channel}=unit` (in a system file: units = {{ {channel} = 'unit' }}), or use a channel map",
                 channel=channel,
             )
         return unit

@@ -12,7 +12,7 @@ from eightpost.archive import read_archive, write_archive
 from eightpost.shock import read_shock
 
 ROOT = Path(__file__).parents[2]
-VERBS = ("fit", "build", "check", "run", "demo")
+VERBS = ("fit", "build", "check", "run", "compare", "demo")
 
 
 @pytest.fixture
@@ -109,6 +109,35 @@ def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path)
     assert "shock" in shown.output
     assert "lag_zero_force" in shown.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_two_runs_are_compared_with_what_was_in_them(eightpost, fmus, tmp_path):
+    for name, shock in (("a", "lpnl2"), ("b", "lpf1")):
+        (tmp_path / f"{name}.toml").write_text(
+            f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ aero_force = 0 }}\n'
+            f'[components.shock]\nfmu = "{fmus[shock]}"\nparameters = {{ rebound_scale = 0.9 }}\n'
+            '[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 2\nsettling = 0.5\n'
+            f'drivefile = "{ROOT}/examples/data/track.parquet"\n[scenario.targets]\n"lf.road" = "car.road"\n'
+        )
+        assert eightpost("run", tmp_path / f"{name}.toml", "-o", tmp_path / name).exit_code == 0
+    shown = eightpost("compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
+    assert shown.exit_code == 0, shown.output
+    for said in ("shock = lpnl2.fmu", "shock = lpf1.fmu", "shock.rebound_scale = 0.9", "%"):
+        assert said in shown.output
+    assert (tmp_path / "changes.png").stat().st_size > 5_000
+    assert eightpost("compare", tmp_path / "a").exit_code == 2
+    assert eightpost("compare", tmp_path / "a", tmp_path).exit_code == 2
+
+
+def test_fit_never_takes_the_place_of_a_record(eightpost, tmp_path):
+    record = tmp_path / "own.csv"
+    shutil.copy(ROOT / "examples" / "data" / "dyno_A.csv", record)
+    before = record.read_bytes()
+    shown = eightpost("fit", record, "-o", record)
+    assert shown.exit_code == 2
+    assert "ends in .json" in shown.output
+    assert record.read_bytes() == before
 
 
 @pytest.mark.slow

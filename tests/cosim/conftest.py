@@ -23,6 +23,7 @@ class FunctionComponent:
     state: float = 0.0
     capabilities: Capabilities = field(default_factory=Capabilities)
     identity: str = "function"
+    source: str = "test"
     messages: tuple[str, ...] = ()
     log: list[tuple] = field(default_factory=list)
     fails_at: float = float("inf")

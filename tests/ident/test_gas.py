@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,13 @@ def test_the_reference_travels_with_the_shock(with_gas):
     shifted = with_gas.series.with_channel("displacement", "m", with_gas.series["displacement"] + 0.01)
     offset = evaluate(fit.shock, DynoTest(shifted)).offset
     assert offset == pytest.approx(-0.01 * fit.shock.law.port.gas_stiffness, abs=0.5)
+
+
+def test_a_gas_that_pulls_is_doubted(with_gas):
+    """The same record seen from the other end: every channel negated, compression and rebound swapped."""
+    series = with_gas.series
+    mirrored = type(series)(series.time, -series.values, series.names, series.units)
+    fit = fit_shock(replace(with_gas, series=mirrored), "lpf1")
+    assert fit.parameter("gas_preload").value < 0.0
+    assert any("gas pushes" in warning and "--flip" in warning for warning in fit.warnings)
+    assert not any("gas pushes" in warning for warning in fit_shock(with_gas, "lpf1").warnings)

@@ -47,6 +47,7 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
     found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
     found += _unused_fading(solution)
     found += _stiff_with_lag(solution, recipe)
+    found += [_pulling(p) for p in own if p.name == "gas_preload" and p.value < 0.0]
     found += _offset(solution) if gas == "subtracted" else []
     deviation = solution.model.prepared.deviation
     if rms > _POOR * deviation:
@@ -85,6 +86,15 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
     if solution.model.gas.count < 2 or (recipe == "joint" and solution.model.dynamics.names):
         return []
     return ["gas_stiffness was fitted without a lag and holds part of it; a joint LPF1 fit tells the two apart"]
+
+
+def _pulling(preload: Parameter) -> str:
+    value, unit = in_field_units(preload.value, preload.unit)
+    return (
+        f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
+        "or the record is positive in extension: then turn force and motion (--flip force with --flip velocity or "
+        "--flip displacement), else compression and rebound are swapped"
+    )
 
 
 def _offset(solution: Solution) -> list[str]:

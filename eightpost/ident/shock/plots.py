@@ -50,7 +50,7 @@ def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], 
 def _panel(axes: Axes, fit: ShockFit) -> None:
     velocity, gas = _INCH * fit.measured["velocity"], fit.predicted["gas_force"]
     dots = slice(None, None, max(velocity.size // _DOTS, 1))
-    loop = fit.measured.time <= fit.measured.time[0] + _LOOP
+    loop = _liveliest(fit.measured.time, velocity)
     measured, predicted = (_POUND * (series["force"] - gas) for series in (fit.measured, fit.predicted))
     axes.plot(velocity[dots], measured[dots], ".", color="0.6", markersize=2.0, label="measured")
     axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s of it")
@@ -58,6 +58,13 @@ def _panel(axes: Axes, fit: ShockFit) -> None:
     law = TITLES[fit.shock.law_name]
     axes.set_title(f"{fit.shock.name}: {law}, RMS {_POUND * fit.rms:.2f} lbf, {fit.percent:.2f} % of std", pad=34)
     _decorate(axes)
+
+
+def _liveliest(time: Array, velocity: Array) -> NDArray[np.bool_]:
+    """Return which samples (N,) lie in the second around the highest speed."""
+    middle = float(time[np.argmax(np.abs(velocity))])
+    start = min(max(middle - 0.5 * _LOOP, time[0]), max(time[-1] - _LOOP, time[0]))
+    return np.asarray((time >= start) & (time <= start + _LOOP))
 
 
 def _static_curve(fit: ShockFit) -> tuple[Array, Array]:

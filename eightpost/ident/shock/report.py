@@ -44,7 +44,7 @@ def parameter_table(fit: ShockFit) -> Table:
     """Return the parameters of a fit: value, standard error and bounds in SI and in field units."""
     table = Table(title=f"{fit.shock.name}, {TITLES[fit.shock.law_name]}: parameters")
     table.add_column("parameter", no_wrap=True)
-    for title in ("value", "± error", "SI", "bounds"):
+    for title in ("value", "± statistical", "SI", "bounds"):
         table.add_column(title, justify="right")
     table.add_column("at bound")
     for parameter in fit.parameters:
