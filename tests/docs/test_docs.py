@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import re
@@ -12,9 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from cosim import system_file
 from eightpost.signals import ChannelMap, read_series
 from eightpost.signals.header import split_header
 from eightpost.units import convert
+from eightpost.vehicle import QuarterCar, SevenDof
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -120,3 +123,17 @@ def test_nothing_in_the_repository_points_outside_it():
     files = [ROOT / name for name in listed.split("\0") if name and name != ".ci/run"]
     found = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
     assert found == []
+
+
+def test_every_entry_of_a_system_file_is_documented():
+    page = (ROOT / "docs" / "system_file.md").read_text()
+    for model in (system_file._File, system_file._Component, system_file._Bond, system_file._Scenario):
+        for name, field in model.model_fields.items():
+            assert re.search(rf"[`\[.]{field.alias or name}\b", page), name
+
+
+@pytest.mark.parametrize("kind", [QuarterCar, SevenDof])
+def test_every_parameter_of_a_vehicle_file_is_documented(kind):
+    page = (ROOT / "docs" / "vehicle_file.md").read_text()
+    for field in dataclasses.fields(kind):
+        assert f"`{field.name}`" in page, field.name
