@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.parameters import Parameter
     from eightpost.ident.shock.solution import Solution
 
-#: An offset that was to be taken out is notable from this share of the force's standard deviation.
+#: An offset that was to be taken out, or a gas force that pulls, is notable from this share of the force's standard deviation.
 _NOTABLE_OFFSET = 0.01
 
 #: Share of the standard deviation from which the residual says that the law does not describe the shock.
@@ -47,7 +47,8 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
     found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
     found += _unused_fading(solution)
     found += _stiff_with_lag(solution, recipe)
-    found += [_pulling(p) for p in own if p.name == "gas_preload" and p.value < 0.0]
+    notable = _NOTABLE_OFFSET * solution.model.prepared.deviation
+    found += [_pulling(p) for p in own if p.name == "gas_preload" and p.value < -notable]
     found += _offset(solution) if gas == "subtracted" else []
     deviation = solution.model.prepared.deviation
     if rms > _POOR * deviation:
