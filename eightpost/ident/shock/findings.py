@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.parameters import Parameter
     from eightpost.ident.shock.solution import Solution
 
-#: An offset that was to be taken out, or a gas force that pulls, is notable from this share of the force's standard deviation.
+#: An offset that was to be taken out, or a gas force that pulls, is notable from this share of the standard deviation.
 _NOTABLE_OFFSET = 0.01
 
 #: Share of the standard deviation from which the residual says that the law does not describe the shock.
