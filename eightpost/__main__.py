@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input.
 
 from __future__ import annotations
 
+import importlib
 import logging
 from typing import Any
 
@@ -14,13 +15,18 @@ from rich.logging import RichHandler
 from rich.markup import escape
 
 from eightpost import __version__
-from eightpost.commands.build import build
-from eightpost.commands.check import check
-from eightpost.commands.compare import compare
-from eightpost.commands.demo import demo
-from eightpost.commands.fit import fit
-from eightpost.commands.run import run
 from eightpost.errors import EightpostError, InputError
+
+#: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
+#: because its libraries take seconds to load.
+VERBS = {
+    "fit": "Fit a shock law to a dynamometer file.",
+    "build": "Build an FMI 2.0 co-simulation FMU from each source.",
+    "check": "Check FMUs, ours or not: fmpy validate, fmutool -check, and a short simulation.",
+    "run": "Run a system of coupled FMUs.",
+    "compare": "Compare runs: response measures side by side.",
+    "demo": "Run the whole line on shipped data.",
+}
 
 
 class _Verbs(click.Group):
@@ -38,7 +44,19 @@ class _Verbs(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the verbs in the order of the work."""
-        return list(self.commands)
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a verb."""
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = getattr(importlib.import_module(f"eightpost.commands.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
 
 
 def _complain(text: str) -> None:
@@ -62,9 +80,6 @@ def main(verbose: bool) -> None:
     level = logging.DEBUG if verbose else logging.CRITICAL
     logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
 
-
-for _verb in (fit, build, check, run, compare, demo):
-    main.add_command(_verb)
 
 if __name__ == "__main__":
     main(prog_name="eightpost")

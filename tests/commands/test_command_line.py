@@ -7,12 +7,11 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost import __version__
-from eightpost.__main__ import main
+from eightpost.__main__ import VERBS, main
 from eightpost.archive import read_archive, write_archive
 from eightpost.shock import read_shock
 
 ROOT = Path(__file__).parents[2]
-VERBS = ("fit", "build", "check", "run", "compare", "demo")
 
 
 @pytest.fixture
@@ -32,9 +31,10 @@ def test_help_lists_the_verbs_in_the_order_of_the_work(eightpost):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help(eightpost, verb):
+def test_every_verb_has_help_that_begins_as_the_list_says(eightpost, verb):
     shown = eightpost(verb, "--help")
     assert shown.exit_code == 0
+    assert VERBS[verb].rstrip(".") in " ".join(shown.output.split())
     if verb != "demo":
         assert "Example" in shown.output
 
