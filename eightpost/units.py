@@ -83,6 +83,8 @@ def _expression(unit: str) -> str:
 @lru_cache(maxsize=512)
 def _unit(unit: str) -> Any:
     try:
+        if "//" in unit:  # pint reads it as a floor division
+            raise ValueError("a doubled slash")
         return _REGISTRY.Unit(_expression(unit)) if _expression(unit) != "1" else _REGISTRY.Unit("")
     except Exception as error:  # pint raises several kinds, and assertion errors from its parser
         known = ", ".join(("m", "mm", "in", "m/s", "in/s", "N", "lbf", "lbf/in", "kg", "lbm", "psi", "s", "ms", "degC"))

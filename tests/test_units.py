@@ -51,7 +51,7 @@ def test_si_exponents_are_those_of_the_base_units(unit, exponents):
     assert units.si_exponents(unit) == exponents
 
 
-@pytest.mark.parametrize("unit", ["furlong/fortnit", "velocity", "x", "N/"])
+@pytest.mark.parametrize("unit", ["furlong/fortnit", "velocity", "x", "N/", "m//s"])
 def test_what_is_no_unit_is_refused_with_an_example(unit):
     with pytest.raises(UnknownUnitError, match="write it as for example"):
         units.si_unit(unit)
