@@ -14,6 +14,10 @@ from typing import NamedTuple
 from .curve import StaticCurve
 from .port import Port
 
+#: Largest change of damper velocity [m/s] over which `follow` takes F_s as a straight line, and its most pieces.
+STRAIGHT = 0.01
+MOST_PIECES = 1000
+
 
 class Response(NamedTuple):
     """A shock's outputs at one instant; the names are those of docs/ports.md."""
@@ -57,6 +61,26 @@ class ShockLaw(ABC):
         static_end = self.static_force(velocity_end)
         static_start = static_end if velocity_start == velocity_end else self.static_force(velocity_start)
         return self.advance_lag(lagged, static_start, static_end, step)
+
+    def follow(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
+        """Return F_lag [N] after `step` [s] in which the port velocity [m/s] goes linearly from start to end.
+
+        F_s is a chain of straight lines, each over at most `STRAIGHT` of damper velocity; a velocity that is held
+        takes one, and is exact.
+        """
+        count = self._pieces(velocity_start, velocity_end)
+        before = self.static_force(velocity_start)
+        for k in range(1, count + 1):
+            share = k / count
+            velocity = velocity_end if k == count else velocity_start + (velocity_end - velocity_start) * share
+            after = self.static_force(velocity)
+            lagged = self.advance_lag(lagged, before, after, step / count)
+            before = after
+        return lagged
+
+    def _pieces(self, velocity_start: float, velocity_end: float) -> int:
+        change = abs(self.port.motion_ratio * (velocity_end - velocity_start)) / STRAIGHT
+        return 1 if change < 1.0 else MOST_PIECES if change >= MOST_PIECES else int(change) + 1
 
     def response(self, lagged: float, velocity: float, displacement: float) -> Response:
         """Return the outputs for a lagged force [N] at a port velocity [m/s] and displacement [m]."""

@@ -34,7 +34,7 @@ class ShockSlave(TableSlave):
 
     def advance(self, step):
         velocity = self.values["velocity"]
-        self._respond(self.law.advance(self.values["lagged_force"], velocity, velocity, step))
+        self._respond(self.law.follow(self.values["lagged_force"], velocity, velocity, step))
 
     def _respond(self, lagged):
         response = self.law.response(lagged, self.values["velocity"], self.values["displacement"])

@@ -1,0 +1,176 @@
+"""interface.h and interface.c: an FMU's variables as C, generated from the interface that also gives modelDescription.xml."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from builder.interface import Interface, Variable
+
+_SIGNALS = ("input", "output", "local")
+
+#: In which phases of fmus/common/component.h a host may set a variable.
+_SETTABLE = {
+    ("input", "continuous"): "INSTANTIATED | INITIALIZING | STEPPING",
+    ("parameter", "tunable"): "INSTANTIATED | INITIALIZING | STEPPING",
+    ("parameter", "fixed"): "INSTANTIATED | INITIALIZING",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A variable's place in the C struct: `name`, or `name[position]` of an array."""
+
+    name: str
+    position: int | None
+
+
+def shock_member(variable: Variable, _earlier: Sequence[Member]) -> Member:
+    """Return the place of a shock's variable: curve.inner[2] is curve_inner[1]."""
+    found = re.fullmatch(r"(.+?)(?:\[(\d+)\])?", variable.name)
+    assert found is not None
+    return Member(found[1].replace(".", "_"), int(found[2]) - 1 if found[2] else None)
+
+
+def vehicle_member(variable: Variable, earlier: Sequence[Member]) -> Member:
+    """Return the place of a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
+    own = variable.name.rpartition(".")[2]
+    name = variable.causality if variable.causality != "parameter" else own if own.startswith("friction") else "offset"
+    return Member(name, sum(member.name == name for member in earlier))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each variable is kept: the Real ones in a struct, signals before parameters, the Boolean ones in an array."""
+
+    interface: Interface
+    reals: tuple[tuple[Variable, Member], ...]
+    flags: tuple[Variable, ...]
+    states: int
+
+    def index(self, variable: Variable) -> int:
+        """Return the variable's index in Values.at or in Memory.flag."""
+        return [v.name for v in (self.flags if variable.type == "Boolean" else [v for v, _ in self.reals])].index(
+            variable.name
+        )
+
+    def count(self, *causalities: str) -> int:
+        """Return the number of Real variables of some causalities."""
+        return sum(v.causality in causalities for v, _ in self.reals)
+
+
+def layout(interface: Interface, states: int) -> Layout:
+    """Lay out an interface; `states` are the numbers of the model's internal state."""
+    order = (*_SIGNALS, "parameter")
+    reals = sorted((v for v in interface.variables if v.type == "Real"), key=lambda v: order.index(v.causality))
+    place = vehicle_member if interface.kind == "vehicle_ss" else shock_member
+    members: list[Member] = []
+    for variable in reals:
+        members.append(place(variable, members))
+    flags = tuple(v for v in interface.variables if v.type == "Boolean")
+    return Layout(interface, tuple(zip(reals, members, strict=True)), flags, states)
+
+
+def c_number(value: float) -> str:
+    """Return a C constant that is the same double: 17 digits where they are needed."""
+    return repr(float(value))
+
+
+def c_array(values: Iterable[float]) -> str:
+    """Return a C initializer; never an empty one, which C99 does not have."""
+    return "{" + (", ".join(map(c_number, values)) or "0.0") + "}"
+
+
+def interface_header(plan: Layout, identifier: str, guid: str) -> str:
+    """Return interface.h."""
+    interface = plan.interface
+    counts = {
+        "INPUTS": plan.count("input"),
+        "OUTPUTS": plan.count("output"),
+        "SIGNALS": plan.count(*_SIGNALS),
+        "REALS": len(plan.reals),
+        "FLAGS": max(1, len(plan.flags)),
+        "STATES": max(1, plan.states),
+        "REFERENCES": max(v.reference for v in interface.variables) + 1,
+    }
+    lines = [
+        f"/* {interface.kind} {interface.version}: generated from interface.toml; do not edit. */",
+        "#ifndef EIGHTPOST_INTERFACE_H",
+        "#define EIGHTPOST_INTERFACE_H",
+        "",
+        f'#define MODEL_IDENTIFIER "{identifier}"',
+        f'#define MODEL_GUID "{{{guid}}}"',
+        "",
+        "enum {",
+        *(f"    {name} = {value}," for name, value in counts.items()),
+        "};",
+        *([] if not plan.flags else ["", "enum { " + ", ".join(_flag_name(v) for v in plan.flags) + " };"]),
+        "",
+        *_struct("Signals", [m for v, m in plan.reals if v.causality in _SIGNALS]),
+        "",
+        *_struct("Parameters", [m for v, m in plan.reals if v.causality == "parameter"]),
+        "",
+        "typedef union {",
+        "    struct {",
+        "        Signals signals;",
+        "        Parameters parameters;",
+        "    } named;",
+        "    double at[REALS];",
+        "} Values;",
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _flag_name(variable: Variable) -> str:
+    return variable.name.replace(".", "_")
+
+
+def _struct(name: str, members: Sequence[Member]) -> list[str]:
+    lines = ["typedef struct {"]
+    for base, group in groupby(members, key=lambda member: member.name):
+        size = len(list(group))
+        scalar = size == 1 and next(m for m in members if m.name == base).position is None
+        lines.append(f"    double {base};" if scalar else f"    double {base}[{size}];")
+    return [*lines, f"}} {name};"]
+
+
+def interface_source(plan: Layout) -> str:
+    """Return interface.c: the table of variables, their start values, and the way from a reference to a variable."""
+    variables = plan.interface.variables
+    position = {v.reference: k for k, v in enumerate(variables)}
+    places = [position.get(reference, -1) for reference in range(max(position) + 1)]
+    flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]
+    lines = [
+        f"/* {plan.interface.kind} {plan.interface.version}: generated from interface.toml; do not edit. */",
+        '#include "component.h"',
+        "",
+        "const Variable variables[] = {",
+        *(f"    {_row(plan, variable)}," for variable in variables),
+        "};",
+        "",
+        f"const int16_t variable_of_reference[REFERENCES] = {{{', '.join(map(str, places))}}};",
+        "",
+        f"const double start_values[REALS] = {c_array(float(v.start or 0.0) for v, _ in plan.reals)};",
+        f"const int64_t start_flags[FLAGS] = {{{', '.join(flags)}}};",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _row(plan: Layout, variable: Variable) -> str:
+    cells = [
+        f'"{variable.name}"',
+        f'"{"" if variable.unit == "1" else variable.unit or ""}"',
+        variable.type.upper(),
+        str(plan.index(variable)),
+        _SETTABLE.get((variable.causality, variable.variability), "0"),
+        str(int(variable.causality == "output")),
+        "-NO_LIMIT" if variable.minimum is None else c_number(variable.minimum),
+        "NO_LIMIT" if variable.maximum is None else c_number(variable.maximum),
+    ]
+    return "{" + ", ".join(cells) + "}"

@@ -1,0 +1,63 @@
+/* One instance of an FMU, and what its model gives. Only plain data of eight bytes each is in Memory: it has no padding and
+ * no pointer, so that saving, restoring and serializing an instance is one copy. */
+#ifndef EIGHTPOST_COMPONENT_H
+#define EIGHTPOST_COMPONENT_H
+
+#include <float.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "interface.h"
+#include "message.h"
+
+typedef enum { INSTANTIATED = 1, INITIALIZING = 2, STEPPING = 4, TERMINATED = 8 } Phase;
+
+typedef struct {
+    int64_t phase;
+    int64_t has_stop;
+    double time; /* [s] */
+    double stop; /* [s] */
+    int64_t stale; /* a parameter, or before the start an input, was set: look at all of them anew */
+    double slope[INPUTS]; /* first derivatives of the inputs over the next step */
+    double state[STATES];
+    int64_t flag[FLAGS]; /* Boolean variables */
+    Values values; /* Real variables */
+} Memory;
+
+typedef enum { REAL, BOOLEAN } Kind;
+
+#define NO_LIMIT DBL_MAX
+
+typedef struct {
+    const char *name;
+    const char *unit;
+    int kind;
+    int index; /* in Values.at, or in Memory.flag */
+    int settable; /* the phases in which a host may set it */
+    int is_output;
+    double minimum;
+    double maximum;
+} Variable;
+
+/* Generated from interface.toml (interface.c). */
+extern const Variable variables[];
+extern const int16_t variable_of_reference[REFERENCES]; /* -1: no such variable */
+extern const double start_values[REALS];
+extern const int64_t start_flags[FLAGS];
+
+/* What a model gives (model.c). Where one of them says no, it leaves the reason in `why`. */
+
+/* What it keeps between steps to be faster; nothing that a result depends on. */
+size_t model_work_size(void);
+/* 1 if the parameters do not fit each other. */
+int model_refuses(const Values *v, Message *why);
+/* 1 if the parameters are unusual: a warning. */
+int model_warns(const Values *v, Message *why);
+/* Set outputs and state from inputs and parameters; 0 if there is no such start. */
+int model_start(Memory *memory, void *work, Message *why);
+/* Advance state and outputs by h [s]; the inputs go linearly from `from` (INPUTS) to those in memory. 0 if it cannot. */
+int model_step(Memory *memory, const double *from, double h, void *work, Message *why);
+/* d output / d input without delay, of two indices in Values.at, where the instance is now. */
+double model_direct_term(const Memory *memory, int output, int input);
+
+#endif

@@ -1,0 +1,117 @@
+/* exp, expm1, tanh, sin and cos by argument reduction and Taylor series, to a few roundings. */
+#include "elementary.h"
+
+#include <stdint.h>
+#include <string.h>
+
+/* ln 2 and pi/2 in parts: a part times a whole number below 2^20 is exact. */
+static const double LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33;
+static const double INVERSE_LN2 = 0x1.71547652b82fep0;
+static const double QUARTER_HIGH = 0x1.921fb54400000p0, QUARTER_MIDDLE = 0x1.0b4611a600000p-34,
+                    QUARTER_LOW = 0x1.3198a2e037073p-69;
+static const double INVERSE_QUARTER = 0x1.45f306dc9c883p-1, TURN = 0x1.921fb54442d18p2;
+
+enum { EXPONENTIAL_TERMS = 15, CIRCULAR_TERMS = 9 };
+
+int is_finite(double x)
+{
+    return x - x == 0.0;
+}
+
+/* 2^k for -1022 <= k <= 1023. */
+static double power_of_two(int k)
+{
+    uint64_t bits = (uint64_t)(k + 1023) << 52;
+    double power;
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
+static double nearest(double x)
+{
+    return (double)(int64_t)(x < 0.0 ? x - 0.5 : x + 0.5);
+}
+
+/* e^r - 1 for |r| <= ln(2)/2: r (1 + r/2 (1 + r/3 (1 + ...))). */
+static double series_minus_1(double r)
+{
+    double sum = 1.0;
+    for (int k = EXPONENTIAL_TERMS; k >= 2; k--) {
+        sum = 1.0 + r * sum / (double)k;
+    }
+    return r * sum;
+}
+
+/* x = k ln 2 + r: returns e^r - 1. */
+static double reduced(double x, int *k)
+{
+    const double whole = nearest(x * INVERSE_LN2);
+    *k = (int)whole;
+    return series_minus_1((x - whole * LN2_HIGH) - whole * LN2_LOW);
+}
+
+double exponential(double x)
+{
+    int k;
+    if (x > 709.7) {
+        return x - x == 0.0 && x < 709.78 ? exponential(x - 1.0) * 0x1.5bf0a8b145769p1 : x * 1e308 * 10.0;
+    }
+    if (x < -700.0) { /* below 1e-304: nothing that a shock or a car would notice */
+        return 0.0;
+    }
+    const double rest = reduced(x, &k);
+    return power_of_two(k) * (1.0 + rest);
+}
+
+double exponential_minus_1(double x)
+{
+    int k;
+    if (x > 700.0 || x < -40.0) {
+        return exponential(x) - 1.0;
+    }
+    const double rest = reduced(x, &k);
+    return power_of_two(k) * rest + (power_of_two(k) - 1.0);
+}
+
+double hyperbolic_tangent(double x)
+{
+    const double size = x < 0.0 ? -x : x;
+    double result = 1.0;
+    if (size < 22.0) {
+        const double rise = exponential_minus_1(2.0 * size);
+        result = rise / (rise + 2.0);
+    }
+    return x < 0.0 ? -result : result;
+}
+
+/* sin r and cos r for |r| <= pi/4. */
+static void circular_series(double r, double *sine, double *cosine)
+{
+    const double square = r * r;
+    double s = 1.0, c = 1.0;
+    for (int k = CIRCULAR_TERMS; k >= 1; k--) {
+        s = 1.0 - square * s / (double)(2 * k * (2 * k + 1));
+        c = 1.0 - square * c / (double)(2 * k * (2 * k - 1));
+    }
+    *sine = r * s;
+    *cosine = c;
+}
+
+void sine_and_cosine(double x, double *sine, double *cosine)
+{
+    double s, c;
+    if (x > 1e6 || x < -1e6) { /* the angle is known to no better than its own rounding */
+        if (!(x < 1e15 && x > -1e15)) {
+            x = 0.0;
+        }
+        x -= nearest(x / TURN) * TURN;
+    }
+    const double whole = nearest(x * INVERSE_QUARTER);
+    circular_series(((x - whole * QUARTER_HIGH) - whole * QUARTER_MIDDLE) - whole * QUARTER_LOW, &s, &c);
+    switch ((int)((int64_t)whole & 3)) {
+    case 0: *sine = s; *cosine = c; break;
+    case 1: *sine = c; *cosine = -s; break;
+    case 2: *sine = -s; *cosine = -c; break;
+    default: *sine = -c; *cosine = s; break;
+    }
+}

@@ -1,0 +1,13 @@
+/* Elementary functions that give the same bits on every platform: the C libraries' own differ in their last digit. */
+#ifndef EIGHTPOST_ELEMENTARY_H
+#define EIGHTPOST_ELEMENTARY_H
+
+#include "names.h"
+
+double exponential(double x);
+double exponential_minus_1(double x);
+double hyperbolic_tangent(double x);
+void sine_and_cosine(double x, double *sine, double *cosine);
+int is_finite(double x);
+
+#endif

@@ -1,0 +1,16 @@
+/* The first-order lag tau dF_lag/dt = F_s - F_lag (Eq 3.24), exact over any step: eightpost/shock/lag.py. */
+#ifndef EIGHTPOST_LAG_H
+#define EIGHTPOST_LAG_H
+
+#include "elementary.h"
+
+/* F_lag [N] after h [s] in which F_s goes linearly from start to end [N]:
+ * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h), e = exp(-h / tau). */
+static double advance_lag(double lagged, double static_start, double static_end, double time_constant, double h)
+{
+    const double ratio = h / time_constant;
+    const double rise = -exponential_minus_1(-ratio);
+    return lagged + (static_start - lagged) * rise + (static_end - static_start) * (1.0 - rise / ratio);
+}
+
+#endif

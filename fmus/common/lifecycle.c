@@ -1,0 +1,214 @@
+/* An instance from fmi2Instantiate to fmi2FreeInstance, without its steps. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "instance.h"
+#include "elementary.h"
+
+static void start_over(Component *c)
+{
+    memset(&c->memory, 0, sizeof c->memory);
+    memcpy(c->memory.values.at, start_values, sizeof c->memory.values.at);
+    memcpy(c->memory.flag, start_flags, sizeof c->memory.flag);
+    c->memory.phase = INSTANTIATED;
+    c->memory.stale = 1;
+}
+
+int fits(const Component *c, const char *function)
+{
+    Message why = {.length = 0};
+    if (model_refuses(&c->memory.values, &why)) {
+        refused(c, function, why.text);
+        return 0;
+    }
+    if (model_warns(&c->memory.values, &why)) {
+        logged(c, fmi2Warning, why.text);
+    }
+    return 1;
+}
+
+/* Outputs and state from inputs and parameters, in initialization mode and once more when it ends. */
+static int started(Component *c, const char *function)
+{
+    Message why = {.length = 0};
+    Memory trial = c->memory;
+    if (!fits(c, function)) {
+        return 0;
+    }
+    if (!model_start(&trial, c->work, &why)) {
+        refused(c, function, why.text);
+        return 0;
+    }
+    c->memory = trial;
+    c->memory.stale = 0;
+    return 1;
+}
+
+int is_current(Component *c, const char *function)
+{
+    return c->memory.phase != INITIALIZING || !c->memory.stale || started(c, function);
+}
+
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
+
+void *allocated(const Component *c, size_t size)
+{
+    void *memory = c->allocate(1, size);
+    if (memory != NULL) {
+        memset(memory, 0, size);
+    }
+    return memory;
+}
+
+static void freed(Component *c)
+{
+    const fmi2CallbackFreeMemory release = c->release;
+    if (c->work != NULL) {
+        release(c->work);
+    }
+    if (c->name != NULL) {
+        release(c->name);
+    }
+    release(c);
+}
+
+static Component *created(const fmi2CallbackFunctions *functions, const char *name)
+{
+    Component blank = {.logger = functions->logger, .environment = functions->componentEnvironment};
+    const int own = functions->allocateMemory == NULL || functions->freeMemory == NULL;
+    blank.allocate = own ? calloc : functions->allocateMemory;
+    blank.release = own ? free : functions->freeMemory;
+    Component *c = (Component *)allocated(&blank, sizeof *c);
+    if (c == NULL) {
+        return NULL;
+    }
+    *c = blank;
+    c->name = (char *)allocated(c, strlen(name) + 1);
+    c->work = allocated(c, model_work_size() + 1);
+    if (c->name == NULL || c->work == NULL) {
+        freed(c);
+        return NULL;
+    }
+    memcpy(c->name, name, strlen(name) + 1);
+    return c;
+}
+
+static const char *reason_not_to_instantiate(fmi2String name, fmi2Type type, fmi2String guid)
+{
+    if (name == NULL || name[0] == '\0') {
+        return "the instance has no name";
+    }
+    if (type != fmi2CoSimulation) {
+        return "this FMU is for co-simulation only";
+    }
+    if (guid == NULL || strcmp(guid, MODEL_GUID) != 0) {
+        return "the GUID of modelDescription.xml is not that of this binary, which is " MODEL_GUID;
+    }
+    return NULL;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
+{
+    const char *reason = reason_not_to_instantiate(name, type, guid);
+    (void)resources; /* everything is compiled in */
+    (void)visible;
+    if (functions == NULL) {
+        return NULL;
+    }
+    if (reason != NULL) {
+        const Component unborn = {
+            .name = (char *)(name == NULL ? "" : name),
+            .logger = functions->logger,
+            .environment = functions->componentEnvironment,
+        };
+        refused(&unborn, "fmi2Instantiate", reason);
+        return NULL;
+    }
+    Component *c = created(functions, name);
+    if (c != NULL) {
+        c->logging = logging != fmi2False;
+        c->categories = ~0;
+        start_over(c);
+    }
+    return c;
+}
+
+void fmi2FreeInstance(fmi2Component instance)
+{
+    if (instance != NULL) {
+        freed((Component *)instance);
+    }
+}
+
+
+fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean has_stop, fmi2Real stop)
+{
+    Component *c = entered(instance, "fmi2SetupExperiment", INSTANTIATED);
+    (void)has_tolerance; /* the step is exact */
+    (void)tolerance;
+    if (c == NULL) {
+        return fmi2Error;
+    }
+    if (!is_finite(start)) {
+        return refused(c, "fmi2SetupExperiment", "the start time is not finite");
+    }
+    if (has_stop && !(is_finite(stop) && stop >= start)) {
+        return refused(c, "fmi2SetupExperiment", "the stop time is before the start time, or not finite");
+    }
+    c->memory.time = start;
+    c->memory.has_stop = has_stop != fmi2False;
+    c->memory.stop = has_stop ? stop : 0.0;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component instance)
+{
+    Component *c = entered(instance, "fmi2EnterInitializationMode", INSTANTIATED);
+    if (c == NULL) {
+        return fmi2Error;
+    }
+    c->memory.phase = INITIALIZING;
+    return fmi2OK;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component instance)
+{
+    Component *c = entered(instance, "fmi2ExitInitializationMode", INITIALIZING);
+    if (c == NULL || !started(c, "fmi2ExitInitializationMode")) {
+        return fmi2Error;
+    }
+    c->memory.phase = STEPPING;
+    logged(c, fmi2OK, "initialized");
+    return fmi2OK;
+}
+
+fmi2Status fmi2Terminate(fmi2Component instance)
+{
+    Component *c = entered(instance, "fmi2Terminate", STEPPING);
+    if (c == NULL) {
+        return fmi2Error;
+    }
+    c->memory.phase = TERMINATED;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Reset(fmi2Component instance)
+{
+    Component *c = entered(instance, "fmi2Reset", ALIVE);
+    if (c == NULL) {
+        return fmi2Error;
+    }
+    start_over(c);
+    return fmi2OK;
+}

@@ -1,0 +1,39 @@
+/* With FMI2_FUNCTION_PREFIX set (static linking, HIL targets) every name that the linker sees carries the prefix, so that
+ * several FMUs fit in one program. */
+#ifndef EIGHTPOST_NAMES_H
+#define EIGHTPOST_NAMES_H
+
+#include "fmi2Functions.h"
+
+#define say fmi2FullName(say)
+#define say_number fmi2FullName(say_number)
+#define exponential fmi2FullName(exponential)
+#define exponential_minus_1 fmi2FullName(exponential_minus_1)
+#define hyperbolic_tangent fmi2FullName(hyperbolic_tangent)
+#define sine_and_cosine fmi2FullName(sine_and_cosine)
+#define is_finite fmi2FullName(is_finite)
+#define variables fmi2FullName(variables)
+#define variable_of_reference fmi2FullName(variable_of_reference)
+#define start_values fmi2FullName(start_values)
+#define start_flags fmi2FullName(start_flags)
+#define model_work_size fmi2FullName(model_work_size)
+#define model_refuses fmi2FullName(model_refuses)
+#define model_warns fmi2FullName(model_warns)
+#define model_start fmi2FullName(model_start)
+#define model_step fmi2FullName(model_step)
+#define model_direct_term fmi2FullName(model_direct_term)
+#define logged fmi2FullName(logged)
+#define refused fmi2FullName(refused)
+#define entered fmi2FullName(entered)
+#define find_variable fmi2FullName(find_variable)
+#define all_known fmi2FullName(all_known)
+#define is_input fmi2FullName(is_input)
+#define allocated fmi2FullName(allocated)
+#define fits fmi2FullName(fits)
+#define is_current fmi2FullName(is_current)
+#define law_lag_weight fmi2FullName(law_lag_weight)
+#define law_lag_weight_slope fmi2FullName(law_lag_weight_slope)
+#define law_advance_lag fmi2FullName(law_advance_lag)
+#define law_refuses fmi2FullName(law_refuses)
+
+#endif

@@ -1,0 +1,158 @@
+/* fmi2DoStep: the checks around a model's step, and what is asked about steps. */
+#include <string.h>
+
+#include "instance.h"
+#include "elementary.h"
+
+/* Honest hosts add up their time: this much of a difference is rounding, not another point. */
+static double rounding(double time)
+{
+    const double size = time < 0.0 ? -time : time;
+    return 1e-9 * (size > 1.0 ? size : 1.0);
+}
+
+static fmi2Status bad_step(const Component *c, const char *what, double first, const char *then, double second)
+{
+    Message message = {.length = 0};
+    say(&message, what);
+    say_number(&message, first);
+    say(&message, then);
+    say_number(&message, second);
+    say(&message, " s");
+    return refused(c, "fmi2DoStep", message.text);
+}
+
+static fmi2Status checked_step(const Component *c, double time, double h)
+{
+    const Memory *m = &c->memory;
+    if (!is_finite(time) || !is_finite(h) || h <= 0.0) {
+        return bad_step(c, "the step must be positive and finite, not ", h, " s, from ", time);
+    }
+    if (time - m->time > rounding(time) || m->time - time > rounding(time)) {
+        return bad_step(c, "the step begins at ", time, " s, but the last one ended at ", m->time);
+    }
+    if (m->has_stop && time + h - m->stop > rounding(m->stop)) {
+        return bad_step(c, "the step would end at ", time + h, " s, after the stop time of ", m->stop);
+    }
+    return fmi2OK;
+}
+
+/* What a step changes. */
+typedef struct {
+    double slope[INPUTS];
+    double state[STATES];
+    double signal[SIGNALS];
+} Moving;
+
+static void remember(const Memory *m, Moving *before)
+{
+    memcpy(before->slope, m->slope, sizeof before->slope);
+    memcpy(before->state, m->state, sizeof before->state);
+    memcpy(before->signal, m->values.at, sizeof before->signal);
+}
+
+static void recall(Memory *m, const Moving *before)
+{
+    memcpy(m->slope, before->slope, sizeof before->slope);
+    memcpy(m->state, before->state, sizeof before->state);
+    memcpy(m->values.at, before->signal, sizeof before->signal);
+}
+
+static int all_finite(const Memory *m)
+{
+    double sum = 0.0;
+    for (int k = 0; k < SIGNALS; k++) {
+        sum += m->values.at[k] - m->values.at[k];
+    }
+    for (int k = 0; k < STATES; k++) {
+        sum += m->state[k] - m->state[k];
+    }
+    return sum == 0.0;
+}
+
+/* Carries the inputs to the end of the step by their derivatives, which hold for one step. */
+static void carry_inputs(Memory *m, double h)
+{
+    for (int k = 0; k < INPUTS; k++) {
+        m->values.at[k] += m->slope[k] * h;
+        m->slope[k] = 0.0;
+    }
+}
+
+fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boolean final)
+{
+    Component *c = entered(instance, "fmi2DoStep", STEPPING);
+    Message why = {.length = 0};
+    Moving before;
+    (void)final; /* whether a state before this point will be set makes no difference */
+    if (c == NULL || checked_step(c, time, h) != fmi2OK || (c->memory.stale && !fits(c, "fmi2DoStep"))) {
+        return fmi2Error;
+    }
+    c->memory.stale = 0;
+    remember(&c->memory, &before);
+    carry_inputs(&c->memory, h);
+    if (!model_step(&c->memory, before.signal, h, c->work, &why) || !all_finite(&c->memory)) {
+        recall(&c->memory, &before);
+        logged(c, fmi2Discard, why.length > 0 ? why.text : "fmi2DoStep: the result is not finite; nothing was done");
+        return fmi2Discard;
+    }
+    c->memory.time = time + h;
+    return fmi2OK;
+}
+
+fmi2Status fmi2CancelStep(fmi2Component instance)
+{
+    Component *c = (Component *)instance;
+    return c == NULL ? fmi2Error : refused(c, "fmi2CancelStep", "no step is ever pending");
+}
+
+static fmi2Status not_offered(fmi2Component instance, const char *function)
+{
+    Component *c = entered(instance, function, STEPPING | TERMINATED);
+    if (c == NULL) {
+        return fmi2Error;
+    }
+    logged(c, fmi2Discard, "no step is ever pending, so there is no such status");
+    return fmi2Discard;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Status *value)
+{
+    (void)kind;
+    (void)value;
+    return not_offered(instance, "fmi2GetStatus");
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Real *value)
+{
+    Component *c = entered(instance, "fmi2GetRealStatus", STEPPING | TERMINATED);
+    if (c == NULL || kind != fmi2LastSuccessfulTime || value == NULL) {
+        return c == NULL ? fmi2Error : not_offered(instance, "fmi2GetRealStatus");
+    }
+    *value = c->memory.time;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Integer *value)
+{
+    (void)kind;
+    (void)value;
+    return not_offered(instance, "fmi2GetIntegerStatus");
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Boolean *value)
+{
+    Component *c = entered(instance, "fmi2GetBooleanStatus", STEPPING | TERMINATED);
+    if (c == NULL || kind != fmi2Terminated || value == NULL) {
+        return c == NULL ? fmi2Error : not_offered(instance, "fmi2GetBooleanStatus");
+    }
+    *value = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2String *value)
+{
+    (void)kind;
+    (void)value;
+    return not_offered(instance, "fmi2GetStringStatus");
+}

@@ -1,0 +1,27 @@
+/* LPNL2: F = alpha F_lag + (1 - alpha) F_s with tau dF_lag/dt = F_s - F_lag (Eq 3.25). */
+#include "lag.h"
+#include "shock.h"
+
+/* alpha = 1 up to lag_full_force, 0 from lag_zero_force, linear between (Fig 3.8). */
+double law_lag_weight(const Parameters *p, double static_force)
+{
+    const double size = static_force < 0.0 ? -static_force : static_force;
+    const double share = (p->lag_zero_force - size) / (p->lag_zero_force - p->lag_full_force);
+    return share < 0.0 ? 0.0 : share > 1.0 ? 1.0 : share;
+}
+
+double law_lag_weight_slope(const Parameters *p, double static_force)
+{
+    const double weight = law_lag_weight(p, static_force), side = static_force < 0.0 ? 1.0 : -1.0;
+    return weight > 0.0 && weight < 1.0 ? side / (p->lag_zero_force - p->lag_full_force) : 0.0;
+}
+
+double law_advance_lag(const Parameters *p, double lagged, double static_start, double static_end, double h)
+{
+    return advance_lag(lagged, static_start, static_end, p->time_constant, h);
+}
+
+const char *law_refuses(const Parameters *p)
+{
+    return p->lag_full_force < p->lag_zero_force ? NULL : "lag_zero_force must be greater than lag_full_force";
+}

@@ -1,0 +1,33 @@
+/* Polylinear: F = F_s = f(v) (Eq 3.23). */
+#include "shock.h"
+
+/* alpha = 0: nothing of the lagged force is given. */
+double law_lag_weight(const Parameters *p, double static_force)
+{
+    (void)p;
+    (void)static_force;
+    return 0.0;
+}
+
+double law_lag_weight_slope(const Parameters *p, double static_force)
+{
+    (void)p;
+    (void)static_force;
+    return 0.0;
+}
+
+/* F_lag = F_s: there is no lag. */
+double law_advance_lag(const Parameters *p, double lagged, double static_start, double static_end, double h)
+{
+    (void)p;
+    (void)lagged;
+    (void)static_start;
+    (void)h;
+    return static_end;
+}
+
+const char *law_refuses(const Parameters *p)
+{
+    (void)p;
+    return NULL;
+}

@@ -1,0 +1,347 @@
+/* vehicle_ss: x' = A x + B u, y = C x + D u, in real block-modal form: each mode is z' = lambda z + b u by itself, with a
+ * complex z for a pair of eigenvalues and a real one for a real eigenvalue; y = C_re Re z + C_im Im z + D u.
+ *
+ * With inputs that go linearly from u0 to u1 over a step h the solution is exact at any h:
+ *     z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
+ *     phi1(x) = (e^x - 1) / x,   phi2(x) = (phi1(x) - 1) / x
+ * Suspension friction at a port, F_c tanh(v / v_f), adds to the shock force there. It goes linearly over each sub-step, from
+ * its value at the start to its value at the predicted end (second order; eightpost/vehicle/friction.py). */
+#include <string.h>
+
+#include "component.h"
+#include "elementary.h"
+#include "vehicle_data.h"
+
+enum { KEPT = 4, SERIES_TERMS = 18 };
+
+/* A sub-step is at most this share of the friction's fastest time constant. */
+static const double SUB_STEP_SHARE = 0.25;
+static const double MOST_SUB_STEPS = 100000.0;
+
+/* The factors of one step; kept for the last few step sizes, since a host's steps differ by roundings at most. */
+typedef struct {
+    double h;
+    double e_re[MODES], e_im[MODES]; /* e^(lambda h) */
+    double first_re[MODES], first_im[MODES]; /* h (phi1 - phi2) */
+    double second_re[MODES], second_im[MODES]; /* h phi2 */
+} Factors;
+
+typedef struct {
+    Factors kept[KEPT];
+    size_t newest;
+} Work;
+
+typedef struct {
+    double re[MODES], im[MODES];
+} Modal;
+
+typedef struct {
+    double re, im;
+} Complex;
+
+static Complex product(Complex a, Complex b)
+{
+    const Complex c = {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
+    return c;
+}
+
+/* (a - 1) / x, for x that is not small. */
+static Complex difference_quotient(Complex a, Complex x)
+{
+    const double square = x.re * x.re + x.im * x.im;
+    const Complex numerator = {a.re - 1.0, a.im}, conjugate = {x.re / square, -x.im / square};
+    return product(numerator, conjugate);
+}
+
+/* phi2 by its series 1/2! + x/3! + x^2/4! + ... for |x| <= 1. */
+static Complex phi2_series(Complex x)
+{
+    Complex sum = {1.0, 0.0};
+    for (int k = SERIES_TERMS; k >= 3; k--) {
+        const Complex next = product(x, sum);
+        sum.re = 1.0 + next.re / (double)k;
+        sum.im = next.im / (double)k;
+    }
+    sum.re *= 0.5;
+    sum.im *= 0.5;
+    return sum;
+}
+
+static void exponential_functions(Complex x, Complex *e, Complex *phi1, Complex *phi2)
+{
+    if (x.re * x.re + x.im * x.im <= 1.0) {
+        *phi2 = phi2_series(x);
+        *phi1 = product(x, *phi2);
+        phi1->re += 1.0;
+        *e = product(x, *phi1);
+        e->re += 1.0;
+        return;
+    }
+    double sine, cosine;
+    const double growth = exponential(x.re);
+    sine_and_cosine(x.im, &sine, &cosine);
+    e->re = growth * cosine;
+    e->im = growth * sine;
+    *phi1 = difference_quotient(*e, x);
+    *phi2 = difference_quotient(*phi1, x);
+}
+
+static void discretise(Factors *f, double h)
+{
+    f->h = h;
+    for (int k = 0; k < MODE_COUNT; k++) {
+        Complex e, phi1, phi2;
+        const Complex x = {SIGMA[k] * h, k < PAIR_COUNT ? OMEGA[k] * h : 0.0};
+        exponential_functions(x, &e, &phi1, &phi2);
+        f->e_re[k] = e.re;
+        f->e_im[k] = e.im;
+        f->first_re[k] = h * (phi1.re - phi2.re);
+        f->first_im[k] = h * (phi1.im - phi2.im);
+        f->second_re[k] = h * phi2.re;
+        f->second_im[k] = h * phi2.im;
+    }
+}
+
+static const Factors *factors(Work *work, double h)
+{
+    for (size_t k = 0; k < KEPT; k++) {
+        if (work->kept[k].h == h) {
+            return &work->kept[k];
+        }
+    }
+    work->newest = (work->newest + 1) % KEPT;
+    discretise(&work->kept[work->newest], h);
+    return &work->kept[work->newest];
+}
+
+/* b u. */
+static void load(const double *u, Modal *w)
+{
+    memset(w, 0, sizeof *w);
+    for (int i = 0; i < INPUTS; i++) {
+        for (int k = 0; k < MODE_COUNT; k++) {
+            w->re[k] += B_RE[i][k] * u[i];
+        }
+        for (int k = 0; k < PAIR_COUNT; k++) {
+            w->im[k] += B_IM[i][k] * u[i];
+        }
+    }
+}
+
+/* z(h) from z, b u0 and b u1. */
+static void advance(const Factors *f, const Modal *z, const Modal *w0, const Modal *w1, Modal *end)
+{
+    for (int k = 0; k < PAIR_COUNT; k++) {
+        end->re[k] = (f->e_re[k] * z->re[k] - f->e_im[k] * z->im[k]) +
+                     (f->first_re[k] * w0->re[k] - f->first_im[k] * w0->im[k]) +
+                     (f->second_re[k] * w1->re[k] - f->second_im[k] * w1->im[k]);
+        end->im[k] = (f->e_re[k] * z->im[k] + f->e_im[k] * z->re[k]) +
+                     (f->first_re[k] * w0->im[k] + f->first_im[k] * w0->re[k]) +
+                     (f->second_re[k] * w1->im[k] + f->second_im[k] * w1->re[k]);
+    }
+    for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
+        end->re[k] = f->e_re[k] * z->re[k] + f->first_re[k] * w0->re[k] + f->second_re[k] * w1->re[k];
+        end->im[k] = 0.0;
+    }
+}
+
+static void recall_state(const Memory *memory, Modal *z)
+{
+    memcpy(z->re, memory->state, sizeof z->re);
+    memcpy(z->im, memory->state + MODES, sizeof z->im);
+}
+
+static void keep_state(Memory *memory, const Modal *z)
+{
+    memcpy(memory->state, z->re, sizeof z->re);
+    memcpy(memory->state + MODES, z->im, sizeof z->im);
+}
+
+/* ---- Friction at the ports ------------------------------------------------------------------------------------------ */
+
+/* 1/s: the sum over the ports of the friction's slope at zero velocity times the port's mobility. */
+static double friction_rate(const Parameters *p)
+{
+    double rate = 0.0;
+    for (int i = 0; i < PORT_COUNT; i++) {
+        rate += p->friction_force[i] / p->friction_velocity[i] * MOBILITY[i];
+    }
+    return rate;
+}
+
+/* What friction adds to the inputs in state z. */
+static void add_friction(const Parameters *p, const Modal *z, double *u)
+{
+    for (int i = 0; i < PORT_COUNT; i++) {
+        double v = 0.0;
+        if (p->friction_force[i] == 0.0) {
+            continue;
+        }
+        for (int k = 0; k < MODE_COUNT; k++) {
+            v += V_RE[i][k] * z->re[k];
+        }
+        for (int k = 0; k < PAIR_COUNT; k++) {
+            v += V_IM[i][k] * z->im[k];
+        }
+        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
+    }
+}
+
+static void interpolate(const double *from, const double *to, double share, double *u)
+{
+    for (int i = 0; i < INPUTS; i++) {
+        u[i] = from[i] + (to[i] - from[i]) * share;
+    }
+}
+
+/* One sub-step with friction; u0 and u1 are the inputs at its ends. */
+static void rub(const Parameters *p, const Factors *f, const double *u0, const double *u1, Modal *z)
+{
+    double start[INPUTS], end[INPUTS];
+    Modal w0, w1, predicted, corrected;
+    memcpy(start, u0, sizeof start);
+    memcpy(end, u1, sizeof end);
+    add_friction(p, z, start);
+    add_friction(p, z, end);
+    load(start, &w0);
+    load(end, &w1);
+    advance(f, z, &w0, &w1, &predicted);
+    memcpy(end, u1, sizeof end);
+    add_friction(p, &predicted, end);
+    load(end, &w1);
+    advance(f, z, &w0, &w1, &corrected);
+    *z = corrected;
+}
+
+static void step_with_friction(const Parameters *p, Work *work, const double *from, const double *to, double h, int count,
+                               Modal *z)
+{
+    const Factors *f = factors(work, h / (double)count);
+    double u0[INPUTS], u1[INPUTS];
+    memcpy(u0, from, sizeof u0);
+    for (int k = 1; k <= count; k++) {
+        interpolate(from, to, k == count ? 1.0 : (double)k / (double)count, u1);
+        rub(p, f, u0, u1, z);
+        memcpy(u0, u1, sizeof u0);
+    }
+}
+
+static void step_without_friction(Work *work, const double *from, const double *to, double h, Modal *z)
+{
+    Modal w0, w1, end;
+    load(from, &w0);
+    load(to, &w1);
+    advance(factors(work, h), z, &w0, &w1, &end);
+    *z = end;
+}
+
+/* ---- Outputs -------------------------------------------------------------------------------------------------------- */
+
+/* y = C_re Re z + C_im Im z + D u + static state, u with the friction in it. */
+static void respond(Signals *s, const Parameters *p, const Modal *z)
+{
+    double u[INPUTS], y[OUTPUTS] = {0.0};
+    memcpy(u, s->input, sizeof u);
+    add_friction(p, z, u);
+    for (int k = 0; k < MODE_COUNT; k++) {
+        for (int j = 0; j < OUTPUTS; j++) {
+            y[j] += C_RE[k][j] * z->re[k];
+        }
+    }
+    for (int k = 0; k < PAIR_COUNT; k++) {
+        for (int j = 0; j < OUTPUTS; j++) {
+            y[j] += C_IM[k][j] * z->im[k];
+        }
+    }
+    for (int k = 0; k < DIRECT_COUNT; k++) {
+        y[DIRECT_OUTPUT[k]] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
+    }
+    for (int k = 0; k < OFFSET_COUNT; k++) {
+        y[OFFSET_OUTPUT[k]] += p->offset[k];
+    }
+    memcpy(s->output, y, sizeof y);
+}
+
+/* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
+
+size_t model_work_size(void)
+{
+    return sizeof(Work);
+}
+
+int model_refuses(const Values *v, Message *why)
+{
+    (void)v;
+    (void)why;
+    return 0;
+}
+
+int model_warns(const Values *v, Message *why)
+{
+    (void)v;
+    (void)why;
+    return 0;
+}
+
+/* The steady state z = -b u / lambda; at rest the ports do not move, so that friction has no part in it. */
+static void settle(const double *u, Modal *z)
+{
+    Modal w;
+    load(u, &w);
+    for (int k = 0; k < MODE_COUNT; k++) {
+        const double omega = k < PAIR_COUNT ? OMEGA[k] : 0.0, square = SIGMA[k] * SIGMA[k] + omega * omega;
+        z->re[k] = -(w.re[k] * SIGMA[k] + w.im[k] * omega) / square;
+        z->im[k] = -(w.im[k] * SIGMA[k] - w.re[k] * omega) / square;
+    }
+}
+
+int model_start(Memory *memory, void *work, Message *why)
+{
+    Modal z;
+    (void)work;
+    memset(&z, 0, sizeof z);
+    if (memory->flag[start_at_equilibrium] && !HAS_EQUILIBRIUM) {
+        say(why, "this vehicle has no unique steady state (a part of it is free to drift): set start_at_equilibrium to "
+                 "false");
+        return 0;
+    }
+    if (memory->flag[start_at_equilibrium]) {
+        settle(memory->values.named.signals.input, &z);
+    }
+    keep_state(memory, &z);
+    respond(&memory->values.named.signals, &memory->values.named.parameters, &z);
+    return 1;
+}
+
+int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
+{
+    Modal z;
+    Signals *s = &memory->values.named.signals;
+    const Parameters *p = &memory->values.named.parameters;
+    const double rate = friction_rate(p), count = h * rate / SUB_STEP_SHARE;
+    if (count > MOST_SUB_STEPS) {
+        say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
+                 "friction_velocity");
+        return 0;
+    }
+    recall_state(memory, &z);
+    if (rate > 0.0) {
+        step_with_friction(p, (Work *)work, from, s->input, h, (int)count + (count > (int)count || count < 1.0), &z);
+    } else {
+        step_without_friction((Work *)work, from, s->input, h, &z);
+    }
+    keep_state(memory, &z);
+    respond(s, p, &z);
+    return 1;
+}
+
+double model_direct_term(const Memory *memory, int output, int input)
+{
+    (void)memory;
+    for (int k = 0; k < DIRECT_COUNT; k++) {
+        if (DIRECT_OUTPUT[k] + INPUTS == output && DIRECT_INPUT[k] == input) {
+            return DIRECT_TERM[k];
+        }
+    }
+    return 0.0;
+}
