@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import eightpost.shock
-import eightpost.vehicle.kernel
-from builder.documents import documents
-from builder.interface import Interface, shock_interface, vehicle_interface
-from builder.python_fmu import PythonModel, build_python_fmu, imported_files
-from builder.sources import source_folder
+from builder.interface import Interface
+from builder.product import Product, shock_product, vehicle_product
+from builder.python_fmu import build_python_fmu
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
-from eightpost.shock import Shock, read_shock
-from eightpost.vehicle import StateSpace, Vehicle, read_vehicle
+from eightpost.shock import read_shock
+from eightpost.vehicle import read_vehicle
 
 TARGETS = ("python",)
 
@@ -45,81 +42,24 @@ def build(sources: Sequence[str | Path], folder: str | Path, *, target: str = "p
     if target not in TARGETS:
         raise FmuError(f"target {target!r} is not known; known are {', '.join(TARGETS)}")
     check_output_folder(folder)
-    models = [_model(Path(source)) for source in sources]
-    names = [model.identifier for model in models]
+    products = [_product(Path(source)) for source in sources]
+    names = [product.identifier for product in products]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
     built = []
-    for source, model in zip(sources, models, strict=True):
-        path = Path(folder) / f"{model.identifier}.fmu"
-        build_python_fmu(model, path)
-        built.append(Built(path, str(source), model.interface))
+    for source, product in zip(sources, products, strict=True):
+        path = Path(folder) / f"{product.identifier}.fmu"
+        build_python_fmu(product, path)
+        built.append(Built(path, str(source), product.interface))
     return built
 
 
-def shock_model(shock: Shock, identifier: str) -> PythonModel:
-    """Return what a shock's python FMU is made of."""
-    interface = shock_interface(shock)
-    slave = f"shock_{shock.law_name}"
-    law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
-    common = source_folder() / "common"
-    code = (*imported_files(law), common / "table_slave.py", common / "shock_slave.py")
-    text = f"{interface.description}: {shock.name}"
-    return PythonModel(
-        identifier, text, interface, slave, code, {}, documents(identifier, text, interface, shock.conditions)
-    )
-
-
-def vehicle_model(vehicle: Vehicle, identifier: str) -> PythonModel:
-    """Return what a vehicle's python FMU is made of: its model without dampers at the ports, and its static state.
-
-    Raises:
-        FmuError: The model is discrete, has a direct term in a shock velocity, or a channel that vehicle_ss does
-            not know.
-    """
-    model = vehicle.coupled()
-    if model.dt is not None:
-        raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
-    _refuse_direct_velocity(model)
-    interface = _with_static(vehicle_interface(model), vehicle.static)
-    offsets = {v.name: v.offset for v in interface.variables}
-    outputs = [c.name for c in model.outputs]
-    data = {name: getattr(model, name).tolist() for name in "ABCD"} | {
-        "inputs": [c.name for c in model.inputs],
-        "outputs": outputs,
-        "offsets": [offsets[name] for name in outputs],
-    }
-    code = (Path(eightpost.vehicle.kernel.__file__), source_folder() / "common" / "table_slave.py")
-    text = f"{interface.description}: {vehicle.name}"
-    return PythonModel(
-        identifier, text, interface, "vehicle_ss", code, data, documents(identifier, text, interface, {})
-    )
-
-
-def _refuse_direct_velocity(model: StateSpace) -> None:
-    """A shock velocity with a direct term makes an algebraic loop with the shock (docs/ports.md)."""
-    for channel, terms in zip(model.outputs, model.D != 0.0, strict=True):
-        if channel.name.rpartition(".")[2] == "velocity" and terms.any():
-            inputs = ", ".join(c.name for c, term in zip(model.inputs, terms, strict=True) if term)
-            raise FmuError(
-                f"vehicle {model.name!r}: {channel.name} follows {inputs} without delay (D is not zero there), which "
-                "makes an algebraic loop with the shock; identify it without direct terms in the shock velocities"
-            )
-
-
-def _with_static(interface: Interface, static: Mapping[str, float]) -> Interface:
-    """Give the static offsets their start values; `static` has them by output."""
-    starts = {v.offset: static.get(v.name, 0.0) for v in interface.variables if v.offset}
-    variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
-    return replace(interface, variables=variables)
-
-
-def _model(source: Path) -> PythonModel:
+def _product(source: Path) -> Product:
     identifier = fmu_identifier(source.stem)
     if source.suffix == ".json" and document_kind(source) == "shock":
-        return shock_model(read_shock(source), identifier)
+        return shock_product(read_shock(source), identifier)
     if source.suffix in (".json", ".toml"):
-        return vehicle_model(read_vehicle(source), identifier)
+        return vehicle_product(read_vehicle(source), identifier)
     raise FmuError(f"{source}: build takes shock files (.json) and vehicle files (.toml, .json)")
 
 

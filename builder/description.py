@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import uuid
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,12 +20,15 @@ _LOG_CATEGORIES = {
 }
 
 
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
+
+
 @dataclass(frozen=True)
 class Description:
     """What modelDescription.xml says beyond the interface.
 
     `capabilities` are attributes of the CoSimulation element; `stop_time` and `step_size` [s] are the default
-    experiment.
+    experiment; `source_files` are what a rebuild compiles, names in sources/.
     """
 
     identifier: str
@@ -32,6 +37,7 @@ class Description:
     interface: Interface
     capabilities: Mapping[str, str]
     generation_tool: str
+    source_files: tuple[str, ...] = ()
     stop_time: float = 30.0
     step_size: float = 1e-3
 
@@ -52,7 +58,11 @@ def model_description(description: Description) -> bytes:
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )
-    ET.SubElement(root, "CoSimulation", {"modelIdentifier": description.identifier, **description.capabilities})
+    kind = ET.SubElement(root, "CoSimulation", {"modelIdentifier": description.identifier, **description.capabilities})
+    if description.source_files:
+        files = ET.SubElement(kind, "SourceFiles")
+        for file in description.source_files:
+            ET.SubElement(files, "File", name=file)
     _unit_definitions(root, interface.variables)
     categories = ET.SubElement(root, "LogCategories")
     for name, text in _LOG_CATEGORIES.items():
@@ -71,6 +81,14 @@ def model_description(description: Description) -> bytes:
     _model_structure(root, interface)
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+
+
+def content_guid(description: Description, members: Mapping[str, bytes]) -> str:
+    """Return a GUID drawn from all that is described (the GUID apart) and all that is in the archive."""
+    digest = hashlib.sha256(model_description(description))
+    for name in sorted(members):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(members[name]).digest())
+    return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
 
 
 def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:

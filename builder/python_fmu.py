@@ -12,18 +12,22 @@ import json
 import shutil
 import sys
 import tempfile
-import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from builder.description import Description, model_description
-from builder.interface import Interface
+import eightpost.shock
+import eightpost.vehicle.kernel
+from builder.description import Description, content_guid, model_description
+from builder.documents import documents
+from builder.product import Product
 from builder.sources import source_folder
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
+from eightpost.shock import Shock
+from eightpost.vehicle import Vehicle
 
 #: What pythonfmu's binary can do (its Linux and Windows libraries forward to the slave).
 CAPABILITIES = {
@@ -37,34 +41,46 @@ CAPABILITIES = {
     "providesDirectionalDerivative": "false",
 }
 
-_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
-
 
 @dataclass(frozen=True)
-class PythonModel:
-    """What a python FMU is made of.
+class _Slave:
+    """What a python FMU runs: the library files that it ships to the byte, and what they need beyond the variables."""
 
-    `slave` is the folder under fmus/ whose slave.py it runs, `code` the library files that it ships to the byte, and
-    `model` what the slave needs beyond its variables (JSON values).
-    """
-
-    identifier: str
-    text: str
-    interface: Interface
-    slave: str
+    product: Product
     code: tuple[Path, ...]
     model: Mapping[str, Any]
-    documents: Mapping[str, bytes]
 
 
-def build_python_fmu(model: PythonModel, path: str | Path) -> None:
-    """Write the FMU; the same model gives the same bytes."""
+def build_python_fmu(product: Product, path: str | Path) -> None:
+    """Write the FMU; the same product gives the same bytes."""
+    source = product.source
+    slave = _shock_slave(product, source) if isinstance(source, Shock) else _vehicle_slave(product, source)
     with tempfile.TemporaryDirectory() as folder:
-        staged = _stage(model, Path(folder))
+        staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
-    members |= model.documents
-    _describe(model, members)
+    conditions = source.conditions if isinstance(source, Shock) else {}
+    members |= documents(product.identifier, product.text, product.interface, conditions)
+    _describe(product, members)
     write_archive(path, members)
+
+
+def _shock_slave(product: Product, shock: Shock) -> _Slave:
+    law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
+    common = source_folder() / "common"
+    return _Slave(product, (*imported_files(law), common / "table_slave.py", common / "shock_slave.py"), {})
+
+
+def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
+    model = vehicle.coupled()
+    offsets = {v.name: v.offset for v in product.interface.variables}
+    outputs = [c.name for c in model.outputs]
+    data = {name: getattr(model, name).tolist() for name in "ABCD"} | {
+        "inputs": [c.name for c in model.inputs],
+        "outputs": outputs,
+        "offsets": [offsets[name] for name in outputs],
+    }
+    code = (Path(eightpost.vehicle.kernel.__file__), source_folder() / "common" / "table_slave.py")
+    return _Slave(product, code, data)
 
 
 def imported_files(source: Path) -> tuple[Path, ...]:
@@ -82,34 +98,34 @@ def imported_files(source: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def _stage(model: PythonModel, folder: Path) -> Path:
+def _stage(slave: _Slave, folder: Path) -> Path:
     """Lay out slave, package and table under names that no other FMU has; return the slave's file."""
-    table = json.dumps(_table(model), indent=1, allow_nan=False)
-    slave = source_folder() / model.slave / "slave.py"
+    table = json.dumps(_table(slave), indent=1, allow_nan=False)
+    source = source_folder() / slave.product.sources / "slave.py"
     digest = hashlib.sha256(table.encode())
-    for file in (slave, *model.code):
+    for file in (source, *slave.code):
         digest.update(file.read_bytes())
-    name = f"{model.identifier}_{digest.hexdigest()[:8]}"
+    name = f"{slave.product.identifier}_{digest.hexdigest()[:8]}"
     package = folder / f"{name}_law"
     package.mkdir()
     (package / "__init__.py").write_text('"""The library\'s own files, to the byte."""\n', encoding="utf-8")
-    for file in model.code:
+    for file in slave.code:
         shutil.copyfile(file, package / file.name)
     (folder / f"{name}.json").write_text(table + "\n", encoding="utf-8")
-    shutil.copyfile(slave, folder / f"{name}.py")
+    shutil.copyfile(source, folder / f"{name}.py")
     return folder / f"{name}.py"
 
 
-def _table(model: PythonModel) -> dict[str, Any]:
+def _table(slave: _Slave) -> dict[str, Any]:
     rows = []
-    for variable in model.interface.variables:
+    for variable in slave.product.interface.variables:
         row = asdict(variable)
         rows.append({"min": row.pop("minimum"), "max": row.pop("maximum"), **row})
     return {
-        "identifier": model.identifier,
-        "description": model.text,
+        "identifier": slave.product.identifier,
+        "description": slave.product.text,
         "variables": rows,
-        "model": dict(model.model),
+        "model": dict(slave.model),
     }
 
 
@@ -138,20 +154,17 @@ def _clean_imports(name: str) -> Iterator[None]:
             del sys.modules[module]
 
 
-def _describe(model: PythonModel, members: dict[str, bytes]) -> None:
+def _describe(product: Product, members: dict[str, bytes]) -> None:
     """Add modelDescription.xml, its GUID drawn from everything that is in the archive."""
     from pythonfmu import __version__ as pythonfmu_version  # noqa: PLC0415
 
     description = Description(
-        identifier=model.identifier,
+        identifier=product.identifier,
         guid="",
-        text=model.text,
-        interface=model.interface,
+        text=product.text,
+        interface=product.interface,
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__} with PythonFMU {pythonfmu_version}",
     )
-    digest = hashlib.sha256(model_description(description))
-    for name in sorted(members):
-        digest.update(name.encode() + b"\0" + hashlib.sha256(members[name]).digest())
-    guid = str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
+    guid = content_guid(description, members)
     members["modelDescription.xml"] = model_description(replace(description, guid=guid))

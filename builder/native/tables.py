@@ -1,4 +1,4 @@
-"""interface.h and interface.c: an FMU's variables as C, generated from the interface that also gives modelDescription.xml."""
+"""interface.h and interface.c: an FMU's variables as C, from the interface that also gives modelDescription.xml."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def vehicle_member(variable: Variable, earlier: Sequence[Member]) -> Member:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each variable is kept: the Real ones in a struct, signals before parameters, the Boolean ones in an array."""
+    """Where each variable is kept: Real ones in a struct, signals before parameters; Boolean ones in an array."""
 
     interface: Interface
     reals: tuple[tuple[Variable, Member], ...]
