@@ -11,7 +11,12 @@ static const double QUARTER_HIGH = 0x1.921fb54400000p0, QUARTER_MIDDLE = 0x1.0b4
                     QUARTER_LOW = 0x1.3198a2e037073p-69;
 static const double INVERSE_QUARTER = 0x1.45f306dc9c883p-1, TURN = 0x1.921fb54442d18p2;
 
-enum { EXPONENTIAL_TERMS = 15, CIRCULAR_TERMS = 9 };
+/* 1/k!, k = 2 .. 15: coefficients of (e^r - 1 - r) / r^2. */
+static const double EXPONENTIAL[] = {
+    1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
+    1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
+};
+enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], CIRCULAR_TERMS = 9 };
 
 int is_finite(double x)
 {
@@ -32,14 +37,16 @@ static double nearest(double x)
     return (double)(int64_t)(x < 0.0 ? x - 0.5 : x + 0.5);
 }
 
-/* e^r - 1 for |r| <= ln(2)/2: r (1 + r/2 (1 + r/3 (1 + ...))). */
+/* e^r - 1 for |r| <= ln(2)/2. Even and odd terms apart: two short chains instead of a long one. */
 static double series_minus_1(double r)
 {
-    double sum = 1.0;
-    for (int k = EXPONENTIAL_TERMS; k >= 2; k--) {
-        sum = 1.0 + r * sum / (double)k;
+    const double square = r * r;
+    double even = EXPONENTIAL[EXPONENTIAL_TERMS - 2], odd = EXPONENTIAL[EXPONENTIAL_TERMS - 1];
+    for (int k = EXPONENTIAL_TERMS - 4; k >= 0; k -= 2) {
+        even = even * square + EXPONENTIAL[k];
+        odd = odd * square + EXPONENTIAL[k + 1];
     }
-    return r * sum;
+    return r + square * (even + r * odd);
 }
 
 /* x = k ln 2 + r: returns e^r - 1. */

@@ -34,9 +34,10 @@ const Variable *find_variable(fmi2ValueReference reference);
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
 int is_input(const Variable *variable);
 
-/* lifecycle.c: memory from the host, zeroed; 0 and a message where parameters do not fit each other; in initialization mode
- * outputs that follow what was set, 0 and a message where there is no such start. */
+/* lifecycle.c: memory from the host, zeroed; 1 if all signals are finite (outputs see every state); 0 and a message where parameters do not
+ * fit each other; in initialization mode outputs that follow what was set, 0 and a message where there is no such start. */
 void *allocated(const Component *c, size_t size);
+int all_finite(const Memory *m);
 int fits(const Component *c, const char *function);
 int is_current(Component *c, const char *function);
 

@@ -27,6 +27,15 @@ int fits(const Component *c, const char *function)
     return 1;
 }
 
+int all_finite(const Memory *m)
+{
+    double sum[4] = {0.0};
+    for (int k = 0; k < SIGNALS; k++) {
+        sum[k % 4] += m->values.at[k] - m->values.at[k];
+    }
+    return sum[0] + sum[1] + sum[2] + sum[3] == 0.0;
+}
+
 /* Outputs and state from inputs and parameters, in initialization mode and once more when it ends. */
 static int started(Component *c, const char *function)
 {
@@ -35,8 +44,8 @@ static int started(Component *c, const char *function)
     if (!fits(c, function)) {
         return 0;
     }
-    if (!model_start(&trial, c->work, &why)) {
-        refused(c, function, why.text);
+    if (!model_start(&trial, c->work, &why) || !all_finite(&trial)) {
+        refused(c, function, why.length > 0 ? why.text : "the start is not finite: look at inputs and parameters");
         return 0;
     }
     c->memory = trial;

@@ -29,6 +29,7 @@
 #define all_known fmi2FullName(all_known)
 #define is_input fmi2FullName(is_input)
 #define allocated fmi2FullName(allocated)
+#define all_finite fmi2FullName(all_finite)
 #define fits fmi2FullName(fits)
 #define is_current fmi2FullName(is_current)
 #define law_lag_weight fmi2FullName(law_lag_weight)

@@ -126,7 +126,7 @@ static double static_force(const Parameters *p, double velocity)
 
 static double seal_force(const Parameters *p, double v)
 {
-    return p->seal_friction * hyperbolic_tangent(v / p->friction_velocity);
+    return p->seal_friction == 0.0 ? 0.0 : p->seal_friction * hyperbolic_tangent(v / p->friction_velocity);
 }
 
 static double seal_slope(const Parameters *p, double v)
@@ -141,9 +141,9 @@ static double gas_force(const Parameters *p, double displacement)
 }
 
 /* F = r (alpha F_lag + (1 - alpha) F_s + seal + gas), and what else the FMU tells. */
-static void respond(Signals *s, const Parameters *p, double lagged)
+static void respond(Signals *s, const Parameters *p, double lagged, double f)
 {
-    const double v = p->motion_ratio * s->velocity, f = static_force(p, s->velocity);
+    const double v = p->motion_ratio * s->velocity;
     const double alpha = law_lag_weight(p, f);
     const double dissipative = alpha * lagged + (1.0 - alpha) * f + seal_force(p, v);
     s->force = p->motion_ratio * (dissipative + gas_force(p, s->displacement));
@@ -161,15 +161,17 @@ static int pieces(const Parameters *p, double start, double end)
     return count < 1.0 ? 1 : count >= MOST_PIECES ? MOST_PIECES : (int)count + 1;
 }
 
-static double follow(const Parameters *p, double lagged, double start, double end, double h)
+/* Returns F_lag at the end of the step, and F_s there. */
+static double follow(const Parameters *p, double lagged, double start, double end, double h, double *f)
 {
     const int count = pieces(p, start, end);
     double before = static_force(p, start);
+    *f = before;
     for (int k = 1; k <= count; k++) {
         const double velocity = k == count ? end : start + (end - start) * ((double)k / (double)count);
-        const double after = static_force(p, velocity);
-        lagged = law_advance_lag(p, lagged, before, after, h / (double)count);
-        before = after;
+        *f = velocity == start ? before : static_force(p, velocity);
+        lagged = law_advance_lag(p, lagged, before, *f, h / (double)count);
+        before = *f;
     }
     return lagged;
 }
@@ -212,7 +214,8 @@ int model_start(Memory *memory, void *work, Message *why)
     const Parameters *p = &memory->values.named.parameters;
     (void)work;
     (void)why;
-    respond(s, p, static_force(p, s->velocity));
+    const double f = static_force(p, s->velocity);
+    respond(s, p, f, f);
     return 1;
 }
 
@@ -220,9 +223,11 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
 {
     Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
+    double f;
     (void)work;
     (void)why;
-    respond(s, p, follow(p, s->lagged_force, from[0], s->velocity, h));
+    const double lagged = follow(p, s->lagged_force, from[0], s->velocity, h, &f);
+    respond(s, p, lagged, f);
     return 1;
 }
 

@@ -58,18 +58,6 @@ static void recall(Memory *m, const Moving *before)
     memcpy(m->values.at, before->signal, sizeof before->signal);
 }
 
-static int all_finite(const Memory *m)
-{
-    double sum = 0.0;
-    for (int k = 0; k < SIGNALS; k++) {
-        sum += m->values.at[k] - m->values.at[k];
-    }
-    for (int k = 0; k < STATES; k++) {
-        sum += m->state[k] - m->state[k];
-    }
-    return sum == 0.0;
-}
-
 /* Carries the inputs to the end of the step by their derivatives, which hold for one step. */
 static void carry_inputs(Memory *m, double h)
 {
@@ -88,7 +76,6 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boo
     if (c == NULL || checked_step(c, time, h) != fmi2OK || (c->memory.stale && !fits(c, "fmi2DoStep"))) {
         return fmi2Error;
     }
-    c->memory.stale = 0;
     remember(&c->memory, &before);
     carry_inputs(&c->memory, h);
     if (!model_step(&c->memory, before.signal, h, c->work, &why) || !all_finite(&c->memory)) {
@@ -96,6 +83,7 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boo
         logged(c, fmi2Discard, why.length > 0 ? why.text : "fmi2DoStep: the result is not finite; nothing was done");
         return fmi2Discard;
     }
+    c->memory.stale = 0;
     c->memory.time = time + h;
     return fmi2OK;
 }

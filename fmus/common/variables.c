@@ -68,7 +68,7 @@ static int in_range(const Component *c, const char *function, const Variable *va
     say(&message, variable->name);
     say(&message, " = ");
     say_number(&message, value);
-    say(&message, " ");
+    say(&message, variable->unit[0] == '\0' ? "" : " ");
     say(&message, variable->unit);
     say_range(&message, variable);
     say(&message, "; the old value stays");

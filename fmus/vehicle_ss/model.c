@@ -1,5 +1,5 @@
 /* vehicle_ss: x' = A x + B u, y = C x + D u, in real block-modal form: each mode is z' = lambda z + b u by itself, with a
- * complex z for a pair of eigenvalues and a real one for a real eigenvalue; y = C_re Re z + C_im Im z + D u.
+ * complex z for a pair of eigenvalues and a real one for a real eigenvalue; y follows the parts of all z, and u.
  *
  * With inputs that go linearly from u0 to u1 over a step h the solution is exact at any h:
  *     z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
@@ -31,8 +31,9 @@ typedef struct {
     size_t newest;
 } Work;
 
+/* Real parts of all modes, then imaginary parts of the pairs; room to the end of the last block. */
 typedef struct {
-    double re[MODES], im[MODES];
+    double at[STATE_BLOCKS * BLOCK];
 } Modal;
 
 typedef struct {
@@ -114,47 +115,54 @@ static const Factors *factors(Work *work, double h)
     return &work->kept[work->newest];
 }
 
+/* y = matrix x. The matrix is stored in blocks of eight rows, so that a compiler keeps eight sums in registers and adds in
+ * the same order everywhere. */
+static void multiply(const double *matrix, int blocks, int columns, const double *x, double *y)
+{
+    for (int b = 0; b < blocks; b++) {
+        double sum[BLOCK] = {0.0};
+        for (int c = 0; c < columns; c++, matrix += BLOCK) {
+            for (int r = 0; r < BLOCK; r++) {
+                sum[r] += matrix[r] * x[c];
+            }
+        }
+        memcpy(y + b * BLOCK, sum, sizeof sum);
+    }
+}
+
 /* b u. */
 static void load(const double *u, Modal *w)
 {
-    memset(w, 0, sizeof *w);
-    for (int i = 0; i < INPUTS; i++) {
-        for (int k = 0; k < MODE_COUNT; k++) {
-            w->re[k] += B_RE[i][k] * u[i];
-        }
-        for (int k = 0; k < PAIR_COUNT; k++) {
-            w->im[k] += B_IM[i][k] * u[i];
-        }
-    }
+    multiply(B, STATE_BLOCKS, INPUTS, u, w->at);
 }
 
 /* z(h) from z, b u0 and b u1. */
 static void advance(const Factors *f, const Modal *z, const Modal *w0, const Modal *w1, Modal *end)
 {
+    const double *x = z->at, *y = z->at + MODE_COUNT, *a = w0->at, *b = w0->at + MODE_COUNT, *c = w1->at,
+                 *d = w1->at + MODE_COUNT;
     for (int k = 0; k < PAIR_COUNT; k++) {
-        end->re[k] = (f->e_re[k] * z->re[k] - f->e_im[k] * z->im[k]) +
-                     (f->first_re[k] * w0->re[k] - f->first_im[k] * w0->im[k]) +
-                     (f->second_re[k] * w1->re[k] - f->second_im[k] * w1->im[k]);
-        end->im[k] = (f->e_re[k] * z->im[k] + f->e_im[k] * z->re[k]) +
-                     (f->first_re[k] * w0->im[k] + f->first_im[k] * w0->re[k]) +
-                     (f->second_re[k] * w1->im[k] + f->second_im[k] * w1->re[k]);
+        end->at[k] = (f->e_re[k] * x[k] - f->e_im[k] * y[k]) + (f->first_re[k] * a[k] - f->first_im[k] * b[k]) +
+                     (f->second_re[k] * c[k] - f->second_im[k] * d[k]);
+    }
+    for (int k = 0; k < PAIR_COUNT; k++) {
+        end->at[MODE_COUNT + k] = (f->e_re[k] * y[k] + f->e_im[k] * x[k]) +
+                                  (f->first_re[k] * b[k] + f->first_im[k] * a[k]) +
+                                  (f->second_re[k] * d[k] + f->second_im[k] * c[k]);
     }
     for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
-        end->re[k] = f->e_re[k] * z->re[k] + f->first_re[k] * w0->re[k] + f->second_re[k] * w1->re[k];
-        end->im[k] = 0.0;
+        end->at[k] = f->e_re[k] * x[k] + f->first_re[k] * a[k] + f->second_re[k] * c[k];
     }
 }
 
 static void recall_state(const Memory *memory, Modal *z)
 {
-    memcpy(z->re, memory->state, sizeof z->re);
-    memcpy(z->im, memory->state + MODES, sizeof z->im);
+    memcpy(z->at, memory->state, sizeof memory->state);
 }
 
 static void keep_state(Memory *memory, const Modal *z)
 {
-    memcpy(memory->state, z->re, sizeof z->re);
-    memcpy(memory->state + MODES, z->im, sizeof z->im);
+    memcpy(memory->state, z->at, sizeof memory->state);
 }
 
 /* ---- Friction at the ports ------------------------------------------------------------------------------------------ */
@@ -172,19 +180,17 @@ static double friction_rate(const Parameters *p)
 /* What friction adds to the inputs in state z. */
 static void add_friction(const Parameters *p, const Modal *z, double *u)
 {
+    double v[PORT_BLOCKS * BLOCK];
+    multiply(V, PORT_BLOCKS, STATE_COUNT, z->at, v);
     for (int i = 0; i < PORT_COUNT; i++) {
-        double v = 0.0;
-        if (p->friction_force[i] == 0.0) {
-            continue;
-        }
-        for (int k = 0; k < MODE_COUNT; k++) {
-            v += V_RE[i][k] * z->re[k];
-        }
-        for (int k = 0; k < PAIR_COUNT; k++) {
-            v += V_IM[i][k] * z->im[k];
-        }
-        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
+        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v[i] / p->friction_velocity[i]);
     }
+}
+
+static int whole_number_above(double count)
+{
+    const int whole = (int)count;
+    return whole < 1 ? 1 : whole + ((double)whole < count);
 }
 
 static void interpolate(const double *from, const double *to, double share, double *u)
@@ -230,36 +236,33 @@ static void step_without_friction(Work *work, const double *from, const double *
 {
     Modal w0, w1, end;
     load(from, &w0);
-    load(to, &w1);
+    if (memcmp(from, to, INPUTS * sizeof *from) == 0) {
+        w1 = w0;
+    } else {
+        load(to, &w1);
+    }
     advance(factors(work, h), z, &w0, &w1, &end);
     *z = end;
 }
 
 /* ---- Outputs -------------------------------------------------------------------------------------------------------- */
 
-/* y = C_re Re z + C_im Im z + D u + static state, u with the friction in it. */
+/* y = C z + D u + static state; u with the friction in it, where there is any. */
 static void respond(Signals *s, const Parameters *p, const Modal *z)
 {
-    double u[INPUTS], y[OUTPUTS] = {0.0};
+    double u[INPUTS], y[OUTPUT_BLOCKS * BLOCK];
     memcpy(u, s->input, sizeof u);
-    add_friction(p, z, u);
-    for (int k = 0; k < MODE_COUNT; k++) {
-        for (int j = 0; j < OUTPUTS; j++) {
-            y[j] += C_RE[k][j] * z->re[k];
-        }
+    if (friction_rate(p) > 0.0) {
+        add_friction(p, z, u);
     }
-    for (int k = 0; k < PAIR_COUNT; k++) {
-        for (int j = 0; j < OUTPUTS; j++) {
-            y[j] += C_IM[k][j] * z->im[k];
-        }
-    }
+    multiply(C, OUTPUT_BLOCKS, STATE_COUNT, z->at, y);
     for (int k = 0; k < DIRECT_COUNT; k++) {
         y[DIRECT_OUTPUT[k]] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
     }
     for (int k = 0; k < OFFSET_COUNT; k++) {
         y[OFFSET_OUTPUT[k]] += p->offset[k];
     }
-    memcpy(s->output, y, sizeof y);
+    memcpy(s->output, y, sizeof s->output);
 }
 
 /* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
@@ -288,10 +291,13 @@ static void settle(const double *u, Modal *z)
 {
     Modal w;
     load(u, &w);
-    for (int k = 0; k < MODE_COUNT; k++) {
-        const double omega = k < PAIR_COUNT ? OMEGA[k] : 0.0, square = SIGMA[k] * SIGMA[k] + omega * omega;
-        z->re[k] = -(w.re[k] * SIGMA[k] + w.im[k] * omega) / square;
-        z->im[k] = -(w.im[k] * SIGMA[k] - w.re[k] * omega) / square;
+    for (int k = 0; k < PAIR_COUNT; k++) {
+        const double square = SIGMA[k] * SIGMA[k] + OMEGA[k] * OMEGA[k], re = w.at[k], im = w.at[MODE_COUNT + k];
+        z->at[k] = -(re * SIGMA[k] + im * OMEGA[k]) / square;
+        z->at[MODE_COUNT + k] = -(im * SIGMA[k] - re * OMEGA[k]) / square;
+    }
+    for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
+        z->at[k] = -w.at[k] / SIGMA[k];
     }
 }
 
@@ -319,14 +325,14 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
     const double rate = friction_rate(p), count = h * rate / SUB_STEP_SHARE;
-    if (count > MOST_SUB_STEPS) {
+    if (!(count <= MOST_SUB_STEPS)) {
         say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;
     }
     recall_state(memory, &z);
     if (rate > 0.0) {
-        step_with_friction(p, (Work *)work, from, s->input, h, (int)count + (count > (int)count || count < 1.0), &z);
+        step_with_friction(p, (Work *)work, from, s->input, h, whole_number_above(count), &z);
     } else {
         step_without_friction((Work *)work, from, s->input, h, &z);
     }
