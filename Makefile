@@ -1,6 +1,7 @@
 # Two commands do everything on a machine with Python 3.11, git and make:
 #   make demo   installs and runs the main job on shipped data
 #   make test   installs, checks style, types and imports, and passes the tests
+#   make nightly  a million random FMI call sequences on each FMU under sanitizers (about a minute; needs a C compiler)
 # Without make (Windows): python -m venv .venv, then pip install -e .[test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
@@ -8,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types contracts unit docs clean
+.PHONY: demo test lint types contracts unit nightly docs clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m eightpost demo -o demo
@@ -27,6 +28,9 @@ contracts: $(INSTALLED)
 
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
+
+nightly: $(INSTALLED)
+	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py

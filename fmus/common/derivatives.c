@@ -105,7 +105,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueRe
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component instance, const fmi2ValueReference vr[], size_t n,
                                         const fmi2Integer order[], fmi2Real value[])
 {
-    Component *c = entered(instance, "fmi2GetRealOutputDerivatives", STEPPING | TERMINATED);
+    const Component *c = entered(instance, "fmi2GetRealOutputDerivatives", STEPPING | TERMINATED);
     (void)vr;
     (void)order;
     (void)value;

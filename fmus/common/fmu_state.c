@@ -120,7 +120,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component instance, fmi2FMUstate *state)
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component instance, fmi2FMUstate state, size_t *size)
 {
-    Component *c = entered(instance, "fmi2SerializedFMUstateSize", ALIVE);
+    const Component *c = entered(instance, "fmi2SerializedFMUstateSize", ALIVE);
     if (c == NULL) {
         return fmi2Error;
     }
@@ -133,7 +133,7 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component instance, fmi2FMUstate state
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    Component *c = entered(instance, "fmi2SerializeFMUstate", ALIVE);
+    const Component *c = entered(instance, "fmi2SerializeFMUstate", ALIVE);
     if (c == NULL) {
         return fmi2Error;
     }
@@ -146,7 +146,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    Component *c = entered(instance, "fmi2DeSerializeFMUstate", ALIVE);
+    const Component *c = entered(instance, "fmi2DeSerializeFMUstate", ALIVE);
     Memory memory;
     if (c == NULL) {
         return fmi2Error;

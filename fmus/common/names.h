@@ -5,6 +5,14 @@
 
 #include "fmi2Functions.h"
 
+/* Some tools' fmi2Functions.h have lost the standard's prefix. */
+#ifdef FMI2_FUNCTION_PREFIX
+#undef fmi2FullName
+#define EIGHTPOST_PASTE(prefix, name) prefix##name
+#define EIGHTPOST_PREFIXED(prefix, name) EIGHTPOST_PASTE(prefix, name)
+#define fmi2FullName(name) EIGHTPOST_PREFIXED(FMI2_FUNCTION_PREFIX, name)
+#endif
+
 #define say fmi2FullName(say)
 #define say_number fmi2FullName(say_number)
 #define exponential fmi2FullName(exponential)

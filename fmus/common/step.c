@@ -90,13 +90,13 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boo
 
 fmi2Status fmi2CancelStep(fmi2Component instance)
 {
-    Component *c = (Component *)instance;
+    const Component *c = (const Component *)instance;
     return c == NULL ? fmi2Error : refused(c, "fmi2CancelStep", "no step is ever pending");
 }
 
 static fmi2Status not_offered(fmi2Component instance, const char *function)
 {
-    Component *c = entered(instance, function, STEPPING | TERMINATED);
+    const Component *c = entered(instance, function, STEPPING | TERMINATED);
     if (c == NULL) {
         return fmi2Error;
     }
@@ -113,7 +113,7 @@ fmi2Status fmi2GetStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2
 
 fmi2Status fmi2GetRealStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Real *value)
 {
-    Component *c = entered(instance, "fmi2GetRealStatus", STEPPING | TERMINATED);
+    const Component *c = entered(instance, "fmi2GetRealStatus", STEPPING | TERMINATED);
     if (c == NULL || kind != fmi2LastSuccessfulTime || value == NULL) {
         return c == NULL ? fmi2Error : not_offered(instance, "fmi2GetRealStatus");
     }
@@ -130,7 +130,7 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component instance, const fmi2StatusKind kin
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Boolean *value)
 {
-    Component *c = entered(instance, "fmi2GetBooleanStatus", STEPPING | TERMINATED);
+    const Component *c = entered(instance, "fmi2GetBooleanStatus", STEPPING | TERMINATED);
     if (c == NULL || kind != fmi2Terminated || value == NULL) {
         return c == NULL ? fmi2Error : not_offered(instance, "fmi2GetBooleanStatus");
     }

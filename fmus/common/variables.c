@@ -180,7 +180,7 @@ fmi2Status fmi2SetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
 /* There are no Integer and no String variables: asking for none is fine, for any is an error. */
 static fmi2Status none_of(fmi2Component instance, const char *function, int phases, size_t n)
 {
-    Component *c = entered(instance, function, phases);
+    const Component *c = entered(instance, function, phases);
     if (c == NULL) {
         return fmi2Error;
     }

@@ -1,0 +1,56 @@
+"""The C sources of every FMU, and a compiler to look at them with."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from builder.native.sources import c_sources
+from builder.product import shock_product, vehicle_product
+from eightpost.shock import Shock
+from eightpost.vehicle import read_vehicle, shipped
+
+MODELS = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
+
+
+@pytest.fixture(scope="session")
+def source_folders(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> dict[str, Path]:
+    """Model -> folder with the sources of its FMU."""
+    products = [shock_product(shock, name) for name, shock in shocks.items()]
+    products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
+    folders = {}
+    for product in products:
+        folder = folders[product.identifier] = tmp_path_factory.mktemp(product.identifier)
+        for name, content in c_sources(product, product.interface, "0").items():
+            (folder / name).write_bytes(content)
+    return folders
+
+
+@pytest.fixture(scope="session")
+def headers() -> Path:
+    """The folder of the FMI headers that fmpy carries."""
+    spec = importlib.util.find_spec("fmpy")
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).with_name("c-code")
+
+
+@pytest.fixture(scope="session")
+def compiler(headers: Path) -> Callable[..., Path]:
+    """Run the system's C compiler on files, in a folder: compile(folder, options, output)."""
+    command = next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None)
+    if command is None:
+        pytest.skip("no C compiler (gcc, clang or cc) on this machine")
+
+    def run(folder: Path, options: Sequence[str], output: Path) -> Path:
+        line = [command, *STRICT, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
+        ran = subprocess.run(line, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr[:2000]
+        return output
+
+    return run

