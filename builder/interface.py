@@ -120,6 +120,12 @@ def vehicle_interface(model: StateSpace) -> Interface:
     )
 
 
+def friction_ports(interface: Interface) -> tuple[str, ...]:
+    """Return the ports of a vehicle that take suspension friction, in order: "lf.", ..., or "" for a quarter car."""
+    last = "friction_force"
+    return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
+
+
 def _read_table(folder: str) -> dict[str, Any]:
     path = source_folder() / folder / "interface.toml"
     table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -182,9 +188,9 @@ def _wanted(row: Mapping[str, Any], variable: Variable, channels: Mapping[str, t
         return variable.name in channels
     if "with" not in row:
         return True
-    prefix = variable.name.rpartition(".")[0] if "<corner>" in row["name"] else None
-    partner = row["with"] if prefix is None else row["with"].replace("<corner>.", f"{prefix}." if prefix else "")
-    return partner in channels
+    corner, dot, _ = variable.name.rpartition(".")
+    partners = [row["with"]] if isinstance(row["with"], str) else row["with"]
+    return all(partner.replace("<corner>.", corner + dot) in channels for partner in partners)
 
 
 def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variables: Sequence[Variable]) -> None:

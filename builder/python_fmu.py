@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import eightpost.shock
-import eightpost.vehicle.kernel
+import eightpost.vehicle.friction
 from builder.description import Description, content_guid, model_description
 from builder.documents import documents
+from builder.interface import friction_ports
 from builder.product import Product
 from builder.sources import source_folder
 from eightpost import __version__
@@ -78,9 +79,10 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
         "inputs": [c.name for c in model.inputs],
         "outputs": outputs,
         "offsets": [offsets[name] for name in outputs],
+        "ports": list(friction_ports(product.interface)),
     }
-    code = (Path(eightpost.vehicle.kernel.__file__), source_folder() / "common" / "table_slave.py")
-    return _Slave(product, code, data)
+    code = imported_files(Path(eightpost.vehicle.friction.__file__))  # and with it the kernel
+    return _Slave(product, (*code, source_folder() / "common" / "table_slave.py"), data)
 
 
 def imported_files(source: Path) -> tuple[Path, ...]:

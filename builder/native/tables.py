@@ -19,6 +19,10 @@ _SETTABLE = {
 }
 
 
+#: Arrays that model.c names even where a model has none of them.
+_NEEDED = {"vehicle_ss": ("offset", "friction_force", "friction_velocity")}
+
+
 @dataclass(frozen=True, slots=True)
 class Member:
     """A variable's place in the C struct: `name`, or `name[position]` of an array."""
@@ -93,7 +97,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "REALS": len(plan.reals),
         "FLAGS": max(1, len(plan.flags)),
         "STATES": max(1, plan.states),
-        "REFERENCES": max(v.reference for v in interface.variables) + 1,
+        "REFERENCES": _references(interface.variables),
     }
     lines = [
         f"/* {interface.kind} {interface.version}: generated from interface.toml; do not edit. */",
@@ -110,7 +114,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "",
         *_struct("Signals", [m for v, m in plan.reals if v.causality in _SIGNALS]),
         "",
-        *_struct("Parameters", [m for v, m in plan.reals if v.causality == "parameter"]),
+        *_struct("Parameters", [m for v, m in plan.reals if v.causality == "parameter"], _NEEDED.get(interface.kind, ())),
         "",
         "typedef union {",
         "    struct {",
@@ -126,24 +130,28 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
     return "\n".join(lines)
 
 
+def _references(variables: Iterable[Variable]) -> int:
+    return max(v.reference for v in variables) + 1
+
+
 def _flag_name(variable: Variable) -> str:
     return variable.name.replace(".", "_")
 
 
-def _struct(name: str, members: Sequence[Member]) -> list[str]:
+def _struct(name: str, members: Sequence[Member], needed: Sequence[str] = ()) -> list[str]:
     lines = ["typedef struct {"]
+    missing = [member for member in needed if member not in {m.name for m in members}]
     for base, group in groupby(members, key=lambda member: member.name):
         size = len(list(group))
         scalar = size == 1 and next(m for m in members if m.name == base).position is None
         lines.append(f"    double {base};" if scalar else f"    double {base}[{size}];")
-    return [*lines, f"}} {name};"]
+    return [*lines, *(f"    double {member}[1];" for member in missing), f"}} {name};"]
 
 
-def interface_source(plan: Layout) -> str:
-    """Return interface.c: the table of variables, their start values, and the way from a reference to a variable."""
-    variables = plan.interface.variables
+def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
+    """Return interface.c: the table of the variables that a host sees, and the start values of all."""
     position = {v.reference: k for k, v in enumerate(variables)}
-    places = [position.get(reference, -1) for reference in range(max(position) + 1)]
+    places = [position.get(reference, -1) for reference in range(_references(plan.interface.variables))]
     flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]
     lines = [
         f"/* {plan.interface.kind} {plan.interface.version}: generated from interface.toml; do not edit. */",

@@ -134,7 +134,9 @@ class TableSlave(Fmi2Slave):
         if self.refused:
             self.refused = None
             return False
-        return self._guarded(self.advance, step_size)
+        done = self._guarded(self.advance, step_size)
+        self.refused = None
+        return done
 
     # Every name and internal state, so that a restored state continues bit for bit (pythonfmu saves names only).
     def _get_fmu_state(self):

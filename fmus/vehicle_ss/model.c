@@ -177,6 +177,16 @@ static double friction_rate(const Parameters *p)
     return rate;
 }
 
+static int has_friction(const Parameters *p)
+{
+    for (int i = 0; i < PORT_COUNT; i++) {
+        if (p->friction_force[i] > 0.0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /* What friction adds to the inputs in state z. */
 static void add_friction(const Parameters *p, const Modal *z, double *u)
 {
@@ -252,7 +262,7 @@ static void respond(Signals *s, const Parameters *p, const Modal *z)
 {
     double u[INPUTS], y[OUTPUT_BLOCKS * BLOCK];
     memcpy(u, s->input, sizeof u);
-    if (friction_rate(p) > 0.0) {
+    if (has_friction(p)) {
         add_friction(p, z, u);
     }
     multiply(C, OUTPUT_BLOCKS, STATE_COUNT, z->at, y);
@@ -324,14 +334,14 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     Modal z;
     Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
-    const double rate = friction_rate(p), count = h * rate / SUB_STEP_SHARE;
+    const double count = h * friction_rate(p) / SUB_STEP_SHARE;
     if (!(count <= MOST_SUB_STEPS)) {
         say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;
     }
     recall_state(memory, &z);
-    if (rate > 0.0) {
+    if (has_friction(p)) {
         step_with_friction(p, (Work *)work, from, s->input, h, whole_number_above(count), &z);
     } else {
         step_without_friction((Work *)work, from, s->input, h, &z);

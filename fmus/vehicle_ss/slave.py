@@ -1,7 +1,8 @@
-"""vehicle_ss for PythonFMU: a linear vehicle x' = A x + B u, y = C x + D u, stepped exactly with its inputs held.
+"""vehicle_ss for PythonFMU: a linear vehicle x' = A x + B u, y = C x + D u, with suspension friction at its ports.
 
-The builder stages this file as <model>_<digest>.py beside the package <model>_<digest>_law, which holds the library's
-own stepping kernel, to the byte. Needs numpy and scipy in the host's Python.
+The linear part is stepped exactly with its inputs held. The builder stages this file as <model>_<digest>.py beside the
+package <model>_<digest>_law, which holds the library's own stepping kernel and friction, to the byte. Needs numpy and
+scipy in the host's Python.
 """
 
 from importlib import import_module
@@ -10,6 +11,7 @@ import numpy as np
 
 TableSlave = import_module(f"{__name__}_law.table_slave").TableSlave
 LinearStepper = import_module(f"{__name__}_law.kernel").LinearStepper
+friction = import_module(f"{__name__}_law.friction")
 
 
 class VehicleSs(TableSlave):
@@ -20,9 +22,19 @@ class VehicleSs(TableSlave):
         model = self.model
         self.stepper = LinearStepper(*(np.array(model[name], dtype=float) for name in "ABCD"))
         self.inputs, self.outputs, self.offsets = model["inputs"], model["outputs"], model["offsets"]
+        # A port's name ends with its dot; the port of a quarter car is "".
+        self.port_names = model["ports"]
+        self.ports = friction.ports_of(
+            self.stepper,
+            [self.inputs.index(f"{port}force") for port in self.port_names],
+            [self.outputs.index(f"{port}velocity") for port in self.port_names],
+        )
 
     def refresh(self):
         self.offset = [self.values[name] if name else 0.0 for name in self.offsets]
+        self.friction = friction.PortFriction(
+            self.ports, self._at_ports("friction_force"), self._at_ports("friction_velocity")
+        )
 
     def initialise(self):
         u = self._input()
@@ -31,13 +43,16 @@ class VehicleSs(TableSlave):
 
     def advance(self, step):
         u = self._input()
-        self._respond(self.stepper.advance(np.array(self.state), u, u, step), u)
+        self._respond(friction.advance(self.stepper, self.friction, np.array(self.state), u, u, step), u)
 
     def _input(self):
         return np.array([self.values[name] for name in self.inputs])
 
+    def _at_ports(self, name):
+        return np.array([self.values[f"{port}{name}"] for port in self.port_names])
+
     def _respond(self, x, u):
         self.state = x.tolist()
-        y = self.stepper.output(x, u).tolist()
+        y = friction.output(self.stepper, self.friction, x, u).tolist()
         for name, value, offset in zip(self.outputs, y, self.offset, strict=True):
             self.values[name] = value + offset

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 
 from builder.build import build
 from cosim import FmuComponent
@@ -16,6 +17,7 @@ from eightpost.vehicle import (
     shipped,
     write_vehicle,
 )
+from eightpost.vehicle import friction as suspension
 
 CARS = ("seven_dof", "quarter_car")
 
@@ -96,6 +98,143 @@ def test_a_restored_state_continues_bit_for_bit(component, name):
     fmu._slave.setFMUstate(state)
     fmu.step(1e-3, 2e-3)
     assert fmu.get(outputs) == first
+
+
+PORTS = {"seven_dof": ("lf.", "rf.", "lr.", "rr."), "quarter_car": ("",)}
+
+
+def at_ports(name, variable):
+    return tuple(f"{port}{variable}" for port in PORTS[name])
+
+
+def ports_of(name, stepper):
+    model = model_of(name)
+    forces = [model.input_names.index(force) for force in at_ports(name, "force")]
+    return suspension.ports_of(stepper, forces, [model.output_names.index(v) for v in at_ports(name, "velocity")])
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_friction_is_the_librarys_and_tunable_during_the_run(component, name):
+    model, rng = model_of(name), np.random.default_rng(7)
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    ports, count = ports_of(name, stepper), len(PORTS[name])
+    fmu, width = component(name), np.full(count, 0.005)
+    force = np.zeros(count)
+    fmu.end_initialization()
+    x, time, size = np.zeros(len(model.A)), 0.0, np.where([c.unit == "m" for c in model.inputs], 0.01, 300.0)
+    for k, step in enumerate(10.0 ** rng.uniform(-5, -2, 60)):
+        if k % 10 == 5:  # differs from port to port, and is none at some
+            force, width = rng.uniform(0.0, 300.0, count) * (k != 25), rng.uniform(1e-3, 0.01, count)
+            fmu.set(at_ports(name, "friction_force"), force)
+            fmu.set(at_ports(name, "friction_velocity"), width)
+        u = size * rng.standard_normal(size.size)
+        fmu.set(model.input_names, u)
+        fmu.step(time, step)
+        time += step
+        friction = suspension.PortFriction(ports, force, width)
+        x = suspension.advance(stepper, friction, x, u, u, step)
+        y = suspension.output(stepper, friction, x, u)
+        np.testing.assert_allclose(fmu.get(model.output_names), y, rtol=1e-10, atol=1e-12 * np.abs(y).max())
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(component, name):
+    model, rng = model_of(name), np.random.default_rng(3)
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    fmu = component(name, **dict.fromkeys(at_ports(name, "friction_velocity"), 1e-4))
+    fmu.end_initialization()
+    x = np.zeros(len(model.A))
+    for k in range(20):
+        u = rng.standard_normal(len(model.inputs))
+        fmu.set(model.input_names, u)
+        fmu.step(k * 1e-3, 1e-3)
+        x = stepper.advance(x, u, u, 1e-3)
+        assert fmu.get(model.output_names) == stepper.output(x, u).tolist()
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_friction_has_no_part_in_the_equilibrium_start(component, name):
+    model = model_of(name)
+    u = np.where([c.unit == "m" for c in model.inputs], 0.01, 500.0) * np.linspace(-1.0, 1.0, len(model.inputs))
+    found = []
+    for force in (0.0, 200.0):
+        fmu = component(name, **dict.fromkeys(at_ports(name, "friction_force"), force))
+        fmu.set(model.input_names, u)
+        fmu.end_initialization()
+        fmu.step(0.0, 0.01)
+        found.append(fmu.get(model.output_names))
+    np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_restored_state_with_friction_continues_bit_for_bit(component, name):
+    fmu, outputs = (
+        component(name, **dict.fromkeys(at_ports(name, "friction_force"), 150.0)),
+        model_of(name).output_names,
+    )
+    fmu.end_initialization()
+    fmu.set(at_ports(name, "force")[:1], (500.0,))
+    fmu.step(0.0, 1e-3)
+    state = fmu._slave.getFMUstate()
+    fmu.step(1e-3, 2e-3)
+    first = fmu.get(outputs)
+    fmu.set(at_ports(name, "friction_force")[:1], (20.0,))
+    fmu._slave.setFMUstate(state)
+    fmu.step(1e-3, 2e-3)
+    assert fmu.get(outputs) == first
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [("friction_force", -1.0), ("friction_force", np.inf), ("friction_velocity", 0.0), ("friction_velocity", np.nan)],
+)
+def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(component, variable, value):
+    fmu = component("seven_dof", **{"rr.friction_force": 100.0})
+    fmu.end_initialization()
+    fmu.set((f"rr.{variable}",), (value,))
+    with pytest.raises(StepError, match=rf"rr\.{variable}"):
+        fmu.step(0.0, 1e-3)
+    assert fmu.get(("rr.friction_force", "rr.friction_velocity")) == [100.0, 0.005]
+    fmu.step(0.0, 1e-3)
+
+
+def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes_nothing(component):
+    fmu = component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
+    fmu.end_initialization()
+    fmu.set(("force",), (500.0,))
+    fmu.step(0.0, 1e-6)
+    before = fmu.get(model_of("quarter_car").output_names)
+    with pytest.raises(StepError, match=r"too stiff for a step of 0\.05 s"):
+        fmu.step(1e-6, 0.05)
+    assert fmu.get(model_of("quarter_car").output_names) == before
+    fmu.step(1e-6, 1e-6)  # the next good one is fine
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_every_port_has_tunable_friction_with_units_for_people(fmus, name):
+    variables = {v.name: v for v in read_model_description(str(fmus[name])).modelVariables}
+    assert [n for n in variables if "friction" in n] == [
+        *at_ports(name, "friction_force"),
+        *at_ports(name, "friction_velocity"),
+    ]
+    for variable, unit, display, start, least in (
+        ("friction_force", "N", "lbf", 0.0, 0.0),
+        ("friction_velocity", "m/s", "in/s", 0.005, 1e-4),
+    ):
+        for port in at_ports(name, variable):
+            found = variables[port]
+            assert (found.causality, found.variability, found.unit) == ("parameter", "tunable", unit)
+            assert (found.displayUnit, float(found.start), float(found.min)) == (display, start, least)
+
+
+def test_only_a_port_with_a_force_and_a_velocity_has_friction(tmp_path):
+    model = model_of("seven_dof").select(outputs=("heave", "lf.velocity"))
+    write_vehicle(tmp_path / "some.json", IdentifiedVehicle("some", model))
+    (built,) = build([tmp_path / "some.json"], tmp_path)
+    assert [v.name for v in built.interface.variables if "friction" in v.name] == [
+        "lf.friction_force",
+        "lf.friction_velocity",
+    ]
 
 
 def free_mass() -> StateSpace:

@@ -1,0 +1,107 @@
+"""C sources into shared libraries, on all processors and through the cache."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from builder.native.cache import cache_folder, digest, keep, recall
+from builder.native.headers import NAMES, fmi_headers
+from builder.native.platforms import Platform
+from builder.native.toolchain import Toolchain
+from builder.native.universal import universal
+from eightpost.errors import FmuError
+
+
+@dataclass(frozen=True)
+class Library:
+    """One shared library to be: its name, and its C files and headers by name (one flat folder)."""
+
+    identifier: str
+    sources: Mapping[str, bytes]
+
+
+def compile_libraries(
+    libraries: Sequence[Library],
+    *,
+    toolchain: Toolchain,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[dict[str, bytes]]:
+    """Compile each library for all that the toolchain builds for; what the cache has is not compiled again.
+
+    Args:
+        libraries: What to compile.
+        toolchain: What compiles.
+        progress: Called with the number of binaries done and of all.
+
+    Returns:
+        Per library the archive's members: name -> content.
+
+    Raises:
+        FmuError: The compiler refuses; the message quotes it.
+    """
+    jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
+    done: list[bytes] = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for content in pool.map(lambda job: _binary(toolchain, *job), jobs):
+            done.append(content)
+            if progress:
+                progress(len(done), len(jobs))
+    members: dict[str, dict[str, bytes]] = {library.identifier: {} for library in libraries}
+    for (library, platform), content in zip(jobs, done, strict=True):
+        members[library.identifier][platform.member(library.identifier)] = content
+    return list(members.values())
+
+
+def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
+    slices = [_slice(toolchain, library, platform, target) for target in platform.targets]
+    return slices[0] if len(slices) == 1 else universal(slices)
+
+
+def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
+    files = sorted(name for name in library.sources if name.endswith(".c"))
+    command = toolchain.command(library.identifier, platform, target, files)
+    key = _key(toolchain, library, command)
+    content = recall(key)
+    if content is None:
+        content = _compile(toolchain, library, platform, command)
+        keep(key, content)
+    return content
+
+
+def _key(toolchain: Toolchain, library: Library, command: Sequence[str]) -> str:
+    """Everything that the binary depends on, but no folder of this machine."""
+    parts: list[bytes | str] = [toolchain.name, library.identifier, *(p for p in command if not Path(p).is_absolute())]
+    for name in sorted(library.sources):
+        parts += [name, library.sources[name]]
+    return digest([*parts, *((fmi_headers() / name).read_bytes() for name in NAMES)])
+
+
+def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in library.sources.items():
+            (Path(folder) / name).write_bytes(content)
+        ran = subprocess.run(
+            command, cwd=folder, env=_environment(), capture_output=True, text=True, errors="replace", check=False
+        )
+        if ran.returncode != 0:
+            raise FmuError(
+                f"{library.identifier}: {toolchain.name} could not compile it for {platform.name}: {_said(ran.stderr)}"
+            )
+        return (Path(folder) / f"{library.identifier}{platform.suffix}").read_bytes()
+
+
+def _said(errors: str) -> str:
+    lines = [line for line in errors.splitlines() if "error" in line]
+    return (lines or errors.strip().splitlines() or ["it said nothing"])[0]
+
+
+def _environment() -> dict[str, str]:
+    """Zig keeps what it compiles of the C libraries; it has a place beside ours."""
+    folder = str(cache_folder() / "zig")
+    return os.environ | {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}

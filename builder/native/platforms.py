@@ -1,0 +1,60 @@
+"""The six platforms of a native FMU, by their FMI 2.0 names."""
+
+from __future__ import annotations
+
+import platform as this
+import struct
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """One folder of binaries/.
+
+    Attributes:
+        name: FMI 2.0's name of it.
+        suffix: Of the library's file name.
+        targets: What a cross compiler is asked for, one per slice; several make a universal file.
+        processor: The least processor, where the target's default would round doubles otherwise.
+    """
+
+    name: str
+    suffix: str
+    targets: tuple[str, ...]
+    processor: str = "baseline"
+
+    def member(self, identifier: str) -> str:
+        """Return the library's name in the archive."""
+        return f"binaries/{self.name}/{identifier}{self.suffix}"
+
+
+#: glibc 2.17 is that of CentOS 7. win32 needs SSE2: the old floating-point unit keeps more digits than a double has.
+PLATFORMS: Mapping[str, Platform] = MappingProxyType(
+    {
+        found.name: found
+        for found in (
+            Platform("linux64", ".so", ("x86_64-linux-gnu.2.17",)),
+            Platform("win64", ".dll", ("x86_64-windows-gnu",)),
+            Platform("win32", ".dll", ("x86-windows-gnu",), "pentium4"),
+            Platform("aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
+            Platform("darwin64", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
+            Platform("aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
+        )
+    }
+)
+
+_MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+def this_platform() -> Platform:
+    """Return the platform that this program runs on; one that FMI does not list has a name in FMI's manner."""
+    system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
+    machine = _MACHINES.get(this.machine().lower(), this.machine().lower())
+    if struct.calcsize("P") == 4:
+        name = f"{system}32"
+    else:
+        name = f"aarch64-{system}" if machine == "aarch64" else f"{system}{machine}"
+    return PLATFORMS.get(name) or Platform(name, ".so", ("",))

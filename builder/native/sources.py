@@ -1,0 +1,55 @@
+"""The C sources of one FMU: the common files and the model's own, to the byte, and the tables generated for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from builder.interface import Interface
+from builder.native.tables import interface_header, interface_source, layout
+from builder.native.vehicle_data import vehicle_data
+from builder.product import Product
+from builder.sources import source_folder
+from eightpost.shock import Shock
+from eightpost.vehicle.modal import modal_form
+
+_COMMON = (
+    "component.h",
+    "derivatives.c",
+    "elementary.c",
+    "elementary.h",
+    "fmu_state.c",
+    "instance.h",
+    "lifecycle.c",
+    "logging.c",
+    "message.c",
+    "message.h",
+    "names.h",
+    "step.c",
+    "variables.c",
+)
+_SHOCK = ("lag.h", "shock.c", "shock.h")
+
+
+def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
+    """Return file name -> content of sources/; `visible` are the variables that a host may see.
+
+    Raises:
+        FmuError: The vehicle has no modal form.
+    """
+    folder = source_folder()
+    model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
+    states, generated = 0, {}
+    if isinstance(product.source, Shock):
+        model |= {name: (folder / "common" / name).read_bytes() for name in _SHOCK}
+    else:
+        space = product.source.coupled()
+        form = modal_form(space)
+        states = form.sigma.size + int(np.count_nonzero(form.omega))
+        generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
+    plan = layout(product.interface, states)
+    generated |= {
+        "interface.h": interface_header(plan, product.identifier, guid),
+        "interface.c": interface_source(plan, visible.variables),
+    }
+    common = {name: (folder / "common" / name).read_bytes() for name in _COMMON}
+    return common | model | {name: text.encode() for name, text in generated.items()}

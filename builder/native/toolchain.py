@@ -1,0 +1,150 @@
+"""Compilers: zig's, which builds for every platform from any of them, and the system's own."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Protocol
+
+from builder.native.headers import fmi_headers
+from builder.native.platforms import PLATFORMS, Platform, this_platform
+from builder.sources import source_folder
+from eightpost.errors import FmuError
+
+#: C99; doubles as written (no fused operations, so that all platforms give the same bits); nothing visible but what
+#: fmi2Functions.h exports; no debug information, and so no paths.
+FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-fvisibility=hidden")
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+
+
+class Toolchain(Protocol):
+    """A compiler.
+
+    Attributes:
+        name: Its name and version, for people and for the cache.
+        platforms: What it builds for.
+        limits: A sentence on what it cannot do, or nothing.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def platforms(self) -> tuple[Platform, ...]: ...  # noqa: D102
+    @property
+    def limits(self) -> str: ...  # noqa: D102
+
+    def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
+        """Return the command that compiles files of the working folder into `identifier` + the platform's suffix."""
+        ...
+
+
+@dataclass(frozen=True)
+class Zig:
+    """zig, as PyPI's ziglang carries it (`eightpost[build]`)."""
+
+    path: str
+
+    @property
+    def name(self) -> str:
+        """Its name and version."""
+        return f"zig {_first_line((self.path, 'version'))}"
+
+    @property
+    def platforms(self) -> tuple[Platform, ...]:
+        """All six."""
+        return tuple(PLATFORMS.values())
+
+    @property
+    def limits(self) -> str:
+        """None."""
+        return ""
+
+    def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
+        """Return the command that compiles files of the working folder."""
+        options = ["build-lib", "-dynamic", "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
+        options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", f"-I{fmi_headers()}", "-I."]
+        entry: list[str] = []
+        if platform.suffix == ".dll":
+            # zig's MinGW run time takes minutes to build, and an FMU needs three functions of Windows' own.
+            entry = [str(source_folder() / "common" / "windows_entry.c")]
+            include = Path(self.path).parent / "lib" / "libc" / "include" / "any-windows-any"
+            options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(include)]
+            options += ["-lapi-ms-win-crt-heap-l1-1-0", "-lapi-ms-win-crt-string-l1-1-0"]
+        else:
+            options += ["-fno-compiler-rt", "-lc"]
+        if platform.suffix == ".so":
+            options.append(f"-fsoname={identifier}.so")
+        if platform.suffix == ".dylib":
+            options += ["-install_name", f"@rpath/{identifier}.dylib"]
+        flags = [*FLAGS, *WARNINGS, "-fno-sanitize=all", "-fno-stack-protector"]
+        if platform.name == "win32":
+            flags.append("-mstackrealign")  # its callers align the stack to four bytes only
+        return [self.path, *options, "-cflags", *flags, "--", *files, *entry]
+
+
+@dataclass(frozen=True)
+class SystemCompiler:
+    """The compiler that the machine has: gcc or clang, for this platform alone."""
+
+    path: str
+
+    @property
+    def name(self) -> str:
+        """What it says of itself."""
+        return _first_line((self.path, "--version"))
+
+    @property
+    def platforms(self) -> tuple[Platform, ...]:
+        """This one."""
+        return (this_platform(),)
+
+    @property
+    def limits(self) -> str:
+        """That it builds for this platform only, and what builds for all."""
+        return (
+            f"built for {this_platform().name} only, with {Path(self.path).name}; for all six platforms install zig's "
+            "compiler: pip install 'eightpost[build]'"
+        )
+
+    def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
+        """Return the command that compiles files of the working folder."""
+        options = [*FLAGS, *WARNINGS, "-fPIC", "-shared", "-s", f"-I{fmi_headers()}", "-I."]
+        return [self.path, *options, *files, "-o", f"{identifier}{platform.suffix}"]
+
+
+def find_toolchain() -> Toolchain:
+    """Return zig where it is installed (`eightpost[build]`), else the system's compiler.
+
+    Raises:
+        FmuError: There is neither.
+    """
+    if zig := _zig():
+        return Zig(zig)
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return SystemCompiler(found)
+    raise FmuError(
+        "there is no C compiler for native FMUs: pip install 'eightpost[build]' brings one that builds for all "
+        "platforms; or build with --target python"
+    )
+
+
+def _zig() -> str | None:
+    spec = importlib.util.find_spec("ziglang")
+    if spec is None or spec.origin is None:
+        return None
+    found = Path(spec.origin).with_name("zig.exe" if sys.platform == "win32" else "zig")
+    return str(found) if found.is_file() else None
+
+
+@cache
+def _first_line(command: tuple[str, ...]) -> str:
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    return (ran.stdout or ran.stderr).strip().partition("\n")[0]

@@ -1,0 +1,267 @@
+"""Friction at the ports: second order, the linear model where there is none, and it only ever takes energy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from eightpost.vehicle import LinearStepper, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import friction as module
+from eightpost.vehicle.friction import PortFriction, advance, output, ports_of
+
+QUARTER = read_vehicle(shipped("quarter_car"))
+SEVEN = read_vehicle(shipped("seven_dof"))
+MODELS = {
+    "quarter_car": QUARTER.coupled(),
+    "quarter_car with damper": QUARTER.with_damper(),
+    "seven_dof": SEVEN.coupled(),
+    "seven_dof with damper": SEVEN.with_damper(),
+}
+
+
+def with_friction(name, force, width):
+    """A car's stepper and its friction: the same values at all ports, or one per port."""
+    model = MODELS[name]
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    names = [n.removesuffix("velocity") for n in model.output_names if n.endswith("velocity")]
+    forces = [model.input_names.index(f"{n}force") for n in names]
+    velocities = [model.output_names.index(f"{n}velocity") for n in names]
+    ports = ports_of(stepper, forces, velocities)
+    return stepper, PortFriction(ports, np.broadcast_to(force, len(names)), np.broadcast_to(width, len(names)))
+
+
+def roads(name, time):
+    """Every input at the instants (len(time), m): roads of a few sines, no loads."""
+    model, rng = MODELS[name], np.random.default_rng(4)
+    u = np.zeros((len(time), len(model.inputs)))
+    for k, channel in enumerate(model.input_names):
+        for frequency in (1.0, 2.5, 7.0, 12.0) if channel.endswith("road") else ():
+            u[:, k] += 0.006 / frequency * np.sin(2 * np.pi * frequency * time + rng.uniform(0, 2 * np.pi))
+    return u - u[0]
+
+
+def run(stepper, friction, x, u, h):
+    """The states (K + 1, n) under inputs (K + 1, m) that are linear between instants."""
+    states = [x]
+    for before, after in pairwise(u):
+        states.append(advance(stepper, friction, states[-1], before, after, h))
+    return np.array(states)
+
+
+def integrate(model, friction, x, u0, u1, h, *, rtol=1e-11):
+    """The state after one step by an adaptive integrator; the equations are written here, not taken from the module."""
+    places = [(name, name.removesuffix("velocity") + "force") for name in model.output_names if "velocity" in name]
+    rows = np.array([model.C[model.output_names.index(velocity)] for velocity, _ in places])
+    columns = np.array([model.B[:, model.input_names.index(force)] for _, force in places]).T
+
+    def slope(t, y):
+        drag = friction.force * np.tanh(rows @ y / friction.width)
+        return model.A @ y + model.B @ (u0 + (u1 - u0) * t / h) + columns @ drag
+
+    return solve_ivp(slope, (0.0, h), x, method="DOP853", rtol=rtol, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_without_friction_the_step_and_the_outputs_are_the_linear_ones_bit_for_bit(name):
+    stepper, friction = with_friction(name, 0.0, 0.005)
+    rng = np.random.default_rng(1)
+    x, u0, u1 = (rng.normal(size=size) for size in (len(stepper.A), stepper.B.shape[1], stepper.B.shape[1]))
+    for h in (1e-7, 1e-3, 0.05):
+        np.testing.assert_array_equal(advance(stepper, friction, x, u0, u1, h), stepper.advance(x, u0, u1, h))
+    np.testing.assert_array_equal(output(stepper, friction, x, u1), stepper.output(x, u1))
+
+
+@pytest.mark.parametrize(("name", "force"), [("quarter_car with damper", 1000.0), ("seven_dof", (400, 100, 0, 900))])
+def test_the_scheme_is_of_second_order(name, force):
+    """Smooth friction, steps that need no cutting: each halving of the step takes the error down four times."""
+    stepper, friction = with_friction(name, force, 0.5)
+    n, m = stepper.B.shape
+    x, u0, u1 = np.random.default_rng(2).normal(size=n) * 0.02, np.zeros(m), np.full(m, 0.004)
+    span = 0.064
+    exact = integrate(MODELS[name], friction, x, u0, u1, span)
+    errors = []
+    for count in (64, 128, 256, 512):
+        assert friction.sub_steps(span / count) == 1
+        end = run(stepper, friction, x, np.linspace(u0, u1, count + 1), span / count)[-1]
+        errors.append(np.linalg.norm(end - exact))
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("width", [1e-3, 5e-3])
+@pytest.mark.parametrize("force", [50.0, 200.0, 500.0])
+@pytest.mark.parametrize("name", ["seven_dof with damper", "quarter_car with damper"])
+def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
+    """RMS errors below 0.1 % of the standard deviation: velocities and tire forces, ports that slide and that creep."""
+    stepper, friction = with_friction(name, force, width)
+    model, h = MODELS[name], 1e-3
+    u = roads(name, np.arange(121) * h)
+    x = stepper.equilibrium(u[0])
+    found, exact = run(stepper, friction, x, u, h), [x]
+    for before, after in pairwise(u):
+        exact.append(integrate(model, friction, exact[-1], before, after, h, rtol=1e-9))
+    for suffix in ("velocity", "tire_force"):
+        rows = [k for k, output_name in enumerate(model.output_names) if output_name.endswith(suffix)]
+        y, expected = found @ model.C[rows].T + u @ model.D[rows].T, exact @ model.C[rows].T + u @ model.D[rows].T
+        assert (np.sqrt(np.mean((y - expected) ** 2, axis=0)) < 1e-3 * expected.std(axis=0)).all()
+
+
+def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
+    """m1 w1'' = k d + F,  m2 w2'' = k_t (y - w2) - k d - F,  d = w2 - w1,  F = F_c tanh(d' / v_f) + c d'."""
+    p, force, width, c = QUARTER.parameters, 180.0, 0.004, 900.0
+    damped = add_port_damping(QUARTER.coupled(), {"": c})
+    stepper = LinearStepper(damped.A, damped.B, damped.C, damped.D)
+    ports = ports_of(stepper, [damped.input_names.index("force")], [damped.output_names.index("velocity")])
+    friction = PortFriction(ports, np.array([force]), np.array([width]))
+    h = 2.5e-4
+    time = np.arange(1201) * h
+    u = np.zeros((time.size, 3))
+    u[:, damped.input_names.index("road")] = 0.008 * np.sin(2 * np.pi * 3.0 * time)
+
+    def slope(t, y):
+        w1, w2, v1, v2 = y
+        d, v = w2 - w1, v2 - v1
+        pushed = p.suspension_stiffness * d + force * np.tanh(v / width) + c * v
+        tire = p.tire_stiffness * (0.008 * np.sin(2 * np.pi * 3.0 * t) - w2)
+        return [v1, v2, pushed / p.sprung_mass, (tire - pushed) / p.unsprung_mass]
+
+    exact = solve_ivp(slope, (0.0, time[-1]), np.zeros(4), method="Radau", rtol=1e-8, atol=1e-11, t_eval=time).y
+    states = run(stepper, friction, stepper.equilibrium(u[0]), u, h)
+    y = np.array([output(stepper, friction, x, now) for x, now in zip(states, u, strict=True)]).T
+    got = dict(zip(damped.output_names, y, strict=True))
+    accelerations = np.array([slope(t, state)[2:] for t, state in zip(time, exact.T, strict=True)]).T
+    expected = {
+        "velocity": exact[3] - exact[2],
+        "displacement": exact[1] - exact[0],
+        "chassis_position": exact[0],
+        "tire_force": p.tire_stiffness * (u[:, 0] - exact[1]),
+        "chassis_acceleration": accelerations[0],  # friction is in the direct terms too
+        "hub_acceleration": accelerations[1],
+    }
+    assert damped.input_names[0] == "road"
+    for name, values in expected.items():
+        # An acceleration has the error of the velocity F_c / (v_f m) times over, where the port turns round.
+        tolerance = 5e-3 if name.endswith("acceleration") else 1e-3
+        assert np.abs(got[name] - values).max() < tolerance * np.abs(values).max(), name
+
+
+def test_friction_takes_from_an_undamped_car_the_energy_that_its_work_says():
+    """Free motion of the quarter car: what is lost of 1/2 m v^2 + 1/2 k d^2 is the integral of F v."""
+    p = QUARTER.parameters
+    stepper, friction = with_friction("quarter_car", 150.0, 0.01)
+    h, rest = 2e-4, np.zeros(3)
+    x = stepper.equilibrium(np.array([0.01, 0.0, 0.0]))  # lifted by the road, which then falls away
+    states = run(stepper, friction, x, np.tile(rest, (4001, 1)), h)
+    w1, w2, v1, v2 = states.T
+    energy = 0.5 * (
+        p.sprung_mass * v1**2
+        + p.unsprung_mass * v2**2
+        + p.suspension_stiffness * (w2 - w1) ** 2
+        + p.tire_stiffness * w2**2
+    )
+    power = 150.0 * np.tanh((v2 - v1) / 0.01) * (v2 - v1)
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * h)])
+    assert (np.diff(energy) <= 1e-12 * energy[0]).all()
+    assert energy[-1] < 0.2 * energy[0]
+    np.testing.assert_allclose(energy[0] - energy, work, atol=2e-4 * energy[0])
+
+
+def test_on_a_sine_friction_dissipates_over_every_period():
+    stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
+    h = 1e-3
+    time = np.arange(1501) * h
+    u = np.zeros((time.size, stepper.B.shape[1]))
+    road = [k for k, name in enumerate(MODELS["seven_dof"].input_names) if name.endswith("road")]
+    u[:, road] = 0.02 * np.sin(2 * np.pi * 2.0 * time)[:, None] * np.array([1.0, -1.0, 0.5, 0.8])
+    v = run(stepper, friction, stepper.equilibrium(u[0]), u, h) @ friction.ports.velocity.T
+    power = 300.0 * np.tanh(v / 0.005) * v
+    assert (power >= 0.0).all()
+    assert (power[:1500].reshape(3, 500, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
+
+
+def test_below_the_coulomb_force_the_port_creeps_and_above_it_slides():
+    """A load that would need F_c / 2 at the port: v = -v_f atanh(1/2), whatever the rest does; twice F_c: it goes."""
+    force, width, h = 2000.0, 1e-3, 1e-3
+    stepper, friction = with_friction("quarter_car", force, width)
+    model = MODELS["quarter_car"]
+    velocity, displacement = (model.C[model.output_names.index(name)] for name in ("velocity", "displacement"))
+    load = np.array([0.0, 0.0, 0.5 * force])  # road, aero_force, force: the port is pushed apart
+    x = run(stepper, friction, np.zeros(4), np.tile(load, (151, 1)), h)
+    creep = width * np.arctanh(0.5)
+    assert np.abs(x @ velocity).max() < 3.0 * creep
+    assert np.abs(x @ displacement).max() < 2.0 * creep * 0.15
+    assert -1.4 * creep < float(np.mean(x[50:] @ velocity)) < -0.4 * creep
+    free = run(stepper, friction, np.zeros(4), np.tile(4.0 * load, (21, 1)), h)
+    assert np.abs(free @ displacement).max() > 20.0 * creep * 0.02
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_very_stiff_friction_stays_bounded(name):
+    """At 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times the car's own pace."""
+    stepper, friction = with_friction(name, 1500.0, 1e-4)
+    u = roads(name, np.arange(9) * 1e-3)
+    velocities = run(stepper, friction, stepper.equilibrium(u[0]), u, 1e-3) @ friction.ports.velocity.T
+    assert np.abs(velocities).max() < 1e-3  # a road of some mm does not move a port that is held with 1500 N
+
+
+@given(
+    force=st.lists(st.floats(0.0, 1e4), min_size=4, max_size=4).filter(any),
+    width=st.lists(st.floats(1e-4, 0.1), min_size=4, max_size=4),
+)
+def test_the_rate_bounds_every_rate_at_which_friction_alone_settles_the_car(force, width):
+    stepper, friction = with_friction("seven_dof", force, width)
+    ports = friction.ports
+    feedback = (stepper.B @ ports.selector) * (friction.force / friction.width) @ ports.velocity
+    fastest = float(np.abs(np.linalg.eigvals(feedback)).max())
+    assert fastest <= friction.rate * (1.0 + 1e-9)
+    assert friction.rate <= 4.0 * fastest * (1.0 + 1e-9)  # and is not far above it
+
+
+def test_a_ports_mobility_is_that_of_its_two_masses():
+    _, friction = with_friction("quarter_car", 1.0, 1.0)
+    p = QUARTER.parameters
+    np.testing.assert_allclose(friction.ports.mobility, [1.0 / p.sprung_mass + 1.0 / p.unsprung_mass], rtol=1e-14)
+
+
+def test_a_long_step_is_cut_into_the_sub_steps_that_it_needs():
+    stepper, friction = with_friction("quarter_car with damper", 200.0, 0.005)
+    h = 0.008
+    count = friction.sub_steps(h)
+    assert count == int(np.ceil(h * friction.rate / 0.25)) > 10
+    x, u = np.array([0.0, 0.001, 0.2, -0.3]), np.linspace(np.zeros(3), [0.003, 100.0, -300.0], count + 1)
+    whole = advance(stepper, friction, x, u[0], u[-1], h)
+    parts = run(stepper, friction, x, u, h / count * (1.0 - 1e-12))[-1]
+    np.testing.assert_allclose(whole, parts, rtol=1e-8, atol=1e-10)
+
+
+def test_a_step_that_would_take_too_many_sub_steps_is_refused_with_the_reason():
+    stepper, friction = with_friction("quarter_car", 1e5, 1e-4)
+    with pytest.raises(ValueError, match=r"too stiff for a step of 0.05 s.*smaller step.*friction_velocity"):
+        advance(stepper, friction, np.zeros(4), np.zeros(3), np.zeros(3), 0.05)
+
+
+@pytest.mark.parametrize(
+    ("force", "width", "said"),
+    [(-1.0, 0.005, "force of port 0"), (np.nan, 0.005, "force"), (1.0, 0.0, "velocity"), (1.0, np.inf, "velocity")],
+)
+def test_values_that_are_none_are_refused(force, width, said):
+    with pytest.raises(ValueError, match=said):
+        with_friction("quarter_car", force, width)
+
+
+def test_the_friction_needs_numpy_only():
+    """The python FMU ships the file: load it by its path in a process that may not import eightpost."""
+    code = (
+        "import importlib.util, sys; sys.modules['eightpost'] = None; sys.modules['scipy'] = None;"
+        f"spec = importlib.util.spec_from_file_location('alone', {module.__file__!r});"
+        "module = importlib.util.module_from_spec(spec); sys.modules['alone'] = module;"
+        "spec.loader.exec_module(module); print(module.SUB_STEP_SHARE)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == 0.25

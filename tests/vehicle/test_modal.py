@@ -1,0 +1,275 @@
+"""The modal form: the same model as modes, exact at any step, refused where modes cannot be had."""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag
+
+from eightpost.errors import ParameterError
+from eightpost.vehicle import Channel, LinearStepper, StateSpace, read_vehicle, shipped
+from eightpost.vehicle.modal import ACCURACY, advance, exponential_functions, modal_form
+
+CARS = {
+    "quarter_car": read_vehicle(shipped("quarter_car")).coupled(),
+    "quarter_car with damper": read_vehicle(shipped("quarter_car")).with_damper(),
+    "seven_dof": read_vehicle(shipped("seven_dof")).coupled(),
+    "seven_dof with damper": read_vehicle(shipped("seven_dof")).with_damper(),
+}
+
+
+def model_of(A, *, B=None, C=None, m=2, p=3, seed=0):
+    """A model around a state matrix, its other matrices random where they are not given."""
+    rng = np.random.default_rng(seed)
+    B = rng.normal(size=(len(A), m)) if B is None else B
+    C = rng.normal(size=(p, len(A))) if C is None else C
+    inputs = [Channel(f"u{k}", "N") for k in range(B.shape[1])]
+    outputs = [Channel(f"y{k}", "m") for k in range(C.shape[0])]
+    return StateSpace(A, B, C, rng.normal(size=(len(outputs), len(inputs))), inputs, outputs)
+
+
+def random_model(n, seed):
+    """Random states, all of them decaying, eigenvalues from about 10 to 110 1/s in size."""
+    A = np.random.default_rng(seed).normal(size=(n, n)) * 50.0 / np.sqrt(max(n, 1)) - 60.0 * np.eye(n)
+    return model_of(A, seed=seed)
+
+
+def in_random_coordinates(A, seed):
+    """The same model in coordinates that are neither orthogonal nor far from it."""
+    rng = np.random.default_rng(seed)
+    T = np.linalg.qr(rng.normal(size=A.shape))[0] @ (np.eye(len(A)) + 0.2 * np.triu(rng.uniform(-1, 1, A.shape), 1))
+    return T @ A @ np.linalg.inv(T)
+
+
+def difference(model, *, steps=60, seed=1):
+    """The largest difference of any output from the exact stepper's, in parts of the largest value of that output.
+
+    The first two steps are long ones: after 1e-7 s a displacement is what is left of much larger modes.
+    """
+    form, one, rng = modal_form(model), LinearStepper(model.A, model.B, model.C, model.D), np.random.default_rng(seed)
+    size = np.where([c.unit == "m" for c in model.inputs], 0.01, 1000.0)
+    x, z, u0 = np.zeros(len(model.A)), np.zeros(form.sigma.size, complex), np.zeros(size.size)
+    expected, found = [], []
+    for h in (0.05, 0.01, *(10.0 ** rng.uniform(-7.0, np.log10(0.05), steps))):
+        u1 = rng.normal(size=size.size) * size
+        x, z = one.advance(x, u0, u1, float(h)), advance(form, z, u0, u1, float(h))
+        expected.append(one.output(x, u1))
+        found.append(form.output(z, u1))
+        u0 = u1
+    return float((np.abs(np.subtract(found, expected)).max(0) / np.abs(expected).max(0)).max(initial=0.0))
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_car_as_modes_steps_like_the_exact_stepper(name):
+    assert difference(CARS[name]) < 1e-12
+
+
+@settings(max_examples=25)
+@given(n=st.integers(1, 30), seed=st.integers(0, 10_000))
+def test_a_random_model_as_modes_steps_like_the_exact_stepper(n, seed):
+    assert difference(random_model(n, seed), steps=15) < ACCURACY
+
+
+def test_150_states_step_like_the_exact_stepper():
+    assert difference(random_model(150, 3), steps=15) < ACCURACY
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_the_modes_have_the_cars_frequency_response(name):
+    model, form = CARS[name], modal_form(CARS[name])
+    frequency = np.geomspace(0.05, 300.0, 40)
+    expected = model.frequency_response(frequency)
+    s = 2j * np.pi * frequency
+    plus = (form.B_re + 1j * form.B_im)[:, :, None] / (s - form.eigenvalues[:, None, None])
+    minus = (form.B_re - 1j * form.B_im)[:, :, None] / (s - form.eigenvalues.conj()[:, None, None])
+    real, imaginary = (plus + minus) / 2, (plus - minus) / 2j  # transforms of Re z and Im z
+    found = np.einsum("pk,kmf->pmf", form.C_re, real) + np.einsum("pk,kmf->pmf", form.C_im, imaginary)
+    found += form.D[:, :, None]
+    assert (np.abs(found - expected).max(2) <= 1e-10 * np.abs(expected).max((1, 2))[:, None]).all()
+
+
+def test_a_car_has_the_frequencies_and_damping_of_its_modes():
+    form = modal_form(CARS["quarter_car with damper"])
+    size = np.abs(form.eigenvalues)
+    modes = CARS["quarter_car with damper"].modes()
+    np.testing.assert_allclose(size / (2 * np.pi), [m.frequency_hz for m in modes], rtol=1e-12)
+    np.testing.assert_allclose(-form.sigma / size, [m.damping_ratio for m in modes], rtol=1e-11)
+
+
+def test_an_undamped_car_keeps_its_amplitude_for_a_minute():
+    form = modal_form(CARS["quarter_car"])
+    assert np.abs(form.sigma).max() < 1e-11  # 1/s: all damping comes through the ports
+    z = np.ones(form.pairs, complex)
+    end = z
+    for _ in range(600):
+        end = advance(form, end, np.zeros(3), np.zeros(3), 0.1)
+    np.testing.assert_allclose(np.abs(end), np.abs(z), rtol=1e-9)
+
+
+@pytest.mark.parametrize("copies", [2, 4])
+def test_uncoupled_identical_cars_stay_uncoupled_to_the_last_bit(copies):
+    one = CARS["quarter_car with damper"]
+    A, B, C = (block_diag(*[matrix] * copies) for matrix in (one.A, one.B, one.C))
+    form, alone = modal_form(model_of(A, B=B, C=C)), modal_form(one)
+    for k in range(copies):
+        rows, columns, modes = slice(9 * k, 9 * (k + 1)), slice(3 * k, 3 * (k + 1)), slice(k, None, copies)
+        others = [j for j in range(2 * copies) if j % copies != k]
+        assert not form.C_re[rows, others].any()
+        assert not form.C_im[rows, others].any()
+        assert not form.B_re[others, columns].any()
+        np.testing.assert_array_equal(form.C_re[rows, modes], alone.C_re)
+        np.testing.assert_array_equal(form.B_im[modes, columns], alone.B_im)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_repeated_eigenvalues_with_eigenvectors_of_their_own_are_modes_like_others(seed):
+    pair, real = np.array([[-3.0, 40.0], [-40.0, -3.0]]), -10.0 * np.eye(3)
+    assert difference(model_of(in_random_coordinates(block_diag(pair, pair, pair, real), seed))) < 1e-11
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parts_that_are_free_to_drift_are_modes_with_eigenvalue_zero(seed):
+    A = in_random_coordinates(block_diag(np.zeros((2, 2)), [[-1.0, 9.0], [-9.0, -1.0]], -5.0), seed)
+    model = model_of(A)
+    form = modal_form(model)
+    assert np.sum(np.abs(form.eigenvalues) < 1e-12) >= 1
+    assert not form.steady
+    assert difference(model) < 1e-11
+    with pytest.raises(ParameterError, match="free to drift"):
+        form.steady_state(np.zeros(2))
+
+
+def test_a_mode_of_exactly_zero_integrates_its_input():
+    form = modal_form(model_of(np.zeros((1, 1)), B=np.array([[3.0]]), C=np.array([[0.5]])))
+    end = advance(form, np.zeros(1, complex), np.array([2.0]), np.array([4.0]), 0.1)
+    np.testing.assert_allclose((form.C_re @ end.real), [0.5 * 3.0 * 3.0 * 0.1], rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_the_steady_state_gives_the_models_steady_outputs_and_stays(name):
+    model, form = CARS[name], modal_form(CARS[name])
+    u = np.where([c.unit == "m" for c in model.inputs], 0.01, 800.0) * np.linspace(-1.0, 1.0, len(model.inputs))
+    z = form.steady_state(u)
+    size = np.abs(model.C) @ np.abs(model.steady_state(u)) + np.abs(model.D) @ np.abs(u)
+    assert (np.abs(form.output(z, u) - model.dc_gain() @ u) <= 1e-12 * size + 1e-12).all()
+    np.testing.assert_allclose(advance(form, z, u, u, 0.3), z, rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_model_without_states_or_inputs_is_what_is_left_of_it(n):
+    form = modal_form(model_of(-np.eye(n), m=1 - n, p=2))
+    assert form.sigma.size == n
+    assert form.pairs == 0
+    assert form.steady
+    u = np.ones(1 - n)
+    z = advance(form, np.zeros(n, complex), u, u, 0.1)
+    np.testing.assert_array_equal(form.output(z, u), form.D @ u)
+
+
+def test_the_same_model_gives_the_same_bytes():
+    first, second = (modal_form(CARS["seven_dof"]) for _ in range(2))
+    for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 1000))
+def test_what_each_mode_does_does_not_hang_on_the_order_of_the_states(seed):
+    model = CARS["quarter_car with damper"]
+    order = np.random.default_rng(seed).permutation(4)
+    other = StateSpace(
+        model.A[np.ix_(order, order)], model.B[order], model.C[:, order], model.D, model.inputs, model.outputs
+    )
+    first, second = modal_form(model), modal_form(other)
+    np.testing.assert_allclose(first.eigenvalues, second.eigenvalues, rtol=1e-12)
+    for k in range(2):
+        residues = [np.outer(f.C_re[:, k] - 1j * f.C_im[:, k], f.B_re[k] + 1j * f.B_im[k]) for f in (first, second)]
+        assert (np.abs(residues[1] - residues[0]) <= 1e-11 * np.abs(residues[0]).max(1, keepdims=True)).all()
+
+
+@settings(max_examples=40)
+@given(n=st.integers(1, 20), seed=st.integers(0, 10_000))
+def test_pairs_come_first_each_group_rises_and_inputs_and_outputs_are_alike(n, seed):
+    form = modal_form(random_model(n, seed))
+    real = form.omega == 0.0
+    assert (np.diff(real.astype(int)) >= 0).all()
+    for group in (form.eigenvalues[: form.pairs], form.eigenvalues[form.pairs :]):
+        assert (np.diff(np.abs(group)) >= 0.0).all()
+    assert not form.B_im[real].any()
+    assert not form.C_im[:, real].any()
+    b = np.abs(form.B_re + 1j * form.B_im).max(1)
+    c = np.abs(form.C_re + 1j * form.C_im).max(0)
+    assert (np.abs(np.log2(b / c)) <= 1.0 + 1e-9).all()
+
+
+def test_a_free_mass_has_no_modes_and_the_message_says_what_to_do():
+    free_mass = model_of(np.array([[0.0, 1.0], [0.0, 0.0]]))
+    with pytest.raises(ParameterError, match=r"eigenvalues 0 and 0 1/s nearly coincide.*--target python"):
+        modal_form(free_mass)
+
+
+def test_critical_damping_has_no_modes():
+    critical = model_of(block_diag([[-1.0, 30.0], [-30.0, -1.0]], [[0.0, 1.0], [-100.0, -20.0]]))
+    with pytest.raises(ParameterError, match=r"eigenvalues -10\S* and -10\S* 1/s nearly coincide"):
+        modal_form(critical)
+
+
+def test_a_discrete_model_is_refused():
+    with pytest.raises(ParameterError, match="discrete"):
+        modal_form(StateSpace([[0.5]], np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0)), (), (), 0.01))
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 0.0])
+def test_near_a_double_eigenvalue_modes_are_accurate_or_refused(distance):
+    accepted = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        T = np.triu(rng.normal(size=(8, 8)) * 20.0, 1) - np.diag(np.arange(1.0, 9.0) * 10.0)
+        T[1, 1] = T[0, 0] * (1.0 + distance)
+        Q = np.linalg.qr(rng.normal(size=(8, 8)))[0]
+        try:
+            assert difference(model_of(Q @ T @ Q.T, seed=seed), steps=15) < ACCURACY
+            accepted += 1
+        except ParameterError:
+            pass
+    assert accepted == 6 if distance >= 1e-3 else accepted == 0 if distance <= 1e-6 else True
+
+
+def by_taylor(x):
+    """e^x, phi1 and phi2 by their Taylor series in 150 decimal digits: sums of x^k / k!, / (k+1)!, / (k+2)!."""
+    with localcontext() as context:
+        context.prec = 150
+        re, im, factor = Decimal(1), Decimal(0), Decimal(1)
+        sums = [[Decimal(0), Decimal(0)] for _ in range(3)]
+        for k in range(500):
+            for extra, total in enumerate(sums):
+                divisor = factor * (1, k + 1, (k + 1) * (k + 2))[extra]
+                total[0] += re / divisor
+                total[1] += im / divisor
+            re, im = (
+                re * Decimal(x.real) - im * Decimal(x.imag),
+                re * Decimal(x.imag) + im * Decimal(x.real),
+            )
+            factor *= k + 1
+        return [complex(float(a), float(b)) for a, b in sums]
+
+
+@settings(max_examples=40)
+@given(size=st.floats(-12.0, 1.7).map(lambda x: 10.0**x), angle=st.floats(0.5 * np.pi, np.pi))
+def test_the_exponential_functions_equal_their_series_in_150_digits(size, angle):
+    x = complex(size * np.exp(1j * angle))
+    found = [complex(value[0]) for value in exponential_functions(np.array([x]))]
+    for value, expected in zip(found, by_taylor(x), strict=True):
+        assert abs(value - expected) <= 2e-15 * abs(expected)
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, -1.0, 1.0j, -1.0 - 1e-12, -5e5 + 1e3j])
+def test_the_exponential_functions_hold_at_zero_at_the_seam_and_far_out(x):
+    e, phi1, phi2 = (complex(value[0]) for value in exponential_functions(np.array([x], complex)))
+    np.testing.assert_allclose(e, np.exp(x), rtol=4e-16)
+    np.testing.assert_allclose(1.0 + x * phi1, e, rtol=1e-15, atol=1e-15)
+    np.testing.assert_allclose(1.0 + x * phi2, phi1, rtol=1e-15, atol=1e-15)
