@@ -3,55 +3,99 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from builder.documents import Disclosure
 from builder.interface import Interface
+from builder.native.native_fmu import native_fmus
+from builder.native.toolchain import find_toolchain
 from builder.product import Product, shock_product, vehicle_product
-from builder.python_fmu import build_python_fmu
+from builder.python_fmu import python_fmu
+from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
 from eightpost.shock import read_shock
 from eightpost.vehicle import read_vehicle
 
-TARGETS = ("python",)
+Progress = Callable[[int, int], None]
+
+#: An FMU and the members of its archive.
+Members = tuple["Built", Mapping[str, bytes]]
+
+TARGETS = ("native", "python", "all")
 
 
 @dataclass(frozen=True)
 class Built:
-    """One FMU that was written, and from what."""
+    """One FMU that was written: where, from what, for which target, and what its build could not do."""
 
     path: Path
     source: str
     interface: Interface
+    target: str
+    limits: str = ""
 
 
-def build(sources: Sequence[str | Path], folder: str | Path, *, target: str = "python") -> list[Built]:
+def build(
+    sources: Sequence[str | Path],
+    folder: str | Path,
+    *,
+    target: str = "native",
+    disclosure: Disclosure = Disclosure.FULL,
+    progress: Progress | None = None,
+) -> list[Built]:
     """Build one FMU per source file into `folder`; each is named after its source.
 
     Args:
         sources: Shock files (`eightpost fit`) and vehicle files (.toml with parameters, .json with a state space).
-        folder: Where the FMUs go; made if it is not there.
-        target: `python`.
+        folder: Where the FMUs go; made if it is not there. Nothing is written before everything is built.
+        target: `native`, `python`, or `all` for both: the python one is then named <name>_python.fmu.
+        disclosure: A confidential FMU carries neither sources nor the curve; native only.
+        progress: Called with the number of binaries compiled and of all.
 
     Raises:
-        FmuError: Two sources would give the same FMU, or a vehicle cannot be one.
+        FmuError: Two sources would give the same FMU, a vehicle cannot be one, or there is no compiler.
         InputError: A source cannot be read.
     """
     if target not in TARGETS:
         raise FmuError(f"target {target!r} is not known; known are {', '.join(TARGETS)}")
+    if disclosure is not Disclosure.FULL and target != "native":
+        raise FmuError("a python FMU is its own source; a confidential one must be native (--target native)")
     check_output_folder(folder)
-    products = [_product(Path(source)) for source in sources]
-    names = [product.identifier for product in products]
+    products = [(str(source), _product(Path(source))) for source in sources]
+    names = [product.identifier for _, product in products]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
-    built = []
-    for source, product in zip(sources, products, strict=True):
-        path = Path(folder) / f"{product.identifier}.fmu"
-        build_python_fmu(product, path)
-        built.append(Built(path, str(source), product.interface))
-    return built
+    built: list[Members] = []
+    if target != "python":
+        built += _native(products, Path(folder), disclosure, progress)
+    if target != "native":
+        built += _python(products, Path(folder), "_python" if target == "all" else "")
+    for item, members in built:
+        write_archive(item.path, members)
+    return [item for item, _ in built]
+
+
+def _native(
+    products: Sequence[tuple[str, Product]], folder: Path, disclosure: Disclosure, progress: Progress | None
+) -> list[Members]:
+    toolchain = find_toolchain()
+    found = native_fmus(
+        [product for _, product in products], toolchain=toolchain, disclosure=disclosure, progress=progress
+    )
+    return [
+        (Built(folder / f"{product.identifier}.fmu", source, product.interface, "native", toolchain.limits), members)
+        for (source, product), members in zip(products, found, strict=True)
+    ]
+
+
+def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) -> list[Members]:
+    return [
+        (Built(folder / f"{product.identifier}{suffix}.fmu", source, product.interface, "python"), python_fmu(product))
+        for source, product in products
+    ]
 
 
 def _product(source: Path) -> Product:

@@ -21,12 +21,12 @@ from typing import Any
 import eightpost.shock
 import eightpost.vehicle.friction
 from builder.description import Description, content_guid, model_description
-from builder.documents import documents
+from builder.documents import Disclosure, Subject, documents
 from builder.interface import friction_ports
 from builder.product import Product
 from builder.sources import source_folder
 from eightpost import __version__
-from eightpost.archive import read_archive, write_archive
+from eightpost.archive import read_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import Vehicle
 
@@ -52,17 +52,17 @@ class _Slave:
     model: Mapping[str, Any]
 
 
-def build_python_fmu(product: Product, path: str | Path) -> None:
-    """Write the FMU; the same product gives the same bytes."""
+def python_fmu(product: Product) -> dict[str, bytes]:
+    """Return the archive's members; the same product gives the same bytes."""
     source = product.source
     slave = _shock_slave(product, source) if isinstance(source, Shock) else _vehicle_slave(product, source)
     with tempfile.TemporaryDirectory() as folder:
         staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
-    conditions = source.conditions if isinstance(source, Shock) else {}
-    members |= documents(product.identifier, product.text, product.interface, conditions)
+    subject = Subject(product.identifier, product.text, product.interface, source)
+    members |= documents(subject, disclosure=Disclosure.FULL)
     _describe(product, members)
-    write_archive(path, members)
+    return members
 
 
 def _shock_slave(product: Product, shock: Shock) -> _Slave:

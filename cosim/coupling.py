@@ -45,7 +45,7 @@ class Coupling:
 
     `now` holds the outputs at the start of the step, `ahead` those at its end of the components that have stepped.
     `fed` holds, per component, the outputs that its inputs followed at the start and at the end of its last step; the
-    same twice where inputs are held.
+    same twice where inputs are held. `slopes` holds how fast the outputs changed over the last step.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class Coupling:
         self._drive, self._drive_start = scenario.drive, scenario.drive_start
         self._drive_rows: tuple[list[list[float]], list[list[float]]] = ([], [])
         self._index = 0
+        self._step = 0.0
         self.components: Mapping[str, Component] = system.components
         self.feeds = _feeds(system, scenario)
         connected = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
@@ -74,6 +75,7 @@ class Coupling:
         self.now: dict[str, float] = {}
         self.ahead: dict[str, float] = {}
         self.fed: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {}
+        self.slopes: dict[str, float] = {}
 
     def prepare(self, times: NDArray[np.float64]) -> None:
         """Sample the drive at the coupling points `times` (K+1,) [s], and its exact means between them."""
@@ -114,13 +116,18 @@ class Coupling:
             name: The component.
             time: Start of the step [s].
             step: Its length [s].
-            newest: Whether its inputs follow the outputs, at the end of the step, of components that have stepped.
+            newest: Whether its inputs follow the outputs, at the end of the step, of components that have stepped,
+                and expect the others to go on as in the last step. What cannot follow holds the newest there is.
         """
         component, feeds = self.components[name], self.feeds[name]
         start, end = dict(self.now), {**self.now, **self.ahead} if newest else dict(self.now)
         targets = [feed.target for feed in feeds]
         samples, means = self._drive_rows
         if component.capabilities.interpolates_inputs:
+            if newest:
+                end = {
+                    source: value + self.slopes.get(source, 0.0) * step for source, value in start.items()
+                } | self.ahead
             starts = [_value(feed, start, samples[self._index]) for feed in feeds]
             ends = [_value(feed, end, samples[self._index + 1]) for feed in feeds]
             component.set(targets, starts)
@@ -131,6 +138,7 @@ class Coupling:
             self.fed[name] = (end, end)
         component.step(time, step)
         self.ahead.update(self.read(name))
+        self._step = step
 
     def accept(self) -> None:
         """Take what is ahead as what is now."""
@@ -139,6 +147,7 @@ class Coupling:
 
     def end_step(self) -> None:
         """End the step: go on to the next coupling point."""
+        self.slopes = {source: (value - self.now[source]) / self._step for source, value in self.ahead.items()}
         self.accept()
         self._index += 1
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -61,19 +62,34 @@ def shocks() -> dict[str, Shock]:
 
 
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> dict[str, Path]:
-    """Python FMUs of the three shocks, the seven-DOF car and the quarter car, by name."""
-    folder = tmp_path_factory.mktemp("fmus")
+def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> list[Path]:
+    """Files of the three shocks, the seven-DOF car and the quarter car: what FMUs are built from."""
+    folder = tmp_path_factory.mktemp("models")
     sources = [shipped("seven_dof"), shipped("quarter_car")]
     for name, shock in shocks.items():
         sources.append(folder / f"{name}.json")
         write_shock(shock, sources[-1])
-    return {item.path.stem: item.path for item in build(sources, folder)}
+    return sources
 
 
-@pytest.fixture
-def component(fmus: dict[str, Path]) -> Iterator[Callable[..., FmuComponent]]:
-    """Load FMUs by name; they end with the test."""
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
+    """Native FMUs of all models, by name."""
+    return {item.path.stem: item.path for item in build(model_files, tmp_path_factory.mktemp("native"))}
+
+
+@pytest.fixture(scope="session")
+def python_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
+    """Python FMUs of all models, by name."""
+    built = build(model_files, tmp_path_factory.mktemp("python"), target="python")
+    return {item.path.stem: item.path for item in built}
+
+
+Load = Callable[..., FmuComponent]
+
+
+@contextmanager
+def _loading(fmus: dict[str, Path]) -> Iterator[Load]:
     loaded: list[FmuComponent] = []
 
     def load(name: str, **parameters: float) -> FmuComponent:
@@ -84,3 +100,17 @@ def component(fmus: dict[str, Path]) -> Iterator[Callable[..., FmuComponent]]:
     yield load
     for fmu in loaded:
         fmu.finish()
+
+
+@pytest.fixture
+def component(fmus: dict[str, Path]) -> Iterator[Load]:
+    """Load native FMUs by name; they end with the test."""
+    with _loading(fmus) as load:
+        yield load
+
+
+@pytest.fixture
+def python_component(python_fmus: dict[str, Path]) -> Iterator[Load]:
+    """Load python FMUs by name; they end with the test."""
+    with _loading(python_fmus) as load:
+        yield load

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import platformdirs
 
-
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 

@@ -114,7 +114,9 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "",
         *_struct("Signals", [m for v, m in plan.reals if v.causality in _SIGNALS]),
         "",
-        *_struct("Parameters", [m for v, m in plan.reals if v.causality == "parameter"], _NEEDED.get(interface.kind, ())),
+        *_struct(
+            "Parameters", [m for v, m in plan.reals if v.causality == "parameter"], _NEEDED.get(interface.kind, ())
+        ),
         "",
         "typedef union {",
         "    struct {",

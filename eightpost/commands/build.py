@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
 from builder.build import TARGETS, Built
 from builder.build import build as build_fmus
+from builder.documents import Disclosure
 
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("dist"), show_default=True,
               help="Folder for the FMUs.")  # fmt: skip
-@click.option("--target", type=click.Choice(TARGETS), default="python", show_default=True,
-              help="python: needs a Python host with numpy and scipy; the readable reference.")  # fmt: skip
-def build(sources: tuple[Path, ...], output: Path, target: str) -> None:
+@click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
+              help="native: C, for any host on six platforms. python: the readable reference, for Python hosts with "
+                   "numpy and scipy. all: both.")  # fmt: skip
+@click.option("--confidential", is_flag=True,
+              help="Leave out sources, curve pictures, coefficients and the names of source files.")  # fmt: skip
+def build(sources: tuple[Path, ...], output: Path, target: str, confidential: bool) -> None:
     """Build an FMI 2.0 co-simulation FMU from each source.
 
     SOURCES are shock files (eightpost fit) and vehicle files: parameters (.toml) or an identified state space (.json).
@@ -28,14 +35,39 @@ def build(sources: tuple[Path, ...], output: Path, target: str) -> None:
     Example:
       eightpost build shock.json car.toml -o dist/
     """
-    show_built(Console(), build_fmus(sources, output, target=target))
+    console = Console()
+    disclosure = Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL
+    show_built(console, build_with_progress(console, sources, output, target=target, disclosure=disclosure))
+
+
+def build_with_progress(
+    console: Console,
+    sources: Sequence[str | Path],
+    output: Path,
+    *,
+    target: str = "native",
+    disclosure: Disclosure = Disclosure.FULL,
+) -> list[Built]:
+    """Build with a progress bar: a first build compiles for all platforms."""
+    columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        return build_fmus(
+            sources,
+            output,
+            target=target,
+            disclosure=disclosure,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
 
 
 def show_built(console: Console, built: list[Built]) -> None:
     """Print a table of what was built."""
-    table = Table(Column("FMU", overflow="fold"), "interface", "inputs", "outputs", "parameters", "size")
+    table = Table(Column("FMU", overflow="fold"), "interface", "target", "inputs", "outputs", "parameters", "size")
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
         kind = f"{item.interface.kind} {item.interface.version}"
-        table.add_row(str(item.path), kind, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
+        table.add_row(str(item.path), kind, item.target, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
     console.print(table)
+    for limits in dict.fromkeys(item.limits for item in built if item.limits):
+        console.print(f"[yellow]note[/] {escape(limits)}")

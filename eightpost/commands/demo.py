@@ -8,12 +8,11 @@ import click
 from rich.console import Console
 
 import cosim
-from builder.build import build as build_fmus
 from builder.check import check as check_fmu
 from cosim.plots import plot_measures, plot_spectra, plot_traces
 from cosim.study.measures import ride_measures
 from cosim.system_file import read_case
-from eightpost.commands.build import show_built
+from eightpost.commands.build import build_with_progress, show_built
 from eightpost.commands.check import show_report
 from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
@@ -93,7 +92,7 @@ def _fit(name: str, test: DynoTest, law: LawName) -> ShockFit:
 def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
     console.rule("2. Build and check FMUs")
     shocks = [output / f"dyno_{name}.json" for name in _BUILDS]
-    built = build_fmus([*shocks, examples / "car.toml"], output / "fmus")
+    built = build_with_progress(console, [*shocks, examples / "car.toml"], output / "fmus")
     show_built(console, built)
     reports = [check_fmu(item.path) for item in built]
     for report in reports:

@@ -71,19 +71,19 @@ def run_fmu(fmu, moves):
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), moves=steps)
-def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(name, data, moves, component, shocks):
-    probe = component(name)
+def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(name, data, moves, python_component, shocks):
+    probe = python_component(name)
     values = data.draw(st.fixed_dictionaries({n: s for n, s in PARAMETERS.items() if n in probe.variables}))
     expected = run_library(law_with(shocks[name].law, values), moves)
-    fmu = component(name, **values)
+    fmu = python_component(name, **values)
     np.testing.assert_allclose(run_fmu(fmu, moves), expected, rtol=1e-12, atol=1e-9)
     fmu.finish()
     probe.finish()
 
 
-def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(component, shocks):
+def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(python_component, shocks):
     moves = [(1e-3, 0.4 * np.sin(0.05 * k), 0.0) for k in range(200)]
-    pair = [component(name) for name in ("lpf1", "lpnl2")]
+    pair = [python_component(name) for name in ("lpf1", "lpnl2")]
     for fmu in pair:
         fmu.set(("velocity", "displacement"), (0.0, 0.0))
         fmu.end_initialization()
@@ -98,9 +98,9 @@ def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(component, s
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_fmu_ships_the_librarys_own_files_to_the_byte(fmus, name):
+def test_the_fmu_ships_the_librarys_own_files_to_the_byte(python_fmus, name):
     library = Path(eightpost.shock.__file__).parent
-    with zipfile.ZipFile(fmus[name]) as archive:
+    with zipfile.ZipFile(python_fmus[name]) as archive:
         shipped = [n for n in archive.namelist() if "_law/" in n and (library / Path(n).name).is_file()]
         shipped = [n for n in shipped if not n.endswith("__init__.py")]
         assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", "port.py", f"{name}.py"}
@@ -108,17 +108,17 @@ def test_the_fmu_ships_the_librarys_own_files_to_the_byte(fmus, name):
             assert archive.read(member) == (library / Path(member).name).read_bytes()
 
 
-def test_two_fmus_never_share_a_module_name(fmus):
+def test_two_fmus_never_share_a_module_name(python_fmus):
     names = set()
     for name in LAWS:
-        with zipfile.ZipFile(fmus[name]) as archive:
+        with zipfile.ZipFile(python_fmus[name]) as archive:
             names.add(archive.read("resources/slavemodule.txt"))
     assert len(names) == len(LAWS)
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(component, shocks, name):
-    fmu, law = component(name), shocks[name].law
+def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(python_component, shocks, name):
+    fmu, law = python_component(name), shocks[name].law
     for velocity in (0.3, -0.2, 0.05):
         fmu.set(("velocity", "displacement"), (velocity, 0.01))
         static = law.static_force(velocity)
@@ -128,8 +128,8 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(compon
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_restored_state_continues_bit_for_bit_also_when_serialized(component, name):
-    fmu = component(name)
+def test_a_restored_state_continues_bit_for_bit_also_when_serialized(python_component, name):
+    fmu = python_component(name)
     run_fmu(fmu, [(1e-3, 0.1 * k, 0.0) for k in range(5)])
     slave = fmu._slave
     state = slave.getFMUstate()
@@ -151,14 +151,14 @@ def test_a_restored_state_continues_bit_for_bit_also_when_serialized(component, 
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_reset_restores_every_default(component, name):
-    fmu = component(name, motion_ratio=0.7, **{"curve.inner[1]": 5.0})
+def test_reset_restores_every_default(python_component, name):
+    fmu = python_component(name, motion_ratio=0.7, **{"curve.inner[1]": 5.0})
     moves = [(1e-3, 0.3, 0.0)] * 3
     run_fmu(fmu, moves)
     fmu._slave.reset()
     fmu._slave.setupExperiment(startTime=0.0)
     fmu._slave.enterInitializationMode()
-    assert run_fmu(fmu, moves).tolist() == run_fmu(component(name), moves).tolist()
+    assert run_fmu(fmu, moves).tolist() == run_fmu(python_component(name), moves).tolist()
 
 
 @pytest.mark.parametrize(
@@ -170,8 +170,10 @@ def test_reset_restores_every_default(component, name):
         ("force", 1.0, "output variable and cannot be set"),
     ],
 )
-def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fine(component, variable, value, said):
-    fmu = component("lpnl2")
+def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fine(
+    python_component, variable, value, said
+):
+    fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set((variable,), (value,))
     with pytest.raises(StepError, match=said):
@@ -181,21 +183,21 @@ def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fi
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, float("nan"), float("inf")])
-def test_a_step_that_is_not_positive_is_refused_and_the_next_one_is_fine(component, step):
-    fmu = component("lpf1")
+def test_a_step_that_is_not_positive_is_refused_and_the_next_one_is_fine(python_component, step):
+    fmu = python_component("lpf1")
     fmu.end_initialization()
     with pytest.raises(StepError, match="must be positive"):
         fmu.step(0.0, step)
     fmu.step(0.0, 1e-3)
 
 
-def test_a_refused_parameter_ends_the_start_with_the_reason(component):
+def test_a_refused_parameter_ends_the_start_with_the_reason(python_component):
     with pytest.raises(StepError, match=r"failed to set motion_ratio = -1.0.*is not between"):
-        component("lpnl2", motion_ratio=-1.0)
+        python_component("lpnl2", motion_ratio=-1.0)
 
 
-def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(component):
-    fmu = component("lpnl2")
+def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(python_component):
+    fmu = python_component("lpnl2")
     fmu.end_initialization()
     assert fmu._slave.getReal([999]) == [0.0]
     fmu._slave.setBoolean([0], [True])
@@ -205,8 +207,8 @@ def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(compone
     fmu.step(0.0, 1e-3)
 
 
-def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(component):
-    fmu = component("lpnl2")
+def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(python_component):
+    fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set(("velocity",), (0.2,))
     fmu.step(0.0, 1e-3)
@@ -219,20 +221,20 @@ def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(component):
     fmu.step(1e-3, 1e-3)
 
 
-def test_parameters_that_do_not_fit_each_other_end_initialization_with_the_reason(component):
-    fmu = component("lpnl2", lag_zero_force=1.0)
+def test_parameters_that_do_not_fit_each_other_end_initialization_with_the_reason(python_component):
+    fmu = python_component("lpnl2", lag_zero_force=1.0)
     assert fmu.get(("force",)) == [0.0]
     with pytest.raises(StepError, match="lag_zero_force"):
         fmu.end_initialization()
 
 
-def test_a_motion_ratio_above_1_5_is_warned_about(component, caplog):
-    component("lpnl2", motion_ratio=1.6).end_initialization()
+def test_a_motion_ratio_above_1_5_is_warned_about(python_component, caplog):
+    python_component("lpnl2", motion_ratio=1.6).end_initialization()
     assert "motion_ratio = 1.6 is above 1.5" in caplog.text
 
 
-def test_a_tunable_parameter_is_live_and_an_impossible_one_fails_the_step(component):
-    fmu = component("lpnl2")
+def test_a_tunable_parameter_is_live_and_an_impossible_one_fails_the_step(python_component):
+    fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set(("velocity", "gas_preload"), (0.1, 0.0))
     fmu.step(0.0, 0.5)

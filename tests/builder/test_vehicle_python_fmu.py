@@ -27,10 +27,10 @@ def model_of(name):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(component, name):
+def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(python_component, name):
     model, rng = model_of(name), np.random.default_rng(1)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    fmu = component(name)
+    fmu = python_component(name)
     u = np.where([n.endswith("road") for n in model.input_names], 0.01, 300.0) * rng.standard_normal(len(model.inputs))
     fmu.set(model.input_names, u)
     fmu.end_initialization()
@@ -46,13 +46,13 @@ def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(com
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(component, name):
+def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(python_component, name):
     model = model_of(name)
     u = np.linspace(-1.0, 1.0, len(model.inputs)) * np.where(
         [n.endswith("road") for n in model.input_names], 0.01, 500.0
     )
     expected = model.dc_gain() @ u
-    fmu = component(name)
+    fmu = python_component(name)
     for scale in (3.0, 1.0):
         fmu.set(model.input_names, scale * u)
         np.testing.assert_allclose(fmu.get(model.output_names), scale * expected, rtol=1e-9, atol=1e-7)
@@ -61,8 +61,8 @@ def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(compon
     np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
 
 
-def test_start_at_equilibrium_can_be_declined(component):
-    fmu = component("quarter_car", start_at_equilibrium=False)
+def test_start_at_equilibrium_can_be_declined(python_component):
+    fmu = python_component("quarter_car", start_at_equilibrium=False)
     fmu.set(("aero_force",), (1000.0,))
     fmu.end_initialization()
     assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
@@ -79,15 +79,15 @@ def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file
     assert starts["rr.static_tire_force"] == 0.0
 
 
-def test_static_values_move_the_outputs(component):
-    fmu = component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
+def test_static_values_move_the_outputs(python_component):
+    fmu = python_component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
     fmu.end_initialization()
     assert fmu.get(("lf.tire_force", "rf.tire_force", "rear.ride_height")) == [3000.0, 0.0, 0.2]
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_a_restored_state_continues_bit_for_bit(component, name):
-    fmu, outputs = component(name), model_of(name).output_names
+def test_a_restored_state_continues_bit_for_bit(python_component, name):
+    fmu, outputs = python_component(name), model_of(name).output_names
     force = "lf.force" if name == "seven_dof" else "force"
     fmu.end_initialization()
     fmu.set((force,), (500.0,))
@@ -114,11 +114,11 @@ def ports_of(name, stepper):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_friction_is_the_librarys_and_tunable_during_the_run(component, name):
+def test_friction_is_the_librarys_and_tunable_during_the_run(python_component, name):
     model, rng = model_of(name), np.random.default_rng(7)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     ports, count = ports_of(name, stepper), len(PORTS[name])
-    fmu, width = component(name), np.full(count, 0.005)
+    fmu, width = python_component(name), np.full(count, 0.005)
     force = np.zeros(count)
     fmu.end_initialization()
     x, time, size = np.zeros(len(model.A)), 0.0, np.where([c.unit == "m" for c in model.inputs], 0.01, 300.0)
@@ -138,10 +138,10 @@ def test_friction_is_the_librarys_and_tunable_during_the_run(component, name):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(component, name):
+def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(python_component, name):
     model, rng = model_of(name), np.random.default_rng(3)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    fmu = component(name, **dict.fromkeys(at_ports(name, "friction_velocity"), 1e-4))
+    fmu = python_component(name, **dict.fromkeys(at_ports(name, "friction_velocity"), 1e-4))
     fmu.end_initialization()
     x = np.zeros(len(model.A))
     for k in range(20):
@@ -153,12 +153,12 @@ def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(component, name)
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_friction_has_no_part_in_the_equilibrium_start(component, name):
+def test_friction_has_no_part_in_the_equilibrium_start(python_component, name):
     model = model_of(name)
     u = np.where([c.unit == "m" for c in model.inputs], 0.01, 500.0) * np.linspace(-1.0, 1.0, len(model.inputs))
     found = []
     for force in (0.0, 200.0):
-        fmu = component(name, **dict.fromkeys(at_ports(name, "friction_force"), force))
+        fmu = python_component(name, **dict.fromkeys(at_ports(name, "friction_force"), force))
         fmu.set(model.input_names, u)
         fmu.end_initialization()
         fmu.step(0.0, 0.01)
@@ -167,9 +167,9 @@ def test_friction_has_no_part_in_the_equilibrium_start(component, name):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_a_restored_state_with_friction_continues_bit_for_bit(component, name):
+def test_a_restored_state_with_friction_continues_bit_for_bit(python_component, name):
     fmu, outputs = (
-        component(name, **dict.fromkeys(at_ports(name, "friction_force"), 150.0)),
+        python_component(name, **dict.fromkeys(at_ports(name, "friction_force"), 150.0)),
         model_of(name).output_names,
     )
     fmu.end_initialization()
@@ -188,8 +188,8 @@ def test_a_restored_state_with_friction_continues_bit_for_bit(component, name):
     ("variable", "value"),
     [("friction_force", -1.0), ("friction_force", np.inf), ("friction_velocity", 0.0), ("friction_velocity", np.nan)],
 )
-def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(component, variable, value):
-    fmu = component("seven_dof", **{"rr.friction_force": 100.0})
+def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(python_component, variable, value):
+    fmu = python_component("seven_dof", **{"rr.friction_force": 100.0})
     fmu.end_initialization()
     fmu.set((f"rr.{variable}",), (value,))
     with pytest.raises(StepError, match=rf"rr\.{variable}"):
@@ -198,8 +198,8 @@ def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(compon
     fmu.step(0.0, 1e-3)
 
 
-def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes_nothing(component):
-    fmu = component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
+def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes_nothing(python_component):
+    fmu = python_component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
     fmu.end_initialization()
     fmu.set(("force",), (500.0,))
     fmu.step(0.0, 1e-6)
@@ -211,8 +211,8 @@ def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_every_port_has_tunable_friction_with_units_for_people(fmus, name):
-    variables = {v.name: v for v in read_model_description(str(fmus[name])).modelVariables}
+def test_every_port_has_tunable_friction_with_units_for_people(python_fmus, name):
+    variables = {v.name: v for v in read_model_description(str(python_fmus[name])).modelVariables}
     assert [n for n in variables if "friction" in n] == [
         *at_ports(name, "friction_force"),
         *at_ports(name, "friction_velocity"),
@@ -251,7 +251,7 @@ def free_mass() -> StateSpace:
 
 def test_a_model_without_a_steady_state_refuses_to_start_in_one(tmp_path):
     write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", free_mass()))
-    (built,) = build([tmp_path / "free.json"], tmp_path)
+    (built,) = build([tmp_path / "free.json"], tmp_path, target="python")
     fmu = FmuComponent(built.path, "free")
     fmu.begin(0.0, 1.0, {})
     with pytest.raises(StepError, match="steady state"):

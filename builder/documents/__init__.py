@@ -1,0 +1,6 @@
+"""What an FMU archive carries besides binaries, sources and modelDescription.xml."""
+
+from builder.documents.archive import documents
+from builder.documents.subject import SECRET, Disclosure, Subject
+
+__all__ = ["SECRET", "Disclosure", "Subject", "documents"]

@@ -1,0 +1,165 @@
+"""documentation/index.html: all that an engineer wants to know of one FMU, in one file that loads nothing."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from builder.documents.equations import equations
+from builder.documents.markup import Column, Section, folded, paragraph, table
+from builder.documents.quantities import displayed_start, limits, start
+from builder.documents.reference import FOLDER
+from builder.documents.terminals import terminals
+from builder.interface import Interface, Variable
+from eightpost import __version__
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{identifier}</title>
+<style>
+{style}</style>
+</head>
+<body>
+<header>
+<h1>{identifier}</h1>
+<p class="title">{text}</p>
+<p>{facts}</p>
+</header>
+<nav>{contents}</nav>
+<figure>
+<img{kind} alt="{caption}" src="data:image/png;base64,{picture}">
+<figcaption>{caption}</figcaption>
+</figure>
+{body}</body>
+</html>
+"""
+
+_VARIABLES = (
+    Column("name", "name"),
+    Column("value reference", "number"),
+    Column("unit", "tight"),
+    Column("start", "number"),
+    Column("displayed", "tight"),
+    Column("range", "tight"),
+    Column("variability", "tight"),
+    Column("meaning"),
+)
+
+_IMPORT = """<p>A host opens <code>{identifier}.fmu</code>, sets parameters, initializes, and then sets inputs, steps
+and reads outputs. With FMPy, in Python:</p>
+<pre>from fmpy import simulate_fmu
+
+result = simulate_fmu("{identifier}.fmu", stop_time=1.0, output_interval=1e-3)</pre>
+<p>All values that cross the interface are SI; tools that know display units show the US customary ones. Any step size
+above zero may be taken. <code>terminalsAndIcons/terminalsAndIcons.xml</code> joins the variables of each port, so that
+tools which read it connect a shock and a vehicle in one move: {ports}. By hand, connect velocity and displacement from
+the vehicle to the shock and force from the shock to the vehicle, with no change of sign.</p>
+"""
+
+_REFERENCE = """<p>The archive carries inputs and outputs to compare a host's results with, as the FMI cross-check
+rules ask: <code>{folder}/{identifier}_in.csv</code>, <code>_ref.csv</code> and <code>_ref.opt</code>. Start at 0, take
+steps of 1 ms for 1 s, set each row of inputs before the step that starts at its time, and hold it over that step. The
+outputs were computed from the equations above, independently of the binaries.</p>
+"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG, what it shows, and how large it is set (a class of page.css)."""
+
+    png: bytes
+    caption: str
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a page tells: one FMU, as much of it as may be known."""
+
+    identifier: str
+    text: str
+    interface: Interface
+    picture: Picture
+    origin: Sequence[Section]
+    has_reference: bool
+
+
+def page(contents: Contents) -> bytes:
+    """Return documentation/index.html."""
+    sections = [*_variables(contents.interface), *contents.origin, *_usage(contents)]
+    style = contents.picture.style
+    return _PAGE.format(
+        identifier=escape(contents.identifier),
+        style=(Path(__file__).with_name("page.css")).read_text(encoding="utf-8"),
+        text=escape(contents.text),
+        facts=escape(_facts(contents.interface)),
+        contents=_contents(sections),
+        kind=f' class="{style}"' if style else "",
+        caption=escape(contents.picture.caption),
+        picture=base64.b64encode(contents.picture.png).decode(),
+        body=equations(contents.interface.kind) + "".join(str(section) for section in sections),
+    ).encode()
+
+
+def _facts(interface: Interface) -> str:
+    return (
+        f"Interface {interface.kind} {interface.version} · FMI 2.0 co-simulation · SI at the interface · "
+        f"made by eightpost {__version__}"
+    )
+
+
+def _contents(sections: Sequence[Section]) -> str:
+    places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
+    return "\n".join(f'<a href="#{name}">{escape(heading)}</a>' for name, heading in places)
+
+
+def _variables(interface: Interface) -> list[Section]:
+    """Return the tables of variables; each variable stands in one of them."""
+    kinds = {
+        "Inputs": [v for v in interface.variables if v.causality == "input"],
+        "Outputs": [v for v in interface.variables if v.causality == "output"],
+        "Parameters": [v for v in interface.variables if v.causality == "parameter" and not _of_curve(v)],
+        "Local variables": [v for v in interface.variables if v.causality == "local"],
+    }
+    sections = [Section(heading, _table(variables)) for heading, variables in kinds.items() if variables]
+    if curve := [v for v in interface.variables if _of_curve(v)]:
+        html = folded(f"{len(curve)} variables", _table(curve))
+        sections.insert(3, Section("Curve", paragraph("Fixed: settable until initialization ends.") + html))
+    return sections
+
+
+def _of_curve(variable: Variable) -> bool:
+    return variable.name.startswith("curve.")
+
+
+def _table(variables: Sequence[Variable]) -> str:
+    return table(_VARIABLES, [_row(v) for v in variables])
+
+
+def _row(variable: Variable) -> tuple[str, ...]:
+    given = variable.causality == "parameter"  # an input's start is 0, and a result has none
+    return (
+        variable.name,
+        str(variable.reference),
+        "" if variable.unit in (None, "1") else str(variable.unit),
+        start(variable) if given else "",
+        (displayed_start(variable) if given else variable.display) or "",
+        limits(variable),
+        variable.variability if given else "",
+        variable.description,
+    )
+
+
+def _usage(contents: Contents) -> list[Section]:
+    ports = ", ".join(f"<code>{escape(terminal.name)}</code>" for terminal in terminals(contents.interface))
+    sections = [Section("Import", _IMPORT.format(identifier=escape(contents.identifier), ports=ports or "none"))]
+    if contents.has_reference:
+        html = _REFERENCE.format(folder=FOLDER, identifier=escape(contents.identifier))
+        sections.append(Section("Reference results", html))
+    return sections

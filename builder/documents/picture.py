@@ -1,0 +1,179 @@
+"""model.png: what the FMU does, in one picture. A shock's force-velocity curve, a vehicle's frequency responses."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from builder.documents.quantities import CUSTOMARY
+from eightpost import units
+from eightpost.shock import Port, Shock, ShockLaw
+from eightpost.vehicle import StateSpace, Vehicle
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: 900 by 600 dots; tools show it at 600 by 400 and less.
+_SIZE, _DOTS = (6.0, 4.0), 150
+
+#: A hysteresis loop shows lag best at the fastest sine that a dynamometer still drives at race speeds.
+LOOP_FREQUENCY = 5.0
+
+#: Okabe and Ito's colours: told apart by everyone.
+_BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#d55e00", "#009e73", "#8e5a9b"
+
+#: What a vehicle's picture shows, where its model has both: input, output, and what they are called.
+_RESPONSES = (
+    ("road", "tire_force", "road → tire force"),
+    ("road", "velocity", "road → shock velocity"),
+    ("force", "velocity", "shock force → shock velocity"),
+    ("aero", "tire_force", "aero load → tire force"),
+)
+#: A port's name, colour and dashes: left and right of a symmetric car lie on each other.
+_PORTS = {
+    "lf.": ("lf", _BLUE, "-"),
+    "rf.": ("rf", _ORANGE, "--"),
+    "lr.": ("lr", _GREEN, "-"),
+    "rr.": ("rr", _PURPLE, "--"),
+}
+_FREQUENCIES = np.geomspace(0.3, 40.0, 600)
+
+
+def shock_picture(shock: Shock) -> bytes:
+    """Return the force-velocity curve of a shock as PNG, without gas force; the same shock gives the same bytes."""
+    with plain_style():
+        figure, (axes,) = _figure(1)
+        _draw_curve(axes, _without_gas(shock.law))
+        axes.set_title(shock.name, fontsize=13, parse_math=False)  # a name may hold a dollar sign
+        return png(figure)
+
+
+def vehicle_picture(vehicle: Vehicle) -> bytes:
+    """Return frequency responses of a vehicle with its linear dampers as PNG; the same vehicle, the same bytes."""
+    model = vehicle.with_damper()
+    chosen = [row for row in _RESPONSES if _responding(model, row[0], row[1])][:2]
+    with plain_style():
+        figure, panels = _figure(max(1, len(chosen)))
+        for axes, (cause, effect, title) in zip(panels, chosen, strict=False):
+            _draw_responses(axes, model, cause, effect)
+            axes.set_title(title, fontsize=12)
+        if not chosen:  # a model without roads and tires: its first input to its first output
+            _draw_response(panels[0], model, (model.inputs[0].name, model.outputs[0].name), (_BLUE, "-", ""))
+        return png(figure)
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as PNG that tells neither when nor by what it was made."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+@contextmanager
+def plain_style() -> Iterator[None]:
+    """Draw in matplotlib's own style, whatever the user's is, so that the same subject gives the same bytes."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
+
+
+def _figure(panels: int) -> tuple[Figure, Sequence[Axes]]:
+    figure = Figure(figsize=_SIZE, dpi=_DOTS, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = [figure.add_subplot(1, panels, k + 1) for k in range(panels)]
+    for each in axes:
+        each.grid(color="0.88", linewidth=0.8)
+        each.set_axisbelow(True)
+        each.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _without_gas(law: ShockLaw) -> ShockLaw:
+    port: Port = replace(law.port, gas_stiffness=0.0, gas_preload=0.0)
+    return replace(law, port=port)
+
+
+def _draw_curve(axes: Axes, law: ShockLaw) -> None:
+    """Draw the static curve at the port, the fitted range and, where the law has lag, a loop."""
+    ratio = law.port.motion_ratio
+    low, high = -law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio
+    velocity = np.linspace(1.3 * low, 1.3 * high, 1001)
+    fitted = (velocity >= low) & (velocity <= high)
+    axes.axvspan(*_inches([low, high]), color="#eef3f9", zorder=0)
+    axes.axhline(0.0, color="0.45", linewidth=0.9)
+    axes.axvline(0.0, color="0.45", linewidth=0.9)
+    if law.lag_weight(0.0) > 0.0:
+        loop = _loop(law, 0.95 * min(-low, high))
+        axes.plot(_inches(loop[0]), _pounds(loop[1]), color=_ORANGE, linewidth=2.4, label=f"{LOOP_FREQUENCY:g} Hz sine")
+    curve = _pounds(_static(law, velocity))
+    axes.plot(_inches(velocity), curve, color=_BLUE, linewidth=2.2, linestyle=(0, (3, 1.5)), label="beyond the fit")
+    axes.plot(_inches(velocity), np.where(fitted, curve, np.nan), color=_BLUE, linewidth=3.6, label="static curve")
+    axes.margins(x=0.0)
+    axes.set_xlabel("velocity at the port [in/s], compression positive", fontsize=11)
+    axes.set_ylabel("force at the port [lbf]", fontsize=11)
+    axes.legend(loc="upper left", fontsize=10, frameon=False)
+
+
+def _static(law: ShockLaw, velocity: Array) -> Array:
+    """Return the port force [N] where the lag has settled, (K,)."""
+    return np.array([law.response(law.static_force(v), v, 0.0).force for v in velocity.tolist()])
+
+
+def _loop(law: ShockLaw, amplitude: float) -> tuple[Array, Array]:
+    """Return velocity [m/s] and force [N] over one period of a sine, (K,) each, after another that lets it settle."""
+    steps = 800
+    time = np.arange(2 * steps + 1) / (steps * LOOP_FREQUENCY)
+    velocity = amplitude * np.sin(2.0 * np.pi * LOOP_FREQUENCY * time)
+    lagged, forces = law.static_force(0.0), []
+    for before, after in zip(velocity[:-1].tolist(), velocity[1:].tolist(), strict=True):
+        lagged = law.follow(lagged, before, after, float(time[1]))
+        forces.append(law.response(lagged, after, 0.0).force)
+    return velocity[steps:], np.array(forces[steps - 1 :])
+
+
+def _responding(model: StateSpace, cause: str, effect: str) -> list[str]:
+    """Return the ports at which a model has both an input and an output."""
+    ports = [name.removesuffix(cause) for name in model.input_names if name.rpartition(".")[2] == cause]
+    return [port for port in ports if f"{port}{effect}" in model.output_names]
+
+
+def _draw_responses(axes: Axes, model: StateSpace, cause: str, effect: str) -> None:
+    ports = _responding(model, cause, effect)
+    for port in ports:
+        name, color, dash = _PORTS.get(port, ("", _BLUE, "-"))
+        _draw_response(axes, model, (f"{port}{cause}", f"{port}{effect}"), (color, dash, name))
+    if len(ports) > 1:
+        axes.legend(fontsize=9, frameon=False, loc="lower right")
+
+
+def _draw_response(axes: Axes, model: StateSpace, channels: tuple[str, str], style: tuple[str, str, str]) -> None:
+    chosen = model.select(inputs=[channels[0]], outputs=[channels[1]])
+    source, target = chosen.inputs[0].unit, chosen.outputs[0].unit
+    shown_source, shown_target = CUSTOMARY.get(source, source), CUSTOMARY.get(target, target)
+    factor = units.conversion(target, shown_target)[0] / units.conversion(source, shown_source)[0]
+    gain = factor * np.abs(chosen.frequency_response(_FREQUENCIES)[0, 0])
+    axes.loglog(_FREQUENCIES, gain, color=style[0], linestyle=style[1], label=style[2], linewidth=3.0)
+    axes.set_xlim(_FREQUENCIES[0], _FREQUENCIES[-1])
+    axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0, 20.0], ["0.5", "1", "2", "5", "10", "20"], minor=False)
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("frequency [Hz]", fontsize=11)
+    axes.set_ylabel(f"{shown_target} per {shown_source}", fontsize=11)
+
+
+def _inches(values: Array | list[float]) -> Array:
+    return units.convert(np.asarray(values, dtype=np.float64), "m/s", "in/s")
+
+
+def _pounds(values: Array) -> Array:
+    return units.convert(values, "N", "lbf")

@@ -1,0 +1,167 @@
+"""Reference results: what any host must get from the FMU, as the FMI cross-check rules lay it out.
+
+They are computed here from the law or the exact linear step of the library, never from a binary, so that they are
+evidence of their own. Rules: github.com/modelica/fmi-cross-check, FMI-CROSS-CHECK-RULES.md, 9.1.4 and 10.
+
+The inputs are smooth and start at zero, so that it does not matter whether a host sets them before or after
+initialization ends. They are held over each step, as a host does that sets inputs between steps: the row at t_k is set
+before the step from t_k to t_k+1, and the outputs at t_k+1 are taken before the next row is set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from builder.documents.subject import Subject
+from builder.interface import Interface
+from eightpost.shock import Shock, ShockLaw
+from eightpost.vehicle import LinearStepper, Vehicle
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+STEP, COUNT = 1e-3, 1000
+
+#: What a host's results may differ by.
+RELATIVE_TOLERANCE = 1e-9
+
+FOLDER = "extra/eightpost"
+
+#: Size of a vehicle's inputs by their unit: what a race car sees.
+_AMPLITUDES = {"m": 0.005, "N": 300.0, "N.m": 200.0}
+
+_NOTE = """Reference results of {identifier}, as the FMI cross-check rules lay them out.
+
+{identifier}_in.csv    inputs
+{identifier}_ref.csv   outputs
+{identifier}_ref.opt   start, stop and step [s], relative tolerance (of each output's largest value)
+
+All values are SI; parameters have their start values. Inputs are held over each step: set the row at t, step from t to
+t + {step:g} s, compare the outputs with the row at t + {step:g} s. The row at 0 is what initialization gives.
+The results were computed from the equations in documentation/index.html, independently of the binaries.
+"""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Inputs and outputs by name: `u` (COUNT + 1, m) and `y` (COUNT + 1, p), SI, at t = 0, STEP, 2 STEP, ..."""
+
+    inputs: tuple[str, ...]
+    u: Array
+    outputs: tuple[str, ...]
+    y: Array
+
+
+def shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
+    """Return what a shock answers to a sum of sines that goes into and beyond the fitted speeds.
+
+    `outputs` are names of `eightpost.shock.Response`.
+    """
+    u = rounded(_shock_inputs(shock.law))
+    lagged = shock.law.static_force(u[0, 0])
+    rows = [shock.law.response(lagged, u[0, 0], u[0, 1])]
+    for velocity, displacement in u[:-1].tolist():
+        lagged = shock.law.follow(lagged, velocity, velocity, STEP)
+        rows.append(shock.law.response(lagged, velocity, displacement))
+    y = np.array([[getattr(row, name) for name in outputs] for row in rows])
+    return Reference(("velocity", "displacement"), u, tuple(outputs), y)
+
+
+def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | None:
+    """Return what a vehicle answers to sums of sines on all its inputs, none like another.
+
+    The interface says which static values the FMU adds to its outputs. None: the vehicle has no equilibrium, and its
+    FMU refuses to start with the parameters it has.
+    """
+    model = vehicle.coupled()
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    u = rounded(_vehicle_inputs([channel.unit for channel in model.inputs]))
+    try:
+        x = stepper.equilibrium(u[0])
+    except ValueError:
+        return None
+    rows = [stepper.output(x, u[0])]
+    for held in u[:-1]:
+        x = stepper.advance(x, held, held, STEP)
+        rows.append(stepper.output(x, held))
+    y = np.array(rows) + _offsets(interface, model.output_names)
+    return Reference(model.input_names, u, model.output_names, y)
+
+
+def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:
+    """Return the files of the cross-check rules, and a note on how to use them: member name -> content."""
+    options = f"StartTime, 0.0\nStopTime, {COUNT * STEP}\nStepSize, {STEP}\nRelTol, {RELATIVE_TOLERANCE}\n"
+    return {
+        f"{FOLDER}/{identifier}_in.csv": csv(reference.inputs, reference.u),
+        f"{FOLDER}/{identifier}_ref.csv": csv(reference.outputs, reference.y),
+        f"{FOLDER}/{identifier}_ref.opt": options.encode(),
+        f"{FOLDER}/README.txt": _NOTE.format(identifier=identifier, step=STEP).encode(),
+    }
+
+
+def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
+    """Return the files of a subject's reference results, with those of a shock's variables that are asked for."""
+    source = subject.source
+    if isinstance(source, Shock):
+        reference: Reference | None = shock_reference(source, outputs)
+    else:
+        reference = vehicle_reference(source, subject.interface)
+    return reference_files(reference, subject.identifier) if reference else {}
+
+
+def _offsets(interface: Interface, outputs: Sequence[str]) -> Array:
+    """Return what the FMU adds to each of its outputs (p,), in SI."""
+    starts = {v.name: float(v.start or 0.0) for v in interface.variables}
+    added = {v.name: starts[v.offset] if v.offset else 0.0 for v in interface.variables}
+    return np.array([added[name] for name in outputs])
+
+
+def _time() -> Array:
+    return np.asarray(np.arange(COUNT + 1) * STEP, dtype=np.float64)
+
+
+def _shock_inputs(law: ShockLaw) -> Array:
+    """Return velocity [m/s] and displacement [m], its exact integral, (COUNT + 1, 2)."""
+    speed = max(law.curve.compression_speed, law.curve.rebound_speed) / law.port.motion_ratio
+    velocity, displacement = np.zeros(COUNT + 1), np.zeros(COUNT + 1)
+    for share, frequency in ((0.8, 2.0), (0.35, 7.0), (0.15, 19.0)):
+        rate = 2.0 * np.pi * frequency
+        velocity += speed * share * np.sin(rate * _time())
+        displacement += speed * share / rate * (1.0 - np.cos(rate * _time()))
+    return np.column_stack([velocity, displacement])
+
+
+def _vehicle_inputs(input_units: Sequence[str]) -> Array:
+    """Return two sines per input (COUNT + 1, m), no two inputs alike."""
+    columns = []
+    for k, unit in enumerate(input_units):
+        slow, fast = (2.0 * np.pi * frequency * _time() for frequency in (1.0 + 0.37 * k, 6.0 + 0.83 * k))
+        columns.append(_AMPLITUDES.get(unit, 1.0) * (np.sin(slow) + 0.3 * np.sin(fast)))
+    return np.column_stack(columns)
+
+
+def rounded(values: Array) -> Array:
+    """Round each column (K, n) to 12 digits of its largest value.
+
+    The last digits of a double differ from one machine to another; of 12 digits this hardly ever shows.
+    """
+    largest = np.abs(values).max(axis=0, initial=0.0)
+    digits = 12 - np.ceil(np.log10(np.maximum(largest, 1e-3))).astype(int)
+    columns = [np.round(values[:, k], digit) + 0.0 for k, digit in enumerate(digits.tolist())]
+    return np.column_stack(columns)
+
+
+def csv(names: Sequence[str], values: Array) -> bytes:
+    """Return columns (COUNT + 1, n) over time as the cross-check rules write them."""
+    head = ",".join(f'"{name}"' for name in ("time", *names))
+    lines = [
+        ",".join(f"{value:.12g}" for value in (time, *row))
+        for time, row in zip(rounded(_time()[:, None])[:, 0].tolist(), rounded(values).tolist(), strict=True)
+    ]
+    return "\n".join((head, *lines, "")).encode()
