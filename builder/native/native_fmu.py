@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from builder.description import Description, content_guid, model_description
-from builder.documents import Disclosure, Subject, documents
+from builder.documents import SECRET, Disclosure, Subject, documents
 from builder.interface import Interface
 from builder.native.compiler import Library, compile_libraries
 from builder.native.sources import c_sources
@@ -25,9 +25,6 @@ CAPABILITIES = {
     "canSerializeFMUstate": "true",
     "providesDirectionalDerivative": "true",
 }
-
-#: Variables that give the shape of a curve away.
-_SECRET = "curve."
 
 
 @dataclass(frozen=True)
@@ -64,14 +61,16 @@ def native_fmus(
 
 def _source(product: Product, disclosure: Disclosure) -> _Source:
     visible = _visible(product.interface, disclosure)
-    subject = Subject(product.identifier, product.text, visible, product.source)
+    # A shock is named after its record, unless it was given a name.
+    text = product.text if disclosure is Disclosure.FULL else visible.description
+    subject = Subject(product.identifier, text, visible, product.source)
     members = documents(subject, disclosure=disclosure)
     open_source = disclosure is Disclosure.FULL
     drafted = c_sources(product, visible, "")
     description = Description(
         identifier=product.identifier,
         guid="",
-        text=product.text,
+        text=text,
         interface=visible,
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
@@ -89,7 +88,7 @@ def _visible(interface: Interface, disclosure: Disclosure) -> Interface:
     """Leave the curve out of a confidential interface: it is compiled in, and can be neither read nor set."""
     if disclosure is Disclosure.FULL:
         return interface
-    shown = tuple(v for v in interface.variables if not v.name.startswith(_SECRET))
+    shown = tuple(v for v in interface.variables if not v.name.startswith(SECRET))
     names = {v.name for v in shown}
     initial = {output: tuple(n for n in known if n in names) for output, known in interface.initial.items()}
     return replace(interface, variables=shown, initial=initial)

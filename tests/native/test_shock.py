@@ -1,0 +1,158 @@
+"""A native shock FMU is its law, over any input, parameter and step, held or ramped."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import eightpost.shock
+
+LAWS = ("polylinear", "lpf1", "lpnl2")
+OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
+PARAMETERS = {
+    "motion_ratio": st.floats(0.5, 1.5),
+    "compression_scale": st.floats(0.0, 2.0),
+    "rebound_scale": st.floats(0.0, 2.0),
+    "gas_stiffness": st.floats(0.0, 5e3),
+    "gas_preload": st.floats(-500.0, 500.0),
+    "seal_friction": st.floats(0.0, 50.0),
+    "friction_velocity": st.floats(1e-3, 0.1),
+    "time_constant": st.floats(1e-5, 0.1),
+    "lag_full_force": st.floats(0.0, 1e3),
+    "lag_zero_force": st.floats(1.1e3, 1e4),
+    "curve.inner[1]": st.floats(-5e3, 5e3),
+    "curve.rebound[4]": st.floats(-5e2, 5e2),
+    "curve.transition_speed": st.floats(0.2, 0.6),
+}
+#: Step [s], velocity at its start and end [m/s], displacement [m].
+moves = st.lists(
+    st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-0.05, 0.05)),
+    min_size=1,
+    max_size=8,
+)
+
+
+def law_with(law, values):
+    """The library's law with the FMU's parameter values."""
+    curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
+    for name, value in values.items():
+        if name.startswith("curve."):
+            field, _, index = name.removeprefix("curve.").rstrip("]").partition("[")
+            if index:
+                changed = list(curve[field])
+                changed[int(index) - 1] = value
+                curve[field] = tuple(changed)
+            else:
+                curve[field] = value
+    port = {name: values.get(name, getattr(law.port, name)) for name in law.port.__slots__}
+    own = {name: values.get(name, getattr(law, name)) for name in eightpost.shock.own_parameters(type(law))}
+    return type(law)(curve=type(law.curve)(**curve), port=type(law.port)(**port), **own)
+
+
+def run_law(law, ramps):
+    lagged, rows = law.static_force(0.0), []
+    for step, start, end, displacement in ramps:
+        lagged = law.follow(lagged, start, end, step)
+        rows.append(law.response(lagged, end, displacement))
+    return np.array(rows)
+
+
+def run_fmu(fmu, ramps):
+    fmu.set(("velocity", "displacement"), (0.0, 0.0))
+    fmu.end_initialization()
+    time, rows = 0.0, []
+    for step, start, end, displacement in ramps:
+        fmu.set(("velocity", "displacement"), (start, displacement))
+        if end != start:
+            fmu.set_derivatives(("velocity",), ((end - start) / step,))
+        fmu.step(time, step)
+        time += step
+        rows.append(fmu.get(OUTPUTS))
+    return np.array(rows)
+
+
+def reached(ramps):
+    """The same moves with the velocity that slope times step reaches, to its last bit."""
+    return [
+        (step, start, start + (end - start) / step * step if end != start else start, x)
+        for step, start, end, x in ramps
+    ]
+
+
+@pytest.fixture
+def loaded():
+    """The FMU of a property: loaded once, begun anew for each example."""
+    return []
+
+
+@pytest.mark.parametrize("name", LAWS)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), ramps=moves, held=st.booleans())
+def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
+    name, data, ramps, held, component, shocks, loaded
+):
+    fmu = component(name) if not loaded else loaded[0]
+    loaded[:] = [fmu]
+    values = data.draw(st.fixed_dictionaries({n: s for n, s in PARAMETERS.items() if n in fmu.variables}))
+    ramps = [(step, start, start if held else end, x) for step, start, end, x in ramps]
+    expected = run_law(law_with(shocks[name].law, values), reached(ramps))
+    fmu.finish()
+    fmu.begin(0.0, 1e6, values)
+    np.testing.assert_allclose(run_fmu(fmu, ramps), expected, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_native_fmu_equals_the_python_one(name, component, python_component):
+    rng = np.random.default_rng(4)
+    ramps = [(10.0 ** rng.uniform(-7, -1.3), v, v, x) for v, x in rng.uniform((-2.0, -0.05), (2.0, 0.05), (200, 2))]
+    native, python = run_fmu(component(name), ramps), run_fmu(python_component(name), ramps)
+    np.testing.assert_allclose(native, python, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(component, shocks, name):
+    fmu, law = component(name), shocks[name].law
+    for velocity in (0.3, -0.2, 0.05):
+        fmu.set(("velocity", "displacement"), (velocity, 0.01))
+        static = law.static_force(velocity)
+        expected = (law.response(static, velocity, 0.01).force, static)
+        assert fmu.get(("force", "lagged_force")) == pytest.approx(expected, rel=1e-15)
+    fmu.end_initialization()
+    assert fmu.get(("lagged_force",)) == pytest.approx([law.static_force(0.05)], rel=1e-15)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_ramped_inputs_bring_the_error_of_a_large_step_down_at_least_fivefold(component, shocks, name):
+    """A smooth velocity, against the law in steps of a microsecond: the lagged force at the coupling points."""
+    law, step, fine = shocks[name].law, 2e-3, 2e-6
+    velocity = lambda t: 0.3 * np.sin(2 * np.pi * 5.0 * t)  # noqa: E731
+    lagged, exact = law.static_force(0.0), []
+    for k in range(int(0.2 / step)):
+        for j in range(int(step / fine)):
+            t = k * step + j * fine
+            lagged = law.follow(lagged, velocity(t), velocity(t + fine), fine)
+        exact.append(law.response(lagged, velocity((k + 1) * step), 0.0).force)
+    errors = {}
+    for how in ("held", "ramped"):
+        fmu = component(name)
+        ends = np.array([velocity(k * step) for k in range(int(0.2 / step) + 1)])
+        found = run_fmu(fmu, [(step, a, b if how == "ramped" else a, 0.0) for a, b in pairwise(ends)])
+        errors[how] = np.sqrt(np.mean((found[:, 0] - exact) ** 2))
+    assert errors["held"] > 5.0 * errors["ramped"]
+
+
+def test_a_fast_ramp_is_followed_in_pieces_of_second_order(shocks):
+    """The pieces of `follow` against ever finer ones: halving the speed change quarters the error."""
+    law, errors = shocks["lpf1"].law, []
+    exact = law.static_force(-0.35)
+    for k in range(20000):
+        exact = law.advance(exact, -0.35 + 0.7 * k / 20000, -0.35 + 0.7 * (k + 1) / 20000, 2e-3 / 20000)
+    for count in (20, 40, 80):
+        lagged = law.static_force(-0.35)
+        for k in range(count):
+            lagged = law.advance(lagged, -0.35 + 0.7 * k / count, -0.35 + 0.7 * (k + 1) / count, 2e-3 / count)
+        errors.append(abs(lagged - exact))
+    assert np.diff(np.log2(errors)) == pytest.approx(-2.0, abs=0.5)
+    assert abs(law.follow(law.static_force(-0.35), -0.35, 0.35, 2e-3) - exact) < 1e-3 * abs(exact)

@@ -1,0 +1,238 @@
+"""A native vehicle FMU is its state space, exact for inputs that are held or ramped, with friction at its ports."""
+
+import numpy as np
+import pytest
+
+from builder.build import build
+from cosim import FmuComponent
+from eightpost.errors import ParameterError, StepError
+from eightpost.vehicle import (
+    Channel,
+    IdentifiedVehicle,
+    LinearStepper,
+    StateSpace,
+    read_vehicle,
+    shipped,
+    write_vehicle,
+)
+from eightpost.vehicle import friction as port_friction
+
+CARS = ("seven_dof", "quarter_car")
+
+
+def model_of(name):
+    return read_vehicle(shipped(name)).coupled()
+
+
+def scale_of(model):
+    return np.where([n.endswith("road") for n in model.input_names], 0.01, 300.0)
+
+
+def drive(fmu, model, moves):
+    """Outputs after each (step, inputs at its start, inputs at its end)."""
+    time, rows = 0.0, []
+    for step, start, end in moves:
+        fmu.set(model.input_names, start)
+        if (end != start).any():
+            fmu.set_derivatives(model.input_names, (end - start) / step)
+        fmu.step(time, step)
+        time += step
+        rows.append(fmu.get(model.output_names))
+    return np.array(rows)
+
+
+def random_moves(model, count, seed, *, held):
+    rng, scale = np.random.default_rng(seed), scale_of(model)
+    moves = []
+    for step in 10.0 ** rng.uniform(-7, -1.3, count):
+        start, end = scale * rng.standard_normal((2, len(scale)))
+        moves.append((step, start, start if held else end))
+    return moves
+
+
+def close(found, expected, relative):
+    """To a share of each output's size over the run."""
+    worst = (np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
+    assert worst < relative, worst
+
+
+@pytest.mark.parametrize("held", [True, False], ids=["held", "ramped"])
+@pytest.mark.parametrize("name", CARS)
+def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(component, name, held):
+    model = model_of(name)
+    moves, stepper, expected = (
+        random_moves(model, 150, 1, held=held),
+        LinearStepper(model.A, model.B, model.C, model.D),
+        [],
+    )
+    fmu = component(name)
+    fmu.set(model.input_names, moves[0][1])
+    fmu.end_initialization()
+    x = stepper.equilibrium(moves[0][1])
+    for step, start, end in moves:
+        x = stepper.advance(x, start, end, step)
+        expected.append(stepper.output(x, end))
+    close(drive(fmu, model, moves), np.array(expected), 1e-10)
+
+
+@pytest.mark.parametrize(
+    "friction", [{}, {"rr.friction_force": 150.0, "lf.friction_force": 40.0, "lf.friction_velocity": 0.002}]
+)
+def test_the_native_car_equals_the_python_one(component, python_component, friction):
+    model = model_of("seven_dof")
+    moves = random_moves(model, 60, 2, held=True)
+    found = []
+    for load in (component, python_component):
+        fmu = load("seven_dof", **friction)
+        fmu.end_initialization()
+        found.append(drive(fmu, model, moves))
+    close(found[0], found[1], 1e-10)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_friction_equals_the_librarys_also_when_inputs_ramp(component, name):
+    model = model_of(name)
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    names = ("lf.", "rf.", "lr.", "rr.") if name == "seven_dof" else ("",)
+    forces, widths = np.linspace(50.0, 200.0, len(names)), np.linspace(1e-3, 5e-3, len(names))
+    ports = port_friction.ports_of(
+        stepper,
+        [model.input_names.index(f"{p}force") for p in names],
+        [model.output_names.index(f"{p}velocity") for p in names],
+    )
+    rubbing = port_friction.PortFriction(ports, forces, widths)
+    values = dict(zip((f"{p}friction_force" for p in names), forces, strict=True))
+    values |= dict(zip((f"{p}friction_velocity" for p in names), widths, strict=True))
+    fmu = component(name, start_at_equilibrium=False, **values)
+    fmu.end_initialization()
+    moves, x, expected = random_moves(model, 60, 3, held=False), np.zeros(model.A.shape[0]), []
+    for step, start, end in moves:
+        x = port_friction.advance(stepper, rubbing, x, start, end, step)
+        expected.append(port_friction.output(stepper, rubbing, x, end))
+    close(drive(fmu, model, moves), np.array(expected), 1e-10)
+
+
+def test_without_friction_the_step_is_the_linear_one_bit_for_bit(component):
+    model = model_of("seven_dof")
+    moves, found = random_moves(model, 40, 5, held=False), []
+    for values in ({}, {"lf.friction_velocity": 0.001}):
+        fmu = component("seven_dof", **values)
+        fmu.end_initialization()
+        found.append(drive(fmu, model, moves))
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_a_step_too_long_for_the_friction_is_refused_and_changes_nothing(component):
+    fmu = component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
+    fmu.end_initialization()
+    fmu.set(("force",), (500.0,))
+    fmu.step(0.0, 1e-6)
+    before = fmu.get(model_of("quarter_car").output_names)
+    with pytest.raises(StepError, match="too stiff for so long a step"):
+        fmu.step(1e-6, 0.05)
+    assert fmu.get(model_of("quarter_car").output_names) == before
+    fmu.step(1e-6, 1e-6)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(component, name):
+    model = model_of(name)
+    u = np.linspace(-1.0, 1.0, len(model.inputs)) * scale_of(model)
+    expected = model.dc_gain() @ u
+    fmu = component(name)
+    for scale in (3.0, 1.0):
+        fmu.set(model.input_names, scale * u)
+        np.testing.assert_allclose(fmu.get(model.output_names), scale * expected, rtol=1e-9, atol=1e-7)
+    fmu.end_initialization()
+    fmu.step(0.0, 0.37)
+    np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
+
+
+def test_start_at_equilibrium_can_be_declined(component):
+    fmu = component("quarter_car", start_at_equilibrium=False)
+    fmu.set(("aero_force",), (1000.0,))
+    fmu.end_initialization()
+    assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
+
+
+def test_static_values_move_the_outputs(component):
+    fmu = component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
+    fmu.end_initialization()
+    assert fmu.get(("lf.tire_force", "rf.tire_force", "rear.ride_height")) == [3000.0, 0.0, 0.2]
+
+
+def random_model(states, seed):
+    """Stable modes, mixed by a random orthogonal matrix; overdamped and oscillating ones."""
+    rng = np.random.default_rng(seed)
+    pairs = states // 3
+    A = np.diag(-rng.uniform(1.0, 400.0, states))
+    for k in range(pairs):
+        A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [
+            [-rng.uniform(1, 30), w := rng.uniform(5, 400)],
+            [-w, -rng.uniform(1, 30)],
+        ]
+    turn = np.linalg.qr(rng.standard_normal((states, states)))[0]
+    corners = ("lf", "rf", "lr", "rr")
+    inputs = [Channel(f"{c}.force", "N") for c in corners] + [Channel(f"{c}.road", "m") for c in corners]
+    outputs = [Channel(f"{c}.velocity", "m/s") for c in corners] + [Channel(f"{c}.tire_force", "N") for c in corners]
+    D = np.zeros((8, 8))
+    D[4:, 4:] = 1e5 * np.eye(4)
+    B, C = rng.standard_normal((states, 8)), rng.standard_normal((8, states))
+    return StateSpace(turn @ A @ turn.T, turn @ B, C @ turn.T, D, tuple(inputs), tuple(outputs), name="random")
+
+
+@pytest.mark.parametrize("states", [1, 9, 150])
+def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
+    model = random_model(states, states)
+    write_vehicle(tmp_path / "big.json", IdentifiedVehicle("big", model))
+    (built,) = build([tmp_path / "big.json"], tmp_path)
+    fmu, stepper, expected = FmuComponent(built.path, "big"), LinearStepper(model.A, model.B, model.C, model.D), []
+    fmu.begin(0.0, 1e3, {"start_at_equilibrium": False})
+    fmu.end_initialization()
+    moves, x = random_moves(model, 40, 6, held=False), np.zeros(states)
+    for step, start, end in moves:
+        x = stepper.advance(x, start, end, step)
+        expected.append(stepper.output(x, end))
+    close(drive(fmu, model, moves), np.array(expected), 1e-10)
+    fmu.finish()
+
+
+def test_a_free_mass_has_no_modal_form_and_the_error_names_the_python_target(tmp_path):
+    model = StateSpace(
+        np.array([[0.0, 1.0], [0.0, 0.0]]),
+        np.array([[0.0], [1.0]]),
+        np.array([[0.0, 1.0]]),
+        np.zeros((1, 1)),
+        (Channel("force", "N"),),
+        (Channel("velocity", "m/s"),),
+        name="free mass",
+    )
+    write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", model))
+    with pytest.raises(ParameterError, match="--target python"):
+        build([tmp_path / "free.json"], tmp_path)
+    assert not (tmp_path / "free.fmu").exists()
+
+
+def test_a_model_without_a_steady_state_refuses_to_start_in_one_and_starts_without(tmp_path):
+    model = StateSpace(
+        np.array([[0.0]]),
+        np.array([[0.1]]),
+        np.array([[1.0]]),
+        np.zeros((1, 1)),
+        (Channel("force", "N"),),
+        (Channel("velocity", "m/s"),),
+        name="drifting",
+    )
+    write_vehicle(tmp_path / "drift.json", IdentifiedVehicle("drifting", model))
+    (built,) = build([tmp_path / "drift.json"], tmp_path)
+    fmu = FmuComponent(built.path, "drift")
+    fmu.begin(0.0, 1.0, {})
+    with pytest.raises(StepError, match="no unique steady state"):
+        fmu.end_initialization()
+    fmu.finish()
+    fmu.begin(0.0, 1.0, {"start_at_equilibrium": False})
+    fmu.end_initialization()
+    fmu.set(("force",), (10.0,))
+    fmu.step(0.0, 0.5)
+    assert fmu.get(("velocity",)) == pytest.approx([0.5])
+    fmu.finish()
