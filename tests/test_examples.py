@@ -65,7 +65,8 @@ def test_the_commands_of_readme_run_as_they_stand(workplace):
 
 def test_the_fmpy_only_loop_gives_what_our_master_gives(workplace, fmus, shocks, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "shock.json")
-    build([ROOT / "examples" / "car.toml", tmp_path / "shock.json"], tmp_path)
+    # Python FMUs, since the master holds their inputs as the loop does; it ramps those of native ones.
+    build([ROOT / "examples" / "car.toml", tmp_path / "shock.json"], tmp_path, target="python")
     ran = python("examples/fmpy_only.py", tmp_path / "car.fmu", tmp_path / "shock.fmu", cwd=workplace)
     assert ran.returncode == 0, ran.stderr
     fastest, change = map(float, re.search(r"fastest (\S+) m/s, tire force changed by (\S+) N", ran.stdout).groups())
