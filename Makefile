@@ -2,7 +2,7 @@
 #   make demo   installs and runs the main job on shipped data
 #   make test   installs, checks style, types and imports, and passes the tests
 #   make nightly  a million random FMI call sequences on each FMU under sanitizers (about a minute; needs a C compiler)
-# Without make (Windows): python -m venv .venv, then pip install -e .[test] in it, then python -m eightpost demo.
+# Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
 VENV := .venv
@@ -39,7 +39,7 @@ docs: $(INSTALLED)
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	$(BIN)/python -m pip install --quiet --editable '.[build,test]'
 	touch $@
 
 clean:

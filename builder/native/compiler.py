@@ -52,10 +52,8 @@ def compile_libraries(
             done.append(content)
             if progress:
                 progress(len(done), len(jobs))
-    members: dict[str, dict[str, bytes]] = {library.identifier: {} for library in libraries}
-    for (library, platform), content in zip(jobs, done, strict=True):
-        members[library.identifier][platform.member(library.identifier)] = content
-    return list(members.values())
+    found = iter(done)
+    return [{p.member(library.identifier): next(found) for p in toolchain.platforms} for library in libraries]
 
 
 def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
@@ -66,7 +64,7 @@ def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes
 def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
     files = sorted(name for name in library.sources if name.endswith(".c"))
     command = toolchain.command(library.identifier, platform, target, files)
-    key = _key(toolchain, library, command)
+    key = _key(toolchain, library, target or platform.name, command)
     content = recall(key)
     if content is None:
         content = _compile(toolchain, library, platform, command)
@@ -74,12 +72,14 @@ def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: s
     return content
 
 
-def _key(toolchain: Toolchain, library: Library, command: Sequence[str]) -> str:
+def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[str]) -> str:
     """Everything that the binary depends on, but no folder of this machine."""
-    parts: list[bytes | str] = [toolchain.name, library.identifier, *(p for p in command if not Path(p).is_absolute())]
+    parts: list[bytes | str] = [toolchain.name, library.identifier, target]
+    parts += [part for part in command if not Path(part).is_absolute()]
     for name in sorted(library.sources):
         parts += [name, library.sources[name]]
-    return digest([*parts, *((fmi_headers() / name).read_bytes() for name in NAMES)])
+    own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
+    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in NAMES)))])
 
 
 def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
@@ -87,21 +87,25 @@ def _compile(toolchain: Toolchain, library: Library, platform: Platform, command
         for name, content in library.sources.items():
             (Path(folder) / name).write_bytes(content)
         ran = subprocess.run(
-            command, cwd=folder, env=_environment(), capture_output=True, text=True, errors="replace", check=False
+            command, cwd=folder, env=_environment(folder), capture_output=True, text=True, errors="replace", check=False
         )
         if ran.returncode != 0:
             raise FmuError(
-                f"{library.identifier}: {toolchain.name} could not compile it for {platform.name}: {_said(ran.stderr)}"
+                f"{library.identifier}: {toolchain.name} could not compile it for {platform.name}: "
+                f"{_said(ran.stderr) or f'it ended with status {ran.returncode} and said nothing'}"
             )
         return (Path(folder) / f"{library.identifier}{platform.suffix}").read_bytes()
 
 
 def _said(errors: str) -> str:
     lines = [line for line in errors.splitlines() if "error" in line]
-    return (lines or errors.strip().splitlines() or ["it said nothing"])[0]
+    return (lines or errors.strip().splitlines() or [""])[0]
 
 
-def _environment() -> dict[str, str]:
-    """Zig keeps what it compiles of the C libraries; it has a place beside ours."""
-    folder = str(cache_folder() / "zig")
-    return os.environ | {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}
+def _environment(folder: str) -> dict[str, str]:
+    """Zig keeps what it compiles of the C libraries beside our cache; what it keeps of one library goes with `folder`.
+
+    It would never use that again, as the folder's name is new each time, and it drops nothing by itself.
+    """
+    local = Path(folder) / ".zig-cache"
+    return os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"), "ZIG_LOCAL_CACHE_DIR": str(local)}

@@ -69,7 +69,7 @@ class Zig:
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder."""
         options = ["build-lib", "-dynamic", "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
-        options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", f"-I{fmi_headers()}", "-I."]
+        options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", *_includes()]
         entry: list[str] = []
         if platform.suffix == ".dll":
             # zig's MinGW run time takes minutes to build, and an FMU needs three functions of Windows' own.
@@ -115,7 +115,7 @@ class SystemCompiler:
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder."""
-        options = [*FLAGS, *WARNINGS, "-fPIC", "-shared", "-s", f"-I{fmi_headers()}", "-I."]
+        options = [*FLAGS, *WARNINGS, "-fPIC", "-shared", "-s", *_includes()]
         return [self.path, *options, *files, "-o", f"{identifier}{platform.suffix}"]
 
 
@@ -134,6 +134,11 @@ def find_toolchain() -> Toolchain:
         "there is no C compiler for native FMUs: pip install 'eightpost[build]' brings one that builds for all "
         "platforms; or build with --target python"
     )
+
+
+def _includes() -> list[str]:
+    """Where headers are; the machine's folder stands alone, so that the cache can leave it out of its key."""
+    return ["-I", str(fmi_headers()), "-I."]
 
 
 def _zig() -> str | None:

@@ -1,6 +1,7 @@
 """Binaries for six platforms: the right machines, the oldest systems, no names but FMI's, the same bytes each time."""
 
 import ctypes
+import hashlib
 import os
 import re
 import shutil
@@ -10,31 +11,35 @@ from pathlib import Path
 import lief
 import pytest
 
-from builder.native import cache
+from builder.native import cache, compiler
 from builder.native.compiler import Library, compile_libraries
+from builder.native.headers import fmi_headers
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
 from builder.native.universal import universal
+from builder.sources import source_folder
 from eightpost.errors import FmuError
 
+#: Sizes and contents are known at run time only, so that the calls are not optimized away.
 SOURCE = """
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
-static double kept[3];
+double hidden(const double *x, size_t count);
+double hidden(const double *x, size_t count) { double sum = 0.0; while (count--) sum += x[count] * 3.0; return sum; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
 void fmi2FreeInstance(fmi2Component c) { free(c); }
-double hidden(double x);
-double hidden(double x) { return kept[0] + x * 3.0 + 1.0; }
-fmi2Status fmi2Reset(fmi2Component c) { double *p = calloc(900, sizeof *p); memcpy(p, c, 7200); free(p);
-                                        return hidden(2.0) == 7.0 ? fmi2OK : fmi2Error; }
-fmi2Status fmi2Terminate(fmi2Component c) { char large[40000]; memset(large, c == NULL, sizeof large);
-                                            return large[39999] ? fmi2OK : fmi2Error; }
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[])
+{ double *p = calloc(nvr + 1, sizeof *p); if (p == NULL) return fmi2Error; memcpy(p, c, nvr * sizeof *p);
+  value[0] = hidden(p, nvr + 1) + vr[0]; free(p); return fmi2OK; }
+fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[])
+{ volatile char large[40000]; for (size_t i = 0; i < nvr; ++i) large[vr[i]] = (char)vr[i];
+  value[0] = strcmp(c, "yes") == 0 && large[vr[nvr - 1]] == (char)vr[nvr - 1]; return fmi2OK; }
 """
 
 #: Marks that zig's linker puts into a Mach-O file; there is no code behind them.
 LINKER_MARKS = {"___dso_handle", "__mh_dylib_header"}
-EXPORTS = {"fmi2GetVersion", "fmi2FreeInstance", "fmi2Reset", "fmi2Terminate"}
+EXPORTS = {"fmi2GetVersion", "fmi2FreeInstance", "fmi2GetReal", "fmi2GetBoolean"}
 LIBRARY = Library("little", {"little.c": SOURCE.encode()})
 
 
@@ -56,6 +61,26 @@ def parsed(content):
     return lief.parse(list(content))
 
 
+def assert_runs(path):
+    """Call what a library has: 3 (1 + 2 + 3) + 7 from a copy, and a comparison on a stack of several pages."""
+    library = ctypes.CDLL(str(path))
+    value, flag = ctypes.c_double(), ctypes.c_int()
+    assert (
+        library.fmi2GetReal((ctypes.c_double * 3)(1, 2, 3), ctypes.byref(ctypes.c_uint(7)), 3, ctypes.byref(value)) == 0
+    )
+    assert value.value == 25.0
+    assert library.fmi2GetBoolean(b"yes", ctypes.byref(ctypes.c_uint(39999)), 1, ctypes.byref(flag)) == 0
+    assert flag.value == 1
+
+
+def zig_of(folder):
+    """A cache folder with what zig made of the C libraries, and none of our own entries."""
+    (cache.cache_folder() / "zig").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
+    (folder / "zig").symlink_to(cache.cache_folder() / "zig", target_is_directory=True)
+    return folder
+
+
 def test_one_library_goes_to_each_platforms_folder(binaries):
     assert set(binaries) == {
         "binaries/linux64/little.so",
@@ -74,6 +99,7 @@ def test_linux_libraries_run_with_glibc_2_17_and_need_nothing_else(binaries, pla
     library = parsed(binaries[f"binaries/{platform}/little.so"])
     assert library.header.machine_type == machine
     assert set(library.libraries) <= {"libc.so.6", "libm.so.6"}
+    assert {s.name for s in library.imported_symbols} <= {"calloc", "free", "memcpy", "memset", "strcmp"}
     versions = [
         tuple(map(int, v)) for v in re.findall(rb"GLIBC_(\d+)\.(\d+)", binaries[f"binaries/{platform}/little.so"])
     ]
@@ -90,6 +116,7 @@ def test_windows_libraries_import_windows_own_run_time_only(binaries, platform, 
     library = parsed(binaries[f"binaries/{platform}/little.dll"])
     assert library.header.machine == machine
     assert all(i.name.lower().startswith("api-ms-win-crt-") for i in library.imports)
+    assert {e.name for i in library.imports for e in i.entries} == {"calloc", "free", "strcmp"}
     assert {e.name for e in library.get_export().entries} == EXPORTS
 
 
@@ -102,15 +129,41 @@ def test_the_mac_library_holds_both_processors_and_each_asks_for_macos_11(binari
         assert list(piece.build_version.minos)[:2] == [11, 0]
         assert {s.name for s in piece.exported_symbols} == {f"_{name}" for name in EXPORTS} | LINKER_MARKS
         assert [library.name for library in piece.libraries][1:] == ["/usr/lib/libSystem.B.dylib"]
-    assert all(piece.has_code_signature for piece in (fat.at(1), thin.at(0)))
+
+
+def code_directory(content):
+    """The page hashes of a thin Mach-O file's signature, and those computed from its pages here.
+
+    Source: Apple, <mach-o/loader.h> (LC_CODE_SIGNATURE) and xnu's osfmk/kern/cs_blobs.h (CS_CodeDirectory).
+    """
+    (commands,) = struct.unpack_from("<I", content, 16)
+    place = 32
+    for _ in range(commands):
+        kind, size = struct.unpack_from("<II", content, place)
+        if kind == 0x1D:
+            (start,) = struct.unpack_from("<I", content, place + 8)
+            break
+        place += size
+    start += struct.unpack_from(">I", content, start + 16)[0]  # the first blob is the directory
+    hashes, _, _, count, limit = struct.unpack_from(">5I", content, start + 16)
+    length, kind, _, page = struct.unpack_from(">4B", content, start + 36)
+    assert (length, kind) == (32, 2)  # SHA-256
+    there = [content[start + hashes + 32 * k :][:32] for k in range(count)]
+    pages = [content[k << page : min((k + 1) << page, limit)] for k in range(count)]
+    return there, [hashlib.sha256(p).digest() for p in pages]
+
+
+def test_apples_processor_gets_a_signature_that_fits_every_page(binaries):
+    fat = binaries["binaries/darwin64/little.dylib"]
+    offset, size = struct.unpack_from(">II", fat, 8 + 20 + 8)
+    thin = binaries["binaries/aarch64-darwin/little.dylib"]
+    assert fat[offset : offset + size] == thin and offset % 16384 == 0
+    there, computed = code_directory(thin)
+    assert there == computed and there
 
 
 def test_the_same_sources_give_the_same_bytes_in_another_folder_without_the_cache(binaries, zig, tmp_path, monkeypatch):
-    zig_cache = cache.cache_folder() / "zig"
-    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "other"))
-    (tmp_path / "other").mkdir()
-    if zig_cache.is_dir():  # what zig made of the C libraries; our own entries are not there
-        (tmp_path / "other" / "zig").symlink_to(zig_cache, target_is_directory=True)
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(zig_of(tmp_path / "other")))
     (again,) = compile_libraries([LIBRARY], toolchain=zig)
     assert again == binaries
 
@@ -121,27 +174,85 @@ def test_no_library_tells_where_it_was_built(binaries):
             assert place not in content, name
 
 
-def test_a_damaged_cache_entry_is_compiled_again(zig, binaries, tmp_path, monkeypatch):
-    (tmp_path / "zig").symlink_to(cache.cache_folder() / "zig", target_is_directory=True)
+def test_zig_keeps_nothing_of_a_library_in_the_cache_that_is_never_emptied(zig, binaries):
+    only_here = Library("only_here", {"only_here.c": f"{SOURCE}/* {os.urandom(8).hex()} */\n".encode()})
+    compile_libraries([only_here], toolchain=zig)
+    walk = os.walk(cache.cache_folder() / "zig")  # which does not mind what others delete meanwhile
+    assert not [name for _, _, files in walk for name in files if "only_here" in name]
+
+
+def system_compiler():
+    return SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
+
+
+def test_a_damaged_or_cut_cache_entry_is_compiled_again(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
-    system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
-    (first,) = compile_libraries([LIBRARY], toolchain=system)
-    for entry in (tmp_path / "binaries").iterdir():
-        content = bytearray(entry.read_bytes())
-        content[-5] ^= 1
-        entry.write_bytes(content)
-    (second,) = compile_libraries([LIBRARY], toolchain=system)
-    assert first == second
+    (first,) = compile_libraries([LIBRARY], toolchain=system_compiler())
+    (entry,) = (tmp_path / "binaries").iterdir()
+    whole = entry.read_bytes()
+    for damaged in (whole[:-5] + bytes([whole[-5] ^ 1]) + whole[-4:], whole[:100], b""):
+        entry.write_bytes(damaged)
+        (again,) = compile_libraries([LIBRARY], toolchain=system_compiler())
+        assert again == first and entry.read_bytes() == whole
+
+
+def test_the_cache_drops_what_was_not_used_for_longest(tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
+    monkeypatch.setattr(cache, "KEPT", 3)
+    for age, key in enumerate("abc"):
+        cache.keep(key, key.encode())
+        os.utime(tmp_path / "binaries" / key, (1e9 + age, 1e9 + age))
+    assert cache.recall("a") == b"a"  # used now, so that b is the oldest
+    cache.keep("d", b"d")
+    assert {path.name for path in (tmp_path / "binaries").iterdir()} == {"a", "c", "d"}
+
+
+def key_of(zig, library, platform):
+    target = platform.targets[0]
+    command = zig.command(library.identifier, platform, target, ["little.c"])
+    return compiler._key(zig, library, target, command)
+
+
+def test_the_cache_knows_all_that_a_binary_is_made_of_and_no_folder_of_the_machine(zig, tmp_path, monkeypatch):
+    windows = PLATFORMS["win64"]
+    key = key_of(zig, LIBRARY, windows)
+    assert key_of(zig, LIBRARY, PLATFORMS["win32"]) != key
+    assert key_of(zig, Library("other", LIBRARY.sources), windows) != key
+    assert key_of(zig, Library("little", {"little.c": b"int f;"}), windows) != key
+    for folder in ("c-code", "fmus"):
+        shutil.copytree(fmi_headers() if folder == "c-code" else source_folder(), tmp_path / folder)
+    monkeypatch.setattr("builder.native.toolchain.source_folder", lambda: tmp_path / "fmus")
+    monkeypatch.setattr("builder.native.toolchain.fmi_headers", lambda: tmp_path / "c-code")
+    monkeypatch.setattr("builder.native.compiler.fmi_headers", lambda: tmp_path / "c-code")
+    assert key_of(zig, LIBRARY, windows) == key
+    for name in ("fmus/common/windows_entry.c", "c-code/fmi2TypesPlatform.h"):
+        old = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(old + b" ")
+        assert key_of(zig, LIBRARY, windows) != key, name
+        (tmp_path / name).write_bytes(old)
+
+
+def test_libraries_of_one_name_stay_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
+    other = Library("little", {"little.c": SOURCE.replace("3.0", "5.0").encode()})
+    first, second = compile_libraries([LIBRARY, other], toolchain=system_compiler())
+    assert set(first) == set(second) and first != second
+
+
+def test_progress_counts_to_the_number_of_binaries(binaries, zig):
+    told = []
+    compile_libraries([LIBRARY], toolchain=zig, progress=lambda done, of: told.append((done, of)))
+    assert told == [(done, 6) for done in range(1, 7)]
 
 
 def test_the_systems_compiler_builds_for_this_platform_and_says_so(tmp_path):
-    system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
+    system = system_compiler()
     (members,) = compile_libraries([LIBRARY], toolchain=system)
     assert list(members) == [this_platform().member("little")]
     assert "pip install 'eightpost[build]'" in system.limits and this_platform().name in system.limits
     path = tmp_path / "little.so"
     path.write_bytes(next(iter(members.values())))
-    assert ctypes.CDLL(str(path)).fmi2Terminate(None) == 0
+    assert_runs(path)
 
 
 def test_this_platforms_library_runs(binaries, tmp_path):
@@ -150,9 +261,7 @@ def test_this_platforms_library_runs(binaries, tmp_path):
         pytest.skip(f"{platform.name} is none of the six")
     path = tmp_path / f"little{platform.suffix}"
     path.write_bytes(binaries[platform.member("little")])
-    library = ctypes.CDLL(str(path))
-    assert library.fmi2Terminate(None) == 0
-    assert library.fmi2Reset((ctypes.c_double * 900)()) == 0
+    assert_runs(path)
 
 
 def test_a_mistake_in_the_source_is_reported_with_the_platform_and_the_compilers_words(zig):
