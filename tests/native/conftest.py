@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from builder.native.sources import c_sources
 from builder.product import shock_product, vehicle_product
+from eightpost.archive import extract_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped
 
@@ -54,3 +57,39 @@ def compiler(headers: Path) -> Callable[..., Path]:
         return output
 
     return run
+
+
+@pytest.fixture(scope="session")
+def c_level() -> ModuleType:
+    """The module tests/native/host.py."""
+    name = "eightpost_tests_host"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("host.py"))
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def folders(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Native FMUs unpacked, by name."""
+    found = {}
+    for name, path in fmus.items():
+        found[name] = tmp_path_factory.mktemp(name)
+        extract_archive(path, found[name])
+    return found
+
+
+@pytest.fixture
+def host(folders: dict[str, Path], c_level: ModuleType) -> Iterator[Callable[..., object]]:
+    """Make instances of FMUs by name; they are freed with the test."""
+    made = []
+
+    def make(model: str, **options: object) -> object:
+        made.append(c_level.Host(folders[model], **options))
+        return made[-1]
+
+    yield make
+    for item in made:
+        item.free()

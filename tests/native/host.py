@@ -1,0 +1,120 @@
+"""An FMU at the level of C: every call returns its status, every message is kept."""
+
+import ctypes
+
+import numpy as np
+from fmpy import fmi2, read_model_description
+
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+MODEL_EXCHANGE, CO_SIMULATION = fmi2.fmi2ModelExchange, fmi2.fmi2CoSimulation
+
+
+class Host:
+    """One instance at the level of C: statuses are returned, messages are kept."""
+
+    def __init__(self, folder, *, logging=False, guid=None, name="instance", kind=fmi2.fmi2CoSimulation):
+        self.description = read_model_description(str(folder))
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.messages = []
+        identifier = self.description.coSimulation.modelIdentifier
+        self.slave = fmi2.FMU2Slave(
+            guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier=identifier, instanceName=name
+        )
+        self.callbacks = fmi2.fmi2CallbackFunctions()
+        self.callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(
+            lambda _e, _n, status, category, message: self.messages.append(
+                (status, category.decode(), message.decode())
+            )
+        )
+        self.callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
+        self.callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
+        self.component = self.slave.dll.fmi2Instantiate
+        self.component.restype = ctypes.c_void_p
+        guid = self.description.guid if guid is None else guid
+        self.c = self.component(
+            name.encode(), kind, guid.encode(), b"file:///nowhere", ctypes.byref(self.callbacks), 0, int(logging)
+        )
+
+    def call(self, function, *arguments):
+        """Return the status of fmi2<function>."""
+        address = getattr(self.slave.dll, f"fmi2{function}")
+        address.argtypes, address.restype = None, ctypes.c_int
+        return address(ctypes.c_void_p(self.c), *arguments)
+
+    def start(self, time=0.0, stop=None):
+        assert self.call("SetupExperiment", 0, ctypes.c_double(0.0), ctypes.c_double(time), int(stop is not None),
+                         ctypes.c_double(stop or 0.0)) == OK  # fmt: skip
+        assert self.call("EnterInitializationMode") == OK
+        assert self.call("ExitInitializationMode") == OK
+        return self
+
+    def set(self, **values):
+        return self.set_named({name.replace("__", "."): value for name, value in values.items()})
+
+    def set_named(self, values):
+        references = (ctypes.c_uint * len(values))(*(self.references[n] for n in values))
+        return self.call(
+            "SetReal", references, ctypes.c_size_t(len(values)), (ctypes.c_double * len(values))(*values.values())
+        )
+
+    def get(self, *names):
+        references, values = (
+            (ctypes.c_uint * len(names))(*(self.references[n] for n in names)),
+            (ctypes.c_double * len(names))(),
+        )
+        assert self.call("GetReal", references, ctypes.c_size_t(len(names)), values) == OK
+        return list(values)
+
+    def step(self, time, step=1e-3):
+        return self.call("DoStep", ctypes.c_double(time), ctypes.c_double(step), 1)
+
+    def all(self):
+        return self.get(*(v.name for v in self.description.modelVariables if v.type == "Real"))
+
+    def inputs(self):
+        return [v.name for v in self.description.modelVariables if v.causality == "input"]
+
+    def run(self, steps=20, time=0.0, seed=1):
+        """Random inputs, 1 ms steps; all variables after each."""
+        rng, rows = np.random.default_rng(seed), []
+        for k in range(steps):
+            values = dict(zip(self.inputs(), rng.uniform(-0.3, 0.3, len(self.inputs())), strict=True))
+            assert self.set_named(values) == OK
+            assert self.step(time + k * 1e-3) == OK
+            rows.append(self.all())
+        return rows
+
+    def said(self):
+        return " ".join(message for _, _, message in self.messages)
+
+    def free(self):
+        if self.c:
+            free = self.slave.dll.fmi2FreeInstance
+            free.argtypes, free.restype = None, None
+            free(ctypes.c_void_p(self.c))
+            self.c = None
+
+
+def saved(fmu):
+    state = ctypes.c_void_p()
+    assert fmu.call("GetFMUstate", ctypes.byref(state)) == OK
+    return state
+
+
+def packed(fmu, state):
+    size = ctypes.c_size_t()
+    assert fmu.call("SerializedFMUstateSize", state, ctypes.byref(size)) == OK
+    content = (ctypes.c_char * size.value)()
+    assert fmu.call("SerializeFMUstate", state, content, size) == OK
+    return content.raw
+
+
+def unpacked(fmu, content):
+    state = ctypes.c_void_p()
+    status = fmu.call(
+        "DeSerializeFMUstate",
+        (ctypes.c_char * len(content))(*content),
+        ctypes.c_size_t(len(content)),
+        ctypes.byref(state),
+    )
+    return status, state

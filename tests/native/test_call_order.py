@@ -1,0 +1,132 @@
+"""Calls in the wrong order, bad values, bad arguments: refused with the reason, and nothing else happens."""
+
+import ctypes
+import math
+
+import pytest
+
+ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_step_is_refused_before_initialization_and_after_the_end(host, name):
+    fmu = host(name)
+    assert fmu.step(0.0) == ERROR
+    assert "fmi2DoStep: is not allowed before initialization mode" in fmu.said()
+    fmu.start()
+    assert fmu.step(0.0) == OK
+    assert fmu.call("Terminate") == OK
+    assert fmu.step(1e-3) == ERROR
+    assert "after fmi2Terminate" in fmu.said()
+
+
+def test_a_step_begins_where_the_last_one_ended_and_ends_by_the_stop_time(host):
+    fmu = host("lpnl2").start(2.0, stop=2.01)
+    for time, step in (
+        (0.0, 1e-3),
+        (2.001, 1e-3),
+        (2.0, 0.0),
+        (2.0, -1e-3),
+        (2.0, math.nan),
+        (2.0, 0.02),
+        (math.inf, 1e-3),
+    ):
+        assert fmu.step(time, step) == ERROR
+    assert fmu.step(2.0, 1e-3) == OK
+    assert fmu.step(2.001, 9e-3) == OK
+    assert fmu.step(2.01, 1e-3) == ERROR
+    assert "after the stop time of 2.01 s" in fmu.said()
+
+
+def test_a_host_that_adds_up_its_time_is_honest(host):
+    fmu, time = host("lpf1").start(0.0, stop=10.0), 0.0
+    for _ in range(30000):
+        assert fmu.step(time, 1.0 / 3000.0) == OK
+        time += 1.0 / 3000.0
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_fixed_parameters_are_locked_after_initialization_and_tunable_ones_live(host, name):
+    fmu = host(name).start()
+    for variable in fmu.description.modelVariables:
+        if variable.type == "Real" and variable.causality == "parameter":
+            expected = ERROR if variable.variability == "fixed" else OK
+            assert fmu.set_named({variable.name: float(variable.start)}) == expected, variable.name
+        if variable.type == "Real" and variable.causality in ("output", "local"):
+            assert fmu.set_named({variable.name: 0.0}) == ERROR
+    assert fmu.step(0.0) == OK
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_values_that_are_no_numbers_are_refused_by_name_and_the_next_good_step_is_fine(host, name):
+    fmu = host(name).start()
+    for variable in fmu.inputs():
+        for bad in (math.nan, math.inf, -math.inf):
+            fmu.messages.clear()
+            before = fmu.all()
+            assert fmu.set_named({variable: bad}) == ERROR
+            assert variable in fmu.said() and "the old value stays" in fmu.said()
+            assert fmu.all() == before
+    fmu.run(3)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_parameters_outside_their_range_are_refused_and_nothing_of_the_call_is_done(host, name):
+    fmu = host(name)
+    bounded = [v for v in fmu.description.modelVariables if v.causality == "parameter" and v.min is not None]
+    first = fmu.inputs()[0]
+    for variable in bounded:
+        fmu.messages.clear()
+        assert fmu.set_named({first: 0.2, variable.name: float(variable.min) - 1.0}) == ERROR
+        assert f"{variable.name} = " in fmu.said() and "must be at least" in fmu.said()
+    fmu.start()
+    assert fmu.get(first) == [0.0]
+
+
+def test_values_that_overflow_discard_the_step_and_leave_everything(host):
+    fmu = host("lpnl2").start()
+    before = fmu.all()
+    assert fmu.set(velocity=1e308) == OK
+    assert fmu.step(0.0) == DISCARD
+    assert fmu.get("force", "lagged_force") == [before[2], before[4]]
+    assert fmu.set(velocity=0.1) == OK
+    assert fmu.step(0.0) == OK
+
+
+def test_parameters_that_do_not_fit_each_other_keep_initialization_open_until_they_do(host):
+    fmu = host("lpnl2")
+    assert fmu.call("EnterInitializationMode") == OK
+    assert fmu.set(lag_zero_force=1.0) == OK
+    assert fmu.call("ExitInitializationMode") == ERROR
+    assert "lag_zero_force must be greater than lag_full_force" in fmu.said()
+    assert fmu.set(lag_zero_force=2000.0) == OK
+    assert fmu.call("ExitInitializationMode") == OK
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_null_and_unknown_references_are_errors_and_reset_makes_all_well(host, name):
+    fmu = host(name).start()
+    one, number = ctypes.c_size_t(1), (ctypes.c_double * 1)()
+    for function in ("GetReal", "SetReal", "GetBoolean", "SetBoolean"):
+        assert fmu.call(function, None, one, number) == ERROR
+        assert fmu.call(function, (ctypes.c_uint * 1)(9999), one, number) == ERROR
+        assert fmu.call(function, (ctypes.c_uint * 1)(4294967295), one, number) == ERROR
+        assert fmu.call(function, None, ctypes.c_size_t(0), None) == OK
+    for function in ("GetInteger", "SetInteger", "GetString", "SetString"):
+        assert fmu.call(function, (ctypes.c_uint * 1)(0), one, number) == ERROR
+    assert fmu.call("SetRealInputDerivatives", None, one, None, None) == ERROR
+    assert fmu.call("GetDirectionalDerivative", None, one, None, one, None, None) == ERROR
+    assert fmu.call("GetFMUstate", None) == ERROR
+    assert fmu.call("SetFMUstate", None) == ERROR
+    assert fmu.call("CancelStep") == ERROR
+    assert fmu.call("Reset") == OK
+    fmu.start().run(2)
+
+
+@pytest.mark.parametrize("function", ["DoStep", "GetReal", "Reset", "Terminate", "GetFMUstate", "GetStatus"])
+def test_a_null_instance_is_an_error(host, function):
+    fmu = host("lpf1")
+    kept, fmu.c = fmu.c, None
+    assert fmu.call(function, None, None, None) == ERROR
+    fmu.c = kept

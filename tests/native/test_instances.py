@@ -1,0 +1,147 @@
+"""Many instances, threads, lives, places and messages."""
+
+import ctypes
+import gc
+import math
+import resource
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"guid": "{0}"}, "the GUID of modelDescription.xml is not that of this binary"),
+        ({"name": ""}, "the instance has no name"),
+        ({"kind": 0}, "for co-simulation only"),
+    ],
+)
+def test_what_is_no_instance_of_this_fmu_is_refused_with_the_reason(folders, options, said, c_level):
+    fmu = c_level.Host(folders["lpnl2"], **options)
+    assert fmu.c is None
+    assert said in fmu.said()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_reset_restores_every_default_and_the_rerun_is_the_same_bit_for_bit(host, name):
+    fmu = host(name)
+    tunable = {v.name: float(v.start) * 1.1 + 1e-3 for v in fmu.description.modelVariables
+               if v.causality == "parameter" and v.type == "Real" and v.max is None}  # fmt: skip
+    first = fmu.start().run()
+    assert fmu.call("Reset") == OK
+    assert fmu.set_named(tunable) == OK
+    changed = fmu.start().run()
+    assert fmu.call("Reset") == OK
+    assert fmu.start().run() == first != changed
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_two_hundred_instances_interleaved_equal_one_alone(host, name):
+    alone = host(name).start().run(5)
+    crowd = [host(name, name=f"i{k}").start() for k in range(200)]
+    rows = {k: [] for k in range(200)}
+    rng = np.random.default_rng(1)
+    for step in range(5):
+        values = dict(zip(crowd[0].inputs(), rng.uniform(-0.3, 0.3, len(crowd[0].inputs())), strict=True))
+        for k, fmu in enumerate(crowd):
+            assert fmu.set_named(values) == OK
+            assert fmu.step(step * 1e-3) == OK
+            rows[k].append(fmu.all())
+    assert all(found == alone for found in rows.values())
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_four_threads_equal_one(host, name):
+    alone = host(name).start().run(200)
+    crowd = [host(name, name=f"t{k}").start() for k in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        assert all(found == alone for found in pool.map(lambda fmu: fmu.run(200), crowd))
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_memory_does_not_grow_over_many_lives(host, name):
+    fmu = host(name)
+    make, free = fmu.component, fmu.slave.dll.fmi2FreeInstance
+    free.argtypes = [ctypes.c_void_p]
+
+    def lives(count):
+        for _ in range(count):
+            c = make(b"x", 1, fmu.description.guid.encode(), b"", ctypes.byref(fmu.callbacks), 0, 0)
+            assert c
+            free(c)
+        gc.collect()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    before = lives(500)
+    assert lives(5000) - before < 2000  # KiB; 5,000 instances of the smallest FMU would take 5,000 KiB
+
+
+def test_errors_are_always_logged_and_the_rest_only_where_asked_for(host):
+    quiet, loud = host("lpnl2"), host("lpnl2", logging=True)
+    for fmu in (quiet, loud):
+        fmu.start()
+        assert fmu.step(5.0) == ERROR
+    assert [category for _, category, _ in quiet.messages] == ["logStatusError"]
+    assert "logAll" in [category for _, category, _ in loud.messages]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_messages_are_whole_sentences_in_declared_categories(host, folders, name):
+    fmu = host(name, logging=True)
+    xml = ET.fromstring((folders[name] / "modelDescription.xml").read_text())
+    declared = {c.get("name") for c in xml.iter("Category")}
+    fmu.start()
+    fmu.set_named({fmu.inputs()[0]: math.nan})
+    fmu.step(99.0)
+    fmu.call("CancelStep")
+    assert fmu.messages
+    for _, category, message in fmu.messages:
+        assert category in declared
+        assert message.isprintable() and "%" not in message and "#" not in message
+
+
+def test_unknown_log_categories_are_refused(host):
+    fmu = host("lpnl2")
+    assert fmu.call("SetDebugLogging", 1, ctypes.c_size_t(1), (ctypes.c_char_p * 1)(b"logAll")) == OK
+    assert fmu.call("SetDebugLogging", 1, ctypes.c_size_t(1), (ctypes.c_char_p * 1)(b"gossip")) == ERROR
+
+
+@pytest.mark.parametrize("place", ["with space", "únïcödé 車", "50%", "#1", "a+b"])
+def test_any_folder_will_do_read_only_and_without_an_environment(folders, tmp_path, place):
+    folder = tmp_path / place
+    shutil.copytree(folders["seven_dof"], folder)
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    code = (
+        "import importlib.util, sys;"
+        "spec = importlib.util.spec_from_file_location('t', sys.argv[1]); t = importlib.util.module_from_spec(spec);"
+        "spec.loader.exec_module(t); fmu = t.Host(sys.argv[2]).start(); fmu.run(3)"
+    )
+    line = [sys.executable, "-c", code, Path(__file__).with_name("host.py"), folder]
+    ran = subprocess.run(line, env={}, cwd="/", capture_output=True, text=True, check=False)
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755)
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize("step", [1e-7, 3.3e-5, 1e-3, 0.05])
+def test_steps_of_any_size_land_where_they_should(host, step):
+    """One step, or ten of a tenth: the same for held inputs, since the step is exact."""
+    for name in ALL:
+        whole, parts = host(name).start(-1.5), host(name).start(-1.5)
+        values = dict.fromkeys(whole.inputs(), 0.05)
+        whole.set_named(values), parts.set_named(values)
+        assert whole.step(-1.5, step) == OK
+        for k in range(10):
+            assert parts.step(-1.5 + k * step / 10, step / 10) == OK
+        np.testing.assert_allclose(whole.all(), parts.all(), rtol=1e-9, atol=1e-9 * max(map(abs, whole.all())))
