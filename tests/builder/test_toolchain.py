@@ -239,6 +239,12 @@ def test_the_cache_knows_all_that_a_binary_is_made_of_and_no_folder_of_the_machi
         (tmp_path / name).write_bytes(old)
 
 
+def test_machines_that_share_a_cache_folder_do_not_share_what_their_own_compilers_made():
+    system = system_compiler()
+    command = system.command("little", PLATFORMS["linux64"], "", ["little.c"])
+    assert len({compiler._key(system, LIBRARY, name, command) for name in ("linux64", "aarch64-linux")}) == 2
+
+
 def test_libraries_of_one_name_stay_apart(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
     other = Library("little", {"little.c": SOURCE.replace("3.0", "5.0").encode()})

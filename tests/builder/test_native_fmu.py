@@ -1,0 +1,161 @@
+"""What a native FMU's archive holds, openly and confidentially, and that its sources are what its binaries are."""
+
+import shutil
+import tempfile
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from fmpy.build import build_platform_binary
+
+from builder.build import build
+from builder.documents import Disclosure
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
+from eightpost.archive import extract_archive, read_archive, write_archive
+from eightpost.errors import FmuError
+from eightpost.shock import Shock, write_shock
+
+ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_an_archive_holds_binaries_sources_documents_and_references(fmus, name):
+    members = set(read_archive(fmus[name]))
+    assert members >= {
+        "modelDescription.xml",
+        "model.png",
+        "documentation/index.html",
+        "documentation/licenses/license.txt",
+        "terminalsAndIcons/terminalsAndIcons.xml",
+        f"extra/eightpost/{name}_ref.csv",
+        "sources/model.c",
+        "sources/interface.c",
+        this_platform().member(name),
+    }
+    if isinstance(find_toolchain(), Zig):
+        assert {m for m in members if m.startswith("binaries/")} == {p.member(name) for p in PLATFORMS.values()}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_listed_source_is_there_and_every_c_file_is_listed(fmus, name):
+    members = read_archive(fmus[name])
+    root = ET.fromstring(members["modelDescription.xml"])
+    listed = {f"sources/{f.get('name')}" for f in root.iter("File")}
+    assert listed == {m for m in members if m.endswith(".c")}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_binary_knows_its_guid_and_it_is_drawn_from_the_content(fmus, name):
+    members = read_archive(fmus[name])
+    guid = ET.fromstring(members["modelDescription.xml"]).get("guid")
+    assert guid.encode() in members[this_platform().member(name)]
+    assert guid.encode() in members["sources/interface.h"]
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_fmpy_compile_rebuilds_the_fmu_and_the_rebuilt_one_gives_the_same_outputs(fmus, tmp_path, name):
+    if shutil.which("cmake") is None or shutil.which("cc") is None:
+        pytest.skip("no cmake or no C compiler on this machine")
+    extract_archive(fmus[name], tmp_path / "fmu")
+    shutil.rmtree(tmp_path / "fmu" / "binaries")
+    with tempfile.TemporaryDirectory() as folder:
+        build_platform_binary(tmp_path / "fmu", folder, cmake_options={}, all_warnings=True)
+    rebuilt = {
+        str(p.relative_to(tmp_path / "fmu")): p.read_bytes() for p in (tmp_path / "fmu").rglob("*") if p.is_file()
+    }
+    write_archive(tmp_path / "rebuilt.fmu", rebuilt)
+    time = np.arange(0.0, 0.5, 1e-3)
+    first = "velocity" if name == "lpnl2" else "lf.road"
+    signals = np.zeros(time.size, dtype=[("time", "f8"), (first, "f8")])
+    signals["time"], signals[first] = time, 0.05 * np.sin(30.0 * time)
+    found = [
+        simulate_fmu(str(path), stop_time=0.4, output_interval=1e-3, input=signals)
+        for path in (fmus[name], tmp_path / "rebuilt.fmu")
+    ]
+    assert found[0].dtype == found[1].dtype
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def told(value, content):
+    """Whether a double stands in a file that people read: with six of its digits or more."""
+    return any(f"{value:.{digits}g}".encode() in content for digits in (6, 9, 12, 17))
+
+
+def test_a_confidential_fmu_tells_neither_the_curve_nor_its_sources(shocks, tmp_path):
+    law = shocks["lpnl2"].law
+    inner = (1812.34567, *law.curve.inner[1:14], 31.4159265)
+    curve = replace(law.curve, inner=inner, compression=(1487.65432, 900.123456, 40.0, 5.0))
+    source = {"file": "records/tuesday_17.csv"}
+    secret = Shock("the Tuesday damper", replace(law, curve=curve), {"source": source, "build": "tuesday_17"})
+    write_shock(secret, tmp_path / "front.json")
+    (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+    members = read_archive(built.path)
+    assert not [m for m in members if m.startswith("sources/")]
+    for name, content in members.items():
+        for word in (b"uesday", b"records/", b"model.c", b"shock.c", b"front.json", str(tmp_path).encode()):
+            assert word not in content, (name, word)
+        if not name.startswith("binaries/"):
+            assert b"curve." not in content, name
+            for value in (*inner[:1], *inner[14:], *curve.compression[:2]):
+                assert not told(value, content), (name, value)
+
+
+def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path):
+    pictures = []
+    for law in ("lpf1", "lpnl2"):
+        write_shock(shocks[law], tmp_path / "front.json")
+        (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+        pictures.append(read_archive(built.path)["model.png"])
+    assert pictures[0] == pictures[1]
+
+
+def test_a_confidential_fmu_computes_what_the_open_one_does(shocks, fmus, tmp_path):
+    write_shock(shocks["lpnl2"], tmp_path / "front.json")
+    (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+    time = np.arange(0.0, 0.3, 1e-3)
+    signals = np.zeros(time.size, dtype=[("time", "f8"), ("velocity", "f8")])
+    signals["time"], signals["velocity"] = time, 0.6 * np.sin(30.0 * time)
+    found = [
+        simulate_fmu(str(path), stop_time=0.2, output_interval=1e-3, input=signals, output=["force", "lagged_force"])
+        for path in (fmus["lpnl2"], built.path)
+    ]
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_a_python_fmu_cannot_be_confidential(shocks, tmp_path):
+    write_shock(shocks["lpf1"], tmp_path / "front.json")
+    with pytest.raises(FmuError, match="must be native"):
+        build([tmp_path / "front.json"], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
+
+
+def test_the_target_all_writes_both_side_by_side(shocks, tmp_path):
+    write_shock(shocks["lpf1"], tmp_path / "front.json")
+    built = build([tmp_path / "front.json"], tmp_path / "out", target="all")
+    assert [(item.path.name, item.target) for item in built] == [
+        ("front.fmu", "native"),
+        ("front_python.fmu", "python"),
+    ]
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"front.fmu", "front_python.fmu"}
+
+
+def test_without_zig_the_build_is_for_this_platform_and_says_so(shocks, tmp_path, monkeypatch):
+    system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
+    monkeypatch.setattr("builder.build.find_toolchain", lambda: system)
+    write_shock(shocks["lpf1"], tmp_path / "front.json")
+    (built,) = build([tmp_path / "front.json"], tmp_path)
+    assert f"built for {this_platform().name} only" in built.limits
+    assert [m for m in read_archive(built.path) if m.startswith("binaries/")] == [this_platform().member("front")]
+    result = simulate_fmu(str(built.path), stop_time=0.01, output_interval=1e-3)
+    assert len(result) == 11
+
+
+def test_nothing_is_written_when_one_of_several_cannot_be_built(shocks, tmp_path):
+    write_shock(shocks["lpf1"], tmp_path / "good.json")
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(ValueError, match="bad"):
+        build([tmp_path / "good.json", tmp_path / "bad.json"], tmp_path / "out")
+    assert not list(Path(tmp_path).glob("out/*.fmu"))
