@@ -36,7 +36,7 @@ _KEYS = {
     "max",
     "size",
 }
-_KEYS |= {"description", "offset", "with"}
+_KEYS |= {"description", "offset", "with", "at_start"}
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ def shock_interface(shock: Shock) -> Interface:
     """Return the interface of a shock's FMU with the shock's parameters as start values."""
     table = _read_table(f"shock_{shock.law_name}")
     variables = tuple(v for row in table["variable"] for v in _sized(row, shock.law))
-    parameters = tuple(v.name for v in variables if v.causality == "parameter")
+    # The start is an equilibrium: what only says how the lag goes on has no part in it.
+    idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
+    parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
     direct = {name: tuple(inputs) for name, inputs in table["dependencies"].items()}
     return Interface(
         kind=table["interface"],
