@@ -182,7 +182,7 @@ def _energy_notes(energy: Mapping[str, BondEnergy]) -> Iterator[str]:
         elif abs(bond.relative) > DOUBTFUL:
             yield (
                 f"bond {name}: {abs(bond.relative):.2%} of the energy through it is lost or made by the coupling; "
-                "sound runs stay under 0.1 %: halve the coupling step and compare"
+                "sound runs stay under 1 %: halve the coupling step and compare"
             )
 
 
