@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -84,13 +84,17 @@ class _File(_Strict):
 
 @dataclass(frozen=True)
 class Case:
-    """What a system file holds: `cosim.run(case.system, case.scenario, algorithm=..., step=...)`."""
+    """What a system file holds, and the files of its FMUs by component.
+
+    `cosim.run(case.system, case.scenario, algorithm=case.algorithm, step=case.step)` runs it.
+    """
 
     name: str
     system: System
     scenario: Scenario
     algorithm: Algorithm
     step: float
+    fmus: Mapping[str, Path] = field(default_factory=dict)
 
 
 def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None) -> Case:
@@ -111,9 +115,8 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
     if unknown := sorted(set(fmus) - set(content.components)):
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
     folder = path.parent
-    components = {
-        name: FmuComponent(fmus.get(name, folder / entry.fmu), name) for name, entry in content.components.items()
-    }
+    files = {name: Path(fmus.get(name, folder / entry.fmu)) for name, entry in content.components.items()}
+    components = {name: FmuComponent(file, name) for name, file in files.items()}
     try:
         system, scenario = _system(content, components), _scenario(path, content.scenario)
         step, algorithm = _seconds("coupling_step", content.scenario.coupling_step), _algorithm(content.scenario)
@@ -125,6 +128,7 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
         scenario=scenario,
         algorithm=algorithm,
         step=step,
+        fmus=files,
     )
 
 

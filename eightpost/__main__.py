@@ -24,6 +24,7 @@ VERBS = {
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: fmpy validate, fmutool -check, and a short simulation.",
     "run": "Run a system of coupled FMUs.",
+    "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "compare": "Compare runs: response measures side by side.",
     "demo": "Run the whole line on shipped data.",
 }

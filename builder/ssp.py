@@ -1,0 +1,259 @@
+"""A coupled system as an SSP 1.0 package, which libcosim, ecos, OMSimulator and others open.
+
+The package holds SystemStructure.ssd (components, connections, units), resources/*.fmu, and resources/setup.ssv with
+the values of settable parameters: to change a setup, change that file alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from eightpost import __version__
+from eightpost.archive import read_archive, write_archive
+from eightpost.errors import FmuError, WiringError
+
+_NAMESPACES = {
+    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
+    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
+    "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+    "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+}
+SETUP = "resources/setup.ssv"
+
+Value = float | bool
+
+
+@dataclass(frozen=True)
+class SspComponent:
+    """One instance of an FMU: its file, and values of its parameters or inputs in their own units."""
+
+    name: str
+    fmu: Path
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SspConnection:
+    """An output that feeds an input, both as `component.variable`: `input = factor * output + offset`."""
+
+    source: str
+    target: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class SspSystem:
+    """What a package describes; step and stop time [s] are its default experiment."""
+
+    name: str
+    components: Sequence[SspComponent]
+    connections: Sequence[SspConnection]
+    step: float
+    stop: float
+
+
+@dataclass(frozen=True)
+class _Variable:
+    name: str
+    causality: str
+    variability: str
+    type: str
+    unit: str | None
+    start: str | None
+
+
+@dataclass(frozen=True)
+class _Fmu:
+    """What the package needs to know of an FMU: its place in the package, its variables, its units."""
+
+    member: str
+    content: bytes
+    variables: Mapping[str, _Variable]
+    units: Mapping[str, Mapping[str, str]]
+
+
+def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
+    """Write the package; return the inputs that are left for the importing tool to drive.
+
+    Raises:
+        FmuError: An FMU cannot be read.
+        WiringError: SSP 1.0 cannot hold the system: an input with two sources, an unknown variable, a value of what
+            cannot be set.
+    """
+    _refuse_two_sources(system.connections)
+    fmus = _read_fmus(system.components)
+    for connection in system.connections:
+        for end in (connection.source, connection.target):
+            _variable(fmus, end)
+    members = {fmu.member: fmu.content for fmu in fmus.values()}
+    members["SystemStructure.ssd"] = _document(_structure(system, fmus))
+    members[SETUP] = _document(_setup(system, fmus))
+    write_archive(path, members)
+    fed = {connection.target for connection in system.connections}
+    return tuple(
+        f"{component.name}.{v.name}"
+        for component in system.components
+        for v in fmus[component.name].variables.values()
+        if v.causality == "input" and f"{component.name}.{v.name}" not in fed
+    )
+
+
+def _refuse_two_sources(connections: Iterable[SspConnection]) -> None:
+    seen: dict[str, str] = {}
+    for connection in connections:
+        if other := seen.get(connection.target):
+            raise WiringError(
+                f"{connection.target} is fed by {other} and by {connection.source}: SSP 1.0 knows one source per "
+                "input and no sums; leave one out, or put a summing component between"
+            )
+        seen[connection.target] = connection.source
+
+
+def _read_fmus(components: Iterable[SspComponent]) -> dict[str, _Fmu]:
+    """Component -> FMU; one file is stored once, different files of one name under different names."""
+    stored: dict[str, bytes] = {}
+    found = {}
+    for component in components:
+        content = component.fmu.read_bytes() if component.fmu.is_file() else b""
+        members = read_archive(component.fmu)
+        member = f"resources/{component.fmu.name}"
+        if stored.setdefault(member, content) != content:
+            digest = hashlib.sha256(content).hexdigest()[:8]
+            member = f"resources/{component.fmu.stem}_{digest}.fmu"
+            stored[member] = content
+        found[component.name] = _fmu(component.fmu, member, content, members)
+    return found
+
+
+def _fmu(path: Path, member: str, content: bytes, members: Mapping[str, bytes]) -> _Fmu:
+    try:
+        root = ET.fromstring(members["modelDescription.xml"])
+    except (KeyError, ET.ParseError) as error:
+        raise FmuError(f"{path}: its modelDescription.xml is missing or cannot be read ({error})") from error
+    variables = {}
+    for element in root.iter("ScalarVariable"):
+        kind = element[0]
+        name = element.get("name", "")
+        causality, variability = element.get("causality", "local"), element.get("variability", "continuous")
+        variables[name] = _Variable(name, causality, variability, kind.tag, kind.get("unit"), kind.get("start"))
+    units = {
+        u.get("name", ""): dict(base.attrib) for u in root.iter("Unit") if (base := u.find("BaseUnit")) is not None
+    }
+    return _Fmu(member, content, variables, units)
+
+
+def _variable(fmus: Mapping[str, _Fmu], full_name: str) -> _Variable:
+    component, _, name = full_name.partition(".")
+    fmu = fmus.get(component)
+    if fmu is None or name not in fmu.variables:
+        raise WiringError(f"{full_name}: there is no such variable; look at the names of the system's components")
+    return fmu.variables[name]
+
+
+def _tag(prefix: str, name: str) -> str:
+    return f"{{{_NAMESPACES[prefix]}}}{name}"
+
+
+def _child(parent: ET.Element, prefix: str, tag: str, **attributes: str) -> ET.Element:
+    return ET.SubElement(parent, _tag(prefix, tag), attributes)
+
+
+def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
+    tool = f"eightpost {__version__}"
+    root = ET.Element(_tag("ssd", "SystemStructureDescription"), name=system.name, version="1.0", generationTool=tool)
+    top = _child(root, "ssd", "System", name=system.name)
+    _child(_child(top, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=SETUP)
+    elements = _child(top, "ssd", "Elements")
+    for component in system.components:
+        _component(elements, component, fmus[component.name])
+    links = _child(top, "ssd", "Connections")
+    for connection in system.connections:
+        _connection(links, connection)
+    # OMSimulator takes a system without this for a strongly coupled one, which has no co-simulation FMUs.
+    oms = _child(_annotation(top, "org.openmodelica"), "oms", "Annotations")
+    _child(
+        _child(oms, "oms", "SimulationInformation"), "oms", "FixedStepMaster",
+        description="oms-ma", stepSize=repr(system.step), absoluteTolerance="0.0001", relativeTolerance="0.0001",
+    )  # fmt: skip
+    _units(root, fmus.values())
+    experiment = _child(root, "ssd", "DefaultExperiment", startTime="0.0", stopTime=repr(system.stop))
+    osp = _child(_annotation(experiment, "com.opensimulationplatform"), "osp", "Algorithm")
+    _child(osp, "osp", "FixedStepAlgorithm", baseStepSize=repr(system.step))
+    return root
+
+
+def _annotation(parent: ET.Element, kind: str) -> ET.Element:
+    return _child(_child(parent, "ssd", "Annotations"), "ssc", "Annotation", type=kind)
+
+
+def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None:
+    kind = "application/x-fmu-sharedlibrary"
+    element = _child(
+        elements, "ssd", "Component", name=component.name, type=kind, source=fmu.member, implementation="CoSimulation"
+    )
+    connectors = _child(element, "ssd", "Connectors")
+    for variable in fmu.variables.values():
+        if variable.causality in ("input", "output", "parameter"):
+            connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
+            unit = {"unit": variable.unit} if variable.unit else {}
+            _child(connector, "ssc", variable.type, **unit)
+
+
+def _connection(links: ET.Element, connection: SspConnection) -> None:
+    source, target = connection.source.partition("."), connection.target.partition(".")
+    link = _child(
+        links, "ssd", "Connection",
+        startElement=source[0], startConnector=source[2], endElement=target[0], endConnector=target[2],
+    )  # fmt: skip
+    if (connection.factor, connection.offset) != (1.0, 0.0):
+        link.set("suppressUnitConversion", "true")  # the factor holds it
+        factor, offset = repr(connection.factor), repr(connection.offset)
+        _child(link, "ssc", "LinearTransformation", factor=factor, offset=offset)
+
+
+def _units(root: ET.Element, fmus: Iterable[_Fmu]) -> None:
+    units = {name: base for fmu in fmus for name, base in fmu.units.items()}
+    if units:
+        parent = _child(root, "ssd", "Units")
+        for name in sorted(units):
+            _child(_child(parent, "ssc", "Unit", name=name), "ssc", "BaseUnit", **units[name])
+
+
+def _setup(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
+    """The values that were given, and the tunable parameters as they are: the sheet that a setup is changed on."""
+    root = ET.Element(
+        _tag("ssv", "ParameterSet"), name="setup", version="1.0", generationTool=f"eightpost {__version__}"
+    )
+    parent = _child(root, "ssv", "Parameters")
+    for component in system.components:
+        variables = fmus[component.name].variables
+        values: dict[str, Value] = {
+            v.name: float(v.start)
+            for v in variables.values()
+            if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real" and v.start is not None
+        }
+        for name, value in (values | dict(component.values)).items():
+            variable = _variable(fmus, f"{component.name}.{name}")
+            if variable.causality not in ("parameter", "input") or variable.type not in ("Real", "Boolean"):
+                raise WiringError(f"{component.name}.{name} is no Real or Boolean parameter or input and cannot be set")
+            parameter = _child(parent, "ssv", "Parameter", name=f"{component.name}.{name}")
+            unit = {"unit": variable.unit} if variable.unit else {}
+            _child(parameter, "ssv", variable.type, value=_text(value), **unit)
+    return root
+
+
+def _text(value: Value) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(float(value))
+
+
+def _document(root: ET.Element) -> bytes:
+    for prefix, uri in _NAMESPACES.items():
+        ET.register_namespace(prefix, uri)
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"

@@ -1,0 +1,59 @@
+"""`eightpost ssp`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
+from cosim.conversion import convert_between
+from cosim.system_file import Case, read_case
+from eightpost.errors import InputError
+
+
+@click.command()
+@click.argument("system", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The package; default: beside SYSTEM, .ssp.")
+def ssp(system: Path, output: Path | None) -> None:
+    """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
+
+    SYSTEM is a file that `eightpost run` takes. The package holds the FMUs, their connections, and resources/setup.ssv
+    with the parameters that can be set. A drivefile has no place in it: the tool that imports the package drives the
+    inputs that are left open.
+
+    \b
+    Example:
+      eightpost ssp examples/seven_dof.toml -o car.ssp
+    """
+    output = output or system.with_suffix(".ssp")
+    case = read_case(system)
+    open_inputs = write_ssp(output, ssp_system(case))
+    console = Console()
+    count = len(case.system.components)
+    console.print(f"{output}: {count} components, {len(case.system.all_connections)} connections, SSP 1.0")
+    if open_inputs:
+        console.print(f"  left open, 0 unless driven: {', '.join(open_inputs)}", highlight=False)
+
+
+def ssp_system(case: Case) -> SspSystem:
+    """Return what a package of a case holds.
+
+    Raises:
+        InputError: A parameter is neither a number nor true or false.
+    """
+    system = case.system
+    components = []
+    for name in system.components:
+        values = dict(system.parameters.get(name, {}))
+        values |= {k.partition(".")[2]: v for k, v in system.constants.items() if k.partition(".")[0] == name and v}
+        numbers = {k: v for k, v in values.items() if not isinstance(v, str)}
+        if words := sorted(set(values) - set(numbers)):
+            raise InputError(f"{name}.{words[0]} is text; a package of ours holds numbers and true or false only")
+        components.append(SspComponent(name, case.fmus[name], numbers))
+    connections = []
+    for c in system.all_connections:
+        conversion = convert_between(system.output(c.source).unit, system.input(c.target).unit, c.source)
+        connections.append(SspConnection(c.source, c.target, c.gain * conversion.factor, c.gain * conversion.offset))
+    return SspSystem(case.name, tuple(components), tuple(connections), case.step, case.scenario.stop)

@@ -1,0 +1,207 @@
+"""An SSP package holds the system, and libcosim runs it as our master does at the same scheme."""
+
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import cosim
+from builder.ssp import SETUP, SspComponent, SspConnection, SspSystem, write_ssp
+from eightpost.__main__ import main
+from eightpost.archive import read_archive, write_archive
+from eightpost.errors import WiringError
+
+CORNERS = ("lf", "rf", "lr", "rr")
+STEP, COUNT = 1e-3, 300
+SSP = {"ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription"}
+
+
+@pytest.fixture
+def car(fmus):
+    components = [SspComponent("car", fmus["seven_dof"])]
+    components += [SspComponent(corner, fmus["lpf1"]) for corner in CORNERS]
+    connections = []
+    for corner in CORNERS:
+        connections += [
+            SspConnection(f"car.{corner}.{what}", f"{corner}.{what}") for what in ("velocity", "displacement")
+        ]
+        connections.append(SspConnection(f"{corner}.force", f"car.{corner}.force"))
+    return SspSystem("car", tuple(components), tuple(connections), STEP, 30.0)
+
+
+def test_the_package_holds_each_fmu_once_and_names_what_is_left_open(car, tmp_path):
+    left = write_ssp(tmp_path / "car.ssp", car)
+    assert set(read_archive(tmp_path / "car.ssp")) == {
+        "SystemStructure.ssd", SETUP, "resources/seven_dof.fmu", "resources/lpf1.fmu"}  # fmt: skip
+    assert set(left) == {f"car.{c}.road" for c in CORNERS} | {"car.heave_force", "car.roll_moment", "car.pitch_moment"}
+
+
+def test_the_same_system_gives_the_same_bytes(car, tmp_path):
+    for name in ("a", "b"):
+        write_ssp(tmp_path / f"{name}.ssp", car)
+    assert (tmp_path / "a.ssp").read_bytes() == (tmp_path / "b.ssp").read_bytes()
+
+
+def test_the_description_is_valid_to_the_schema_and_carries_what_tools_ask_for(car, tmp_path):
+    import pyssp_standard  # noqa: PLC0415
+    import xmlschema  # noqa: PLC0415
+    from fmpy.ssp.ssd import read_ssd  # noqa: PLC0415
+
+    write_ssp(tmp_path / "car.ssp", car)
+    members = read_archive(tmp_path / "car.ssp")
+    schemas = Path(pyssp_standard.__file__).parent / "resources"
+    for name, schema in (
+        ("SystemStructure.ssd", "SystemStructureDescription.xsd"),
+        (SETUP, "SystemStructureParameterValues.xsd"),
+    ):
+        (tmp_path / "document.xml").write_bytes(members[name])
+        xmlschema.XMLSchema(str(schemas / schema)).validate(str(tmp_path / "document.xml"))
+    text = members["SystemStructure.ssd"].decode()
+    assert "oms:FixedStepMaster" in text and 'baseStepSize="0.001"' in text
+    assert read_ssd(str(tmp_path / "car.ssp")).system.name == "car"
+
+
+def test_the_setup_names_only_what_can_be_set(car, tmp_path, fmus):
+    write_ssp(tmp_path / "car.ssp", car)
+    named = {p.get("name") for p in ET.fromstring(read_archive(tmp_path / "car.ssp")[SETUP]).iter() if p.get("name")}
+    settable = {
+        f"{component.name}.{v.name}"
+        for component in car.components
+        for v in fmpy.read_model_description(str(component.fmu)).modelVariables
+        if v.causality == "parameter"
+    }
+    assert named - {"setup"} <= settable
+    assert {f"{c}.time_constant" for c in CORNERS} <= named
+
+
+def test_a_gain_becomes_a_transformation(car, tmp_path):
+    turned = replace(car, connections=(replace(car.connections[0], factor=-1.0), *car.connections[1:]))
+    write_ssp(tmp_path / "car.ssp", turned)
+    root = ET.fromstring(read_archive(tmp_path / "car.ssp")["SystemStructure.ssd"])
+    (found,) = [e.attrib for e in root.iter() if e.tag.endswith("LinearTransformation")]
+    assert found == {"factor": "-1.0", "offset": "0.0"}
+
+
+def test_what_ssp_cannot_hold_is_refused_with_the_reason(car, tmp_path):
+    doubled = replace(car, connections=(*car.connections, SspConnection("rf.force", "car.lf.force")))
+    with pytest.raises(WiringError, match=r"car\.lf\.force is fed by lf\.force and by rf\.force"):
+        write_ssp(tmp_path / "car.ssp", doubled)
+    unknown = replace(car, connections=(SspConnection("car.lf.speed", "lf.velocity"),))
+    with pytest.raises(WiringError, match=r"car\.lf\.speed: there is no such variable"):
+        write_ssp(tmp_path / "car.ssp", unknown)
+    output = replace(
+        car, components=(SspComponent("car", car.components[0].fmu, {"lf.velocity": 1.0}), *car.components[1:])
+    )
+    with pytest.raises(WiringError, match="cannot be set"):
+        write_ssp(tmp_path / "car.ssp", output)
+    assert not (tmp_path / "car.ssp").exists()
+
+
+def road(k):
+    return 0.01 * np.sin(2.0 * np.pi * 3.0 * k * STEP)
+
+
+LIBCOSIM = """
+import sys, json, math
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimManipulator import CosimManipulator
+from libcosimpy.CosimObserver import CosimObserver
+run = CosimExecution.from_ssp_file(ssp_path=sys.argv[1], step_size=int(float(sys.argv[2]) * 1e9))
+observer, manipulator = CosimObserver.create_last_value(), CosimManipulator.create_override()
+run.add_observer(observer), run.add_manipulator(manipulator)
+index = {s.name.decode(): s.index for s in run.slave_infos()}
+refs = {n: {v.name.decode(): v.reference for v in run.slave_variables(i)} for n, i in index.items()}
+rows = []
+for k in range(int(sys.argv[3])):
+    value = 0.01 * math.sin(2.0 * math.pi * 3.0 * k * float(sys.argv[2]))
+    manipulator.slave_real_values(index["car"], [refs["car"]["lf.road"]], [value])
+    assert run.step()
+    names = ("lf.velocity", "rf.velocity", "lf.displacement")
+    row = list(observer.last_real_values(index["car"], [refs["car"][n] for n in names]))
+    rows.append(row + list(observer.last_real_values(index["lf"], [refs["lf"]["lagged_force"]])))
+json.dump(rows, open(sys.argv[4], 'w'))
+"""
+
+
+def libcosim(package):
+    pytest.importorskip("libcosimpy", reason="libcosimpy has no wheel for this platform")
+    rows = package.with_suffix(".json")
+    line = [sys.executable, "-c", LIBCOSIM, str(package), repr(STEP), str(COUNT), str(rows)]
+    ran = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    return np.array(json.loads(rows.read_text()))
+
+
+def jacobi(system, **parameters):
+    """The same exchange by hand: set everything, step everything, hand over."""
+    parts = {c.name: cosim.FmuComponent(c.fmu, c.name) for c in system.components}
+    for name, part in parts.items():
+        part.begin(0.0, 30.0, parameters.get(name, {}))
+        part.end_initialization()
+    rows = []
+    for k in range(COUNT):
+        parts["car"].set(("lf.road",), (float(road(k)),))
+        for part in parts.values():
+            part.step(k * STEP, STEP)
+        for c in system.connections:
+            (source, _, output), (target, _, name) = c.source.partition("."), c.target.partition(".")
+            parts[target].set((name,), parts[source].get((output,)))
+        rows.append(
+            parts["car"].get(("lf.velocity", "rf.velocity", "lf.displacement")) + parts["lf"].get(("lagged_force",))
+        )
+    for part in parts.values():
+        part.finish()
+    return np.array(rows)
+
+
+def agree(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max(axis=0).min())
+
+
+def test_libcosim_runs_the_package_and_gives_our_results(car, tmp_path):
+    write_ssp(tmp_path / "car.ssp", car)
+    expected = jacobi(car)
+    assert np.abs(expected).max(axis=0).min() > 1e-3
+    agree(libcosim(tmp_path / "car.ssp"), expected)
+
+
+def test_a_changed_setup_file_alone_changes_one_corners_shock(car, tmp_path):
+    write_ssp(tmp_path / "car.ssp", car)
+    members = read_archive(tmp_path / "car.ssp")
+    entry = rb'(name="lf.compression_scale">\s*<ssv:Real value=")1.0"'
+    setup, count = re.subn(entry, rb'\g<1>1.7"', members[SETUP])
+    assert count == 1
+    write_archive(tmp_path / "changed.ssp", {**members, SETUP: setup})
+    expected = jacobi(car, lf={"compression_scale": 1.7})
+    found = libcosim(tmp_path / "changed.ssp")
+    agree(found, expected)
+    assert np.abs(found - jacobi(car)).max() > 1e-3
+
+
+def test_the_verb_writes_the_package_of_a_system_file(fmus, tmp_path):
+    text = f"""
+[components.car]
+fmu = "{fmus["quarter_car"]}"
+inputs = {{ aero_force = "500 lbf" }}
+[components.shock]
+fmu = "{fmus["lpnl2"]}"
+parameters = {{ compression_scale = 1.2 }}
+[[bond]]
+between = ["car", "shock"]
+[scenario]
+stop = "1 s"
+"""
+    (tmp_path / "corner.toml").write_text(text)
+    ran = CliRunner().invoke(main, ["ssp", str(tmp_path / "corner.toml"), "-o", str(tmp_path / "corner.ssp")])
+    assert ran.exit_code == 0, ran.output
+    assert "car.road" in ran.output
+    setup = read_archive(tmp_path / "corner.ssp")[SETUP].decode()
+    assert 'name="shock.compression_scale"' in setup and 'value="1.2"' in setup and 'name="car.aero_force"' in setup
