@@ -1,7 +1,8 @@
-"""A coupled system as an SSP 1.0 package, which libcosim, ecos, OMSimulator and others open.
+"""A coupled system as an SSP 1.0 package, which other tools open (libcosim: tests/builder/test_ssp.py).
 
-The package holds SystemStructure.ssd (components, connections, units), resources/*.fmu, and resources/setup.ssv with
-the values of settable parameters: to change a setup, change that file alone.
+The package holds SystemStructure.ssd (components, connections, units), resources/*.fmu, and per component one
+resources/<component>.ssv with the values of settable parameters: to change a shock's setup, change its file alone. The
+files are bound to the components and not to the system, because libcosim reads no others.
 """
 
 from __future__ import annotations
@@ -23,9 +24,8 @@ _NAMESPACES = {
     "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
     "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
 }
-SETUP = "resources/setup.ssv"
-
 Value = float | bool
+_TYPES = ("Real", "Boolean")
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,11 @@ class _Fmu:
     units: Mapping[str, Mapping[str, str]]
 
 
+def setup_member(component: str) -> str:
+    """Return the name of a component's parameter values in the package."""
+    return f"resources/{component}.ssv"
+
+
 def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
     """Write the package; return the inputs that are left for the importing tool to drive.
 
@@ -93,7 +98,8 @@ def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
             _variable(fmus, end)
     members = {fmu.member: fmu.content for fmu in fmus.values()}
     members["SystemStructure.ssd"] = _document(_structure(system, fmus))
-    members[SETUP] = _document(_setup(system, fmus))
+    for component in system.components:
+        members[setup_member(component.name)] = _document(_setup(component, fmus[component.name]))
     write_archive(path, members)
     fed = {connection.target for connection in system.connections}
     return tuple(
@@ -168,7 +174,6 @@ def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
     tool = f"eightpost {__version__}"
     root = ET.Element(_tag("ssd", "SystemStructureDescription"), name=system.name, version="1.0", generationTool=tool)
     top = _child(root, "ssd", "System", name=system.name)
-    _child(_child(top, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=SETUP)
     elements = _child(top, "ssd", "Elements")
     for component in system.components:
         _component(elements, component, fmus[component.name])
@@ -203,6 +208,8 @@ def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None
             connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
             unit = {"unit": variable.unit} if variable.unit else {}
             _child(connector, "ssc", variable.type, **unit)
+    source = setup_member(component.name)
+    _child(_child(element, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=source)
 
 
 def _connection(links: ET.Element, connection: SspConnection) -> None:
@@ -225,27 +232,26 @@ def _units(root: ET.Element, fmus: Iterable[_Fmu]) -> None:
             _child(_child(parent, "ssc", "Unit", name=name), "ssc", "BaseUnit", **units[name])
 
 
-def _setup(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
+def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
     """The values that were given, and the tunable parameters as they are: the sheet that a setup is changed on."""
-    root = ET.Element(
-        _tag("ssv", "ParameterSet"), name="setup", version="1.0", generationTool=f"eightpost {__version__}"
-    )
+    tool = f"eightpost {__version__}"
+    root = ET.Element(_tag("ssv", "ParameterSet"), name=component.name, version="1.0", generationTool=tool)
     parent = _child(root, "ssv", "Parameters")
-    for component in system.components:
-        variables = fmus[component.name].variables
-        values: dict[str, Value] = {
-            v.name: float(v.start)
-            for v in variables.values()
-            if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real" and v.start is not None
-        }
-        for name, value in (values | dict(component.values)).items():
-            variable = _variable(fmus, f"{component.name}.{name}")
-            if variable.causality not in ("parameter", "input") or variable.type not in ("Real", "Boolean"):
-                raise WiringError(f"{component.name}.{name} is no Real or Boolean parameter or input and cannot be set")
-            parameter = _child(parent, "ssv", "Parameter", name=f"{component.name}.{name}")
-            unit = {"unit": variable.unit} if variable.unit else {}
-            _child(parameter, "ssv", variable.type, value=_text(value), **unit)
+    for name, value in (_tunable(fmu) | dict(component.values)).items():
+        variable = fmu.variables.get(name)
+        if variable is None or variable.causality not in ("parameter", "input") or variable.type not in _TYPES:
+            raise WiringError(f"{component.name}.{name} is no Real or Boolean parameter or input and cannot be set")
+        unit = {"unit": variable.unit} if variable.unit else {}
+        _child(_child(parent, "ssv", "Parameter", name=name), "ssv", variable.type, value=_text(value), **unit)
     return root
+
+
+def _tunable(fmu: _Fmu) -> dict[str, Value]:
+    return {
+        v.name: float(v.start)
+        for v in fmu.variables.values()
+        if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real" and v.start is not None
+    }
 
 
 def _text(value: Value) -> str:

@@ -19,9 +19,9 @@ from eightpost.errors import InputError
 def ssp(system: Path, output: Path | None) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
 
-    SYSTEM is a file that `eightpost run` takes. The package holds the FMUs, their connections, and resources/setup.ssv
-    with the parameters that can be set. A drivefile has no place in it: the tool that imports the package drives the
-    inputs that are left open.
+    SYSTEM is a file that `eightpost run` takes. The package holds the FMUs, their connections, and for each component a
+    file of the parameters that can be set, resources/<component>.ssv. A drivefile has no place in it: the tool that
+    imports the package drives the inputs that are left open.
 
     \b
     Example:

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import cosim
-from builder.ssp import SETUP, SspComponent, SspConnection, SspSystem, write_ssp
+from builder.ssp import SspComponent, SspConnection, SspSystem, setup_member, write_ssp
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import WiringError
@@ -39,8 +39,9 @@ def car(fmus):
 
 def test_the_package_holds_each_fmu_once_and_names_what_is_left_open(car, tmp_path):
     left = write_ssp(tmp_path / "car.ssp", car)
-    assert set(read_archive(tmp_path / "car.ssp")) == {
-        "SystemStructure.ssd", SETUP, "resources/seven_dof.fmu", "resources/lpf1.fmu"}  # fmt: skip
+    setups = {f"resources/{name}.ssv" for name in ("car", *CORNERS)}
+    fmus = {"resources/seven_dof.fmu", "resources/lpf1.fmu"}
+    assert set(read_archive(tmp_path / "car.ssp")) == {"SystemStructure.ssd"} | setups | fmus
     assert set(left) == {f"car.{c}.road" for c in CORNERS} | {"car.heave_force", "car.roll_moment", "car.pitch_moment"}
 
 
@@ -60,7 +61,7 @@ def test_the_description_is_valid_to_the_schema_and_carries_what_tools_ask_for(c
     schemas = Path(pyssp_standard.__file__).parent / "resources"
     for name, schema in (
         ("SystemStructure.ssd", "SystemStructureDescription.xsd"),
-        (SETUP, "SystemStructureParameterValues.xsd"),
+        (setup_member("lf"), "SystemStructureParameterValues.xsd"),
     ):
         (tmp_path / "document.xml").write_bytes(members[name])
         xmlschema.XMLSchema(str(schemas / schema)).validate(str(tmp_path / "document.xml"))
@@ -69,17 +70,15 @@ def test_the_description_is_valid_to_the_schema_and_carries_what_tools_ask_for(c
     assert read_ssd(str(tmp_path / "car.ssp")).system.name == "car"
 
 
-def test_the_setup_names_only_what_can_be_set(car, tmp_path, fmus):
+def test_the_setups_name_only_what_can_be_set(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
-    named = {p.get("name") for p in ET.fromstring(read_archive(tmp_path / "car.ssp")[SETUP]).iter() if p.get("name")}
-    settable = {
-        f"{component.name}.{v.name}"
-        for component in car.components
-        for v in fmpy.read_model_description(str(component.fmu)).modelVariables
-        if v.causality == "parameter"
-    }
-    assert named - {"setup"} <= settable
-    assert {f"{c}.time_constant" for c in CORNERS} <= named
+    members = read_archive(tmp_path / "car.ssp")
+    for component in car.components:
+        setup = ET.fromstring(members[setup_member(component.name)])
+        named = {p.get("name") for p in setup.iter() if p.tag.endswith("Parameter")}
+        variables = fmpy.read_model_description(str(component.fmu)).modelVariables
+        assert named and named <= {v.name for v in variables if v.causality == "parameter"}
+    assert "time_constant" in named
 
 
 def test_a_gain_becomes_a_transformation(car, tmp_path):
@@ -176,10 +175,10 @@ def test_libcosim_runs_the_package_and_gives_our_results(car, tmp_path):
 def test_a_changed_setup_file_alone_changes_one_corners_shock(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
-    entry = rb'(name="lf.compression_scale">\s*<ssv:Real value=")1.0"'
-    setup, count = re.subn(entry, rb'\g<1>1.7"', members[SETUP])
+    entry = rb'(name="compression_scale">\s*<ssv:Real value=")1.0"'
+    setup, count = re.subn(entry, rb'\g<1>1.7"', members[setup_member("lf")])
     assert count == 1
-    write_archive(tmp_path / "changed.ssp", {**members, SETUP: setup})
+    write_archive(tmp_path / "changed.ssp", {**members, setup_member("lf"): setup})
     expected = jacobi(car, lf={"compression_scale": 1.7})
     found = libcosim(tmp_path / "changed.ssp")
     agree(found, expected)
@@ -203,5 +202,6 @@ stop = "1 s"
     ran = CliRunner().invoke(main, ["ssp", str(tmp_path / "corner.toml"), "-o", str(tmp_path / "corner.ssp")])
     assert ran.exit_code == 0, ran.output
     assert "car.road" in ran.output
-    setup = read_archive(tmp_path / "corner.ssp")[SETUP].decode()
-    assert 'name="shock.compression_scale"' in setup and 'value="1.2"' in setup and 'name="car.aero_force"' in setup
+    members = read_archive(tmp_path / "corner.ssp")
+    assert re.search(rb'name="compression_scale">\s*<ssv:Real value="1.2"', members[setup_member("shock")])
+    assert b'name="aero_force"' in members[setup_member("car")]
