@@ -1,13 +1,15 @@
-"""A coupled system as an SSP 1.0 package, which other tools open (libcosim: tests/builder/test_ssp.py).
+"""A coupled system as an SSP 1.0 package, which other tools open (libcosim and ecos: tests/hosts/test_packages.py).
 
 The package holds SystemStructure.ssd (components, connections, units), resources/*.fmu, and per component one
 resources/<component>.ssv with the values of settable parameters: to change a shock's setup, change its file alone. The
-files are bound to the components and not to the system, because libcosim reads no others.
+files are bound to the components and not to the system, because libcosim and ecos read no others; each holds a
+parameter set of the name `setup`, so that `ecos simulate --parameterSet setup` takes all of them.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,8 +26,11 @@ _NAMESPACES = {
     "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
     "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
 }
+SETUP = "setup"
+
 Value = float | bool
 _TYPES = ("Real", "Boolean")
+_CONNECTORS = ("Real", "Integer", "Boolean", "String")  # an enumeration's connector would need its items
 
 
 @dataclass(frozen=True)
@@ -91,17 +96,18 @@ def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
         WiringError: SSP 1.0 cannot hold the system: an input with two sources, an unknown variable, a value of what
             cannot be set.
     """
-    _refuse_two_sources(system.connections)
+    given = {f"{component.name}.{name}" for component in system.components for name in component.values}
+    _refuse_two_sources(system.connections, given)
     fmus = _read_fmus(system.components)
     for connection in system.connections:
-        for end in (connection.source, connection.target):
-            _variable(fmus, end)
+        _check_end(fmus, connection.source, "output")
+        _check_end(fmus, connection.target, "input")
     members = {fmu.member: fmu.content for fmu in fmus.values()}
     members["SystemStructure.ssd"] = _document(_structure(system, fmus))
     for component in system.components:
         members[setup_member(component.name)] = _document(_setup(component, fmus[component.name]))
     write_archive(path, members)
-    fed = {connection.target for connection in system.connections}
+    fed = given | {connection.target for connection in system.connections}
     return tuple(
         f"{component.name}.{v.name}"
         for component in system.components
@@ -110,8 +116,8 @@ def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
     )
 
 
-def _refuse_two_sources(connections: Iterable[SspConnection]) -> None:
-    seen: dict[str, str] = {}
+def _refuse_two_sources(connections: Iterable[SspConnection], given: Iterable[str]) -> None:
+    seen = dict.fromkeys(given, "a constant")
     for connection in connections:
         if other := seen.get(connection.target):
             raise WiringError(
@@ -142,24 +148,33 @@ def _fmu(path: Path, member: str, content: bytes, members: Mapping[str, bytes]) 
         root = ET.fromstring(members["modelDescription.xml"])
     except (KeyError, ET.ParseError) as error:
         raise FmuError(f"{path}: its modelDescription.xml is missing or cannot be read ({error})") from error
+    units = {
+        u.get("name", ""): dict(base.attrib) for u in root.iter("Unit") if (base := u.find("BaseUnit")) is not None
+    }
+    types = {t.get("name"): kind.get("unit") for t in root.iter("SimpleType") for kind in t}
     variables = {}
     for element in root.iter("ScalarVariable"):
         kind = element[0]
         name = element.get("name", "")
         causality, variability = element.get("causality", "local"), element.get("variability", "continuous")
-        variables[name] = _Variable(name, causality, variability, kind.tag, kind.get("unit"), kind.get("start"))
-    units = {
-        u.get("name", ""): dict(base.attrib) for u in root.iter("Unit") if (base := u.find("BaseUnit")) is not None
-    }
+        unit = kind.get("unit") or types.get(kind.get("declaredType"))
+        # SSP asks for a definition of every unit that it names.
+        known = unit if unit in units else None
+        variables[name] = _Variable(name, causality, variability, kind.tag, known, kind.get("start"))
     return _Fmu(member, content, variables, units)
 
 
-def _variable(fmus: Mapping[str, _Fmu], full_name: str) -> _Variable:
+def _check_end(fmus: Mapping[str, _Fmu], full_name: str, causality: str) -> None:
     component, _, name = full_name.partition(".")
     fmu = fmus.get(component)
     if fmu is None or name not in fmu.variables:
         raise WiringError(f"{full_name}: there is no such variable; look at the names of the system's components")
-    return fmu.variables[name]
+    variable = fmu.variables[name]
+    if variable.causality != causality or variable.type not in _CONNECTORS:
+        raise WiringError(
+            f"{full_name} is a {variable.type} {variable.causality}: in an SSP package connections go from outputs to "
+            f"inputs, of the types {', '.join(_CONNECTORS)}; connect an {causality}"
+        )
 
 
 def _tag(prefix: str, name: str) -> str:
@@ -173,7 +188,7 @@ def _child(parent: ET.Element, prefix: str, tag: str, **attributes: str) -> ET.E
 def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
     tool = f"eightpost {__version__}"
     root = ET.Element(_tag("ssd", "SystemStructureDescription"), name=system.name, version="1.0", generationTool=tool)
-    top = _child(root, "ssd", "System", name=system.name)
+    top = _child(root, "ssd", "System", name=_identifier(system.name))
     elements = _child(top, "ssd", "Elements")
     for component in system.components:
         _component(elements, component, fmus[component.name])
@@ -186,11 +201,17 @@ def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
         _child(oms, "oms", "SimulationInformation"), "oms", "FixedStepMaster",
         description="oms-ma", stepSize=repr(system.step), absoluteTolerance="0.0001", relativeTolerance="0.0001",
     )  # fmt: skip
-    _units(root, fmus.values())
+    units = {name: base for fmu in fmus.values() for name, base in fmu.units.items()}
+    _units(root, "ssd", units)
     experiment = _child(root, "ssd", "DefaultExperiment", startTime="0.0", stopTime=repr(system.stop))
     osp = _child(_annotation(experiment, "com.opensimulationplatform"), "osp", "Algorithm")
     _child(osp, "osp", "FixedStepAlgorithm", baseStepSize=repr(system.step))
     return root
+
+
+def _identifier(name: str) -> str:
+    """Return a name that is an identifier too: OMSimulator takes no other for a system."""
+    return re.sub(r"\W+", "_", f"system_{name}", flags=re.ASCII).strip("_")
 
 
 def _annotation(parent: ET.Element, kind: str) -> ET.Element:
@@ -204,7 +225,7 @@ def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None
     )
     connectors = _child(element, "ssd", "Connectors")
     for variable in fmu.variables.values():
-        if variable.causality in ("input", "output", "parameter"):
+        if variable.causality in ("input", "output", "parameter") and variable.type in _CONNECTORS:
             connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
             unit = {"unit": variable.unit} if variable.unit else {}
             _child(connector, "ssc", variable.type, **unit)
@@ -224,10 +245,9 @@ def _connection(links: ET.Element, connection: SspConnection) -> None:
         _child(link, "ssc", "LinearTransformation", factor=factor, offset=offset)
 
 
-def _units(root: ET.Element, fmus: Iterable[_Fmu]) -> None:
-    units = {name: base for fmu in fmus for name, base in fmu.units.items()}
+def _units(root: ET.Element, prefix: str, units: Mapping[str, Mapping[str, str]]) -> None:
     if units:
-        parent = _child(root, "ssd", "Units")
+        parent = _child(root, prefix, "Units")
         for name in sorted(units):
             _child(_child(parent, "ssc", "Unit", name=name), "ssc", "BaseUnit", **units[name])
 
@@ -235,14 +255,17 @@ def _units(root: ET.Element, fmus: Iterable[_Fmu]) -> None:
 def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
     """The values that were given, and the tunable parameters as they are: the sheet that a setup is changed on."""
     tool = f"eightpost {__version__}"
-    root = ET.Element(_tag("ssv", "ParameterSet"), name=component.name, version="1.0", generationTool=tool)
+    root = ET.Element(_tag("ssv", "ParameterSet"), name=SETUP, version="1.0", generationTool=tool)
     parent = _child(root, "ssv", "Parameters")
+    used: dict[str, Mapping[str, str]] = {}
     for name, value in (_tunable(fmu) | dict(component.values)).items():
         variable = fmu.variables.get(name)
         if variable is None or variable.causality not in ("parameter", "input") or variable.type not in _TYPES:
             raise WiringError(f"{component.name}.{name} is no Real or Boolean parameter or input and cannot be set")
         unit = {"unit": variable.unit} if variable.unit else {}
+        used |= {name: fmu.units[name] for name in unit.values()}
         _child(_child(parent, "ssv", "Parameter", name=name), "ssv", variable.type, value=_text(value), **unit)
+    _units(root, "ssv", used)
     return root
 
 

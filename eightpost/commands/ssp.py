@@ -10,7 +10,7 @@ from rich.console import Console
 from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
 from cosim.conversion import convert_between
 from cosim.system_file import Case, read_case
-from eightpost.errors import InputError
+from eightpost.errors import InputError, WiringError
 
 
 @click.command()
@@ -42,12 +42,15 @@ def ssp_system(case: Case) -> SspSystem:
 
     Raises:
         InputError: A parameter is neither a number nor true or false.
+        WiringError: An input adds up several sources.
     """
     system = case.system
+    if system.sums:
+        raise WiringError(f"{min(system.sums)} adds up several sources: SSP 1.0 knows one source per input and no sums")
     components = []
     for name in system.components:
         values = dict(system.parameters.get(name, {}))
-        values |= {k.partition(".")[2]: v for k, v in system.constants.items() if k.partition(".")[0] == name and v}
+        values |= {k.partition(".")[2]: v for k, v in system.constants.items() if k.partition(".")[0] == name}
         numbers = {k: v for k, v in values.items() if not isinstance(v, str)}
         if words := sorted(set(values) - set(numbers)):
             raise InputError(f"{name}.{words[0]} is text; a package of ours holds numbers and true or false only")

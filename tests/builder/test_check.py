@@ -1,12 +1,31 @@
-"""`check` passes clean FMUs and finds what is wrong with others."""
+"""`check` passes clean FMUs, says what is wrong with others, and never ends on what an FMU does."""
 
+import json
 import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from builder.check import check
+from builder.check import CATALOGUE, GROUPS, Level, Scope, check, json_document, process
+from builder.check.static.units import RULES as UNIT_RULES
+from builder.check.subject import read_subject
 from eightpost.archive import read_archive, write_archive
+from eightpost.commands.check import check as command
 from eightpost.errors import FmuError
+from eightpost.units import SI_UNITS, si_exponents
+
+QUICK = tuple(group for group in GROUPS if group != "rebuild")
+
+#: What PythonFMU does not do and the standard asks for: FMI 2.0.4, 2.1.6, 2.1.5 and 2.1.8.
+PYTHON_ERRORS = {"stop-time", "guid-checked", "state-freed"}
+
+
+def rules(report):
+    return {finding.rule.identifier for finding in report.findings}
 
 
 def altered(source, target, alter):
@@ -14,14 +33,6 @@ def altered(source, target, alter):
     alter(members)
     write_archive(target, members)
     return target
-
-
-def in_description(old, new):
-    def alter(members):
-        assert old in members["modelDescription.xml"]
-        members["modelDescription.xml"] = members["modelDescription.xml"].replace(old, new)
-
-    return alter
 
 
 def in_slave(old, new):
@@ -33,41 +44,221 @@ def in_slave(old, new):
     return alter
 
 
-ABORT = b"def advance(self, step, end=__import__('os').abort):\n        end()"
-
-
 @pytest.mark.parametrize("name", ["lpnl2", "polylinear", "lpf1", "seven_dof", "quarter_car"])
-def test_our_fmus_are_clean_and_the_report_says_what_was_done(fmus, name):
-    report = check(fmus[name])
+def test_our_native_fmus_are_clean_to_the_last_hint(fmus, name):
+    report = check(fmus[name], groups=QUICK)
     assert report.findings == ()
-    assert [what.split()[0] for what in report.done] == ["fmpy", "fmutool", "simulation"]
+    assert report.skipped == ()
+    assert report.done == tuple(GROUPS[group].title for group in QUICK)
+
+
+def test_the_sources_of_a_native_fmu_rebuild_it(fmus):
+    report = check(fmus["quarter_car"], groups=("rebuild",))
+    assert report.findings == ()
+
+
+def test_a_python_fmu_breaks_three_rules_of_the_standard_and_says_that_it_needs_a_tool(python_fmus):
+    report = check(python_fmus["lpf1"], groups=QUICK)
+    assert {finding.rule.identifier for finding in report.of(Level.ERROR)} == PYTHON_ERRORS
+    assert {"execution-tool", "undefined-python", "platforms", "crash-misuse"} <= rules(report)
+    assert "execution-tool-honest" not in rules(report)
+    assert not report.acceptable
+
+
+def test_the_standard_scope_leaves_only_errors(python_fmus):
+    report = check(python_fmus["lpnl2"], scope=Scope.STANDARD, groups=("static", "state_machine"))
+    assert rules(report) == {"stop-time", "guid-checked"}
+
+
+@pytest.fixture(scope="module")
+def container(tmp_path_factory, fmus):
+    """Two FMUs coupled by fmu-manipulation-toolbox: its own binary, its own description."""
+    folder = tmp_path_factory.mktemp("container")
+    for name in ("quarter_car", "lpnl2"):
+        (folder / f"{name}.fmu").write_bytes(fmus[name].read_bytes())
+    link = [
+        ["quarter_car.fmu", "velocity", "lpnl2.fmu", "velocity"],
+        ["lpnl2.fmu", "force", "quarter_car.fmu", "force"],
+    ]
+    plan = {"name": "container.fmu", "step_size": 1e-3, "fmu": ["quarter_car.fmu", "lpnl2.fmu"], "link": link}
+    (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
+    line = ["-c", "from fmu_manipulation_toolbox.cli.fmucontainer import fmucontainer; fmucontainer()"]
+    line += ["-container", "plan.json", "-fmu-directory", "."]
+    subprocess.run([sys.executable, *line], cwd=folder, check=True, capture_output=True)
+    return folder / "container.fmu"
+
+
+def test_the_standard_scope_says_of_a_foreign_native_fmu_only_what_it_breaks(container, monkeypatch):
+    """fmu-manipulation-toolbox 2.0 hands on neither the stop time (2.1.6) nor looks at the GUID (2.1.5)."""
+    monkeypatch.setattr(process, "_MISUSE_TIMEOUT", 5.0)
+    report = check(container, scope=Scope.STANDARD)
+    assert rules(report) == {"stop-time", "guid-checked"}
+
+
+def test_a_foreign_fmu_that_crashes_and_hangs_on_wrong_calls_is_told_so(container, monkeypatch):
+    monkeypatch.setattr(process, "_MISUSE_TIMEOUT", 5.0)
+    report = check(container, groups=("state_machine", "null"))
+    crashes = [finding.message for finding in report.findings if finding.rule.identifier == "crash-misuse"]
+    assert any("did not end within 5 s in or after fmi2DoStep" in message for message in crashes)
+    assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
+
+
+PLAIN = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
+
+class Plain(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.u, self.gain, self.y, self.n = 0.0, 2.0, 0.0, 3
+        self.register_variable(Real("u", causality=Fmi2Causality.input))
+        self.register_variable(Real("gain", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+        self.register_variable(Integer("n", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+
+    def do_step(self, time, step):
+        self.y += step * (self.gain * self.u - self.y)
+        return True
+"""
+
+
+def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_break(tmp_path):
+    (tmp_path / "plain.py").write_text(PLAIN, encoding="utf-8")
+    line = [sys.executable, "-m", "pythonfmu", "build", "-f", "plain.py"]
+    subprocess.run(line, cwd=tmp_path, check=True, capture_output=True)
+    report = check(tmp_path / "Plain.fmu", scope=Scope.STANDARD)
+    assert rules(report) == {"fmpy-validate", "initial-unknowns", "stop-time", "guid-checked"}
 
 
 @pytest.mark.parametrize(
-    ("alter", "source", "said"),
+    ("alter", "rule", "said"),
     [
-        (in_description(b'unit="m/s"', b'unit="knots"'), "fmpy validate", "knots"),
-        (in_description(b'name="displacement"', b'name="velocity"'), "fmutool -check", "several variables"),
-        (in_description(b'causality="output"', b'causality="result"'), "fmutool -check", "result"),
-        (in_description(b"<InitialUnknowns>", b"<Outputs>"), "fmpy validate", ""),
-        (in_description(b'variability="tunable"', b'variability="continuous"'), "fmutool -check", "cannot be combined"),
-        (lambda members: members.pop("binaries/linux64/lpnl2.so"), "simulation", "platform|binary|linux64|lpnl2"),
-        (in_slave(b"law.response(", b"law.answer("), "simulation", r"logged an error.*answer"),
-        (in_slave(b"def advance(self, step):", ABORT), "simulation", "killed by signal 6"),
-        (in_slave(b'getattr(response, name)', b'getattr(response, name) + id(self)'), "simulation", "other outputs"),
-        (in_slave(b'getattr(response, name)', b'float("nan")'), "simulation", "force is not finite"),
+        (in_slave(b"law.response(", b"law.answer("), "simulates", "fmi2DoStep from 0.0 by 0.001 s returned fmi2Discard"),
+        (in_slave(b"def advance(self, step):", b"def advance(self, step, end=__import__('os').abort):\n        end()"),
+         "crash", "killed by signal 6 in or after fmi2DoStep from 0.0"),
+        (in_slave(b"getattr(response, name)", b"getattr(response, name) + id(self)"), "deterministic", "other outputs"),
+        (in_slave(b"getattr(response, name)", b'float("nan")'), "finite-outputs", "force"),
     ],
 )  # fmt: skip
-def test_a_defect_is_found_and_a_crash_is_a_finding_not_the_end(fmus, tmp_path, alter, source, said):
-    report = check(altered(fmus["lpnl2"], tmp_path / "lpnl2.fmu", alter))
-    messages = [finding.message for finding in report.findings if finding.source == source]
-    assert any(re.search(said, message) for message in messages), report.findings
+def test_a_crash_is_a_finding_with_the_call_that_it_came_in(python_fmus, tmp_path, alter, rule, said):
+    report = check(altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", alter), groups=("simulation",))
+    assert any(said in finding.message for finding in report.findings if finding.rule.identifier == rule)
 
 
-def test_what_is_no_archive_is_refused(tmp_path):
+def test_what_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
+    abort = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        __import__('os').abort()")
+    report = check(
+        altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", abort), groups=("simulation", "reset", "steps")
+    )
+    assert rules(report) == {"crash"}
+    assert [skipped.what for skipped in report.skipped] == ["reset, steps"]
+
+
+def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "_TIMEOUT", 2.0)
+    hang = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        while True: pass")
+    report = check(altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", hang), groups=("simulation",))
+    assert ["did not end within 2 s" in finding.message for finding in report.findings] == [True]
+
+
+@pytest.mark.parametrize("unit", SI_UNITS)
+def test_a_unit_with_its_own_si_exponents_is_right_and_with_others_wrong(unit, fmus, tmp_path):
+    def described(exponents):
+        base = "".join(f' {name}="{power}"' for name, power in exponents.items())
+        text = f'<UnitDefinitions><Unit name="{unit}"><BaseUnit{base}/></Unit></UnitDefinitions>'
+        xml = f'<fmiModelDescription fmiVersion="2.0">{text}</fmiModelDescription>'
+        write_archive(tmp_path / "x.fmu", {"modelDescription.xml": xml.encode()})
+        description = read_subject(tmp_path / "x.fmu").description
+        return {finding.rule.identifier for rule in UNIT_RULES for finding in rule(description)}
+
+    right = si_exponents(unit)
+    assert "unit-exponents" not in described(right)
+    assert "unit-exponents" in described({**right, "mol": 1})
+
+
+def test_every_rule_has_a_name_of_its_own_a_source_and_advice():
+    names = [rule.identifier for rule in CATALOGUE]
+    assert len(set(names)) == len(names) > 100
+    assert all(rule.title and rule.source and rule.advice for rule in CATALOGUE)
+    tools = {"FMPy", "fmu-manipulation-toolbox"}
+    assert {rule.source.split()[0] for rule in CATALOGUE if rule.level is Level.ERROR} == {"FMI", *tools}
+
+
+def test_the_page_names_every_rule_and_group_as_they_are():
+    page = Path(__file__).parents[2].joinpath("docs", "check.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w-]+)` \| (error|drop-in|hint) \| (.*) \| (.*) \|$", page, re.MULTILINE)
+    assert set(rows) == {(rule.identifier, rule.level.value, rule.title, rule.source) for rule in CATALOGUE}
+    groups = re.findall(r"^\| `(\w+)` \| ([^|]*) \|$", page, re.MULTILINE)
+    assert {name: title for name, title in groups if name in GROUPS} == {n: group.title for n, group in GROUPS.items()}
+
+
+def test_the_json_document_says_all_that_the_table_says(fmus, tmp_path):
+    report = check(fmus["polylinear"], groups=("static", "reference"))
+    document = json.loads(json.dumps(json_document([report])))
+    assert (document["kind"], document["schema"], document["acceptable"]) == ("check", 1, True)
+    (said,) = document["reports"]
+    assert said["identity"]["modelName"] == "polylinear" and len(said["identity"]["sha256"]) == 64
+    assert said["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
+    assert said["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
+
+
+@pytest.fixture
+def quickly(monkeypatch):
+    """The command with the static rules only."""
+
+    def run(*arguments):
+        def static(path, *, scope):
+            return check(path, scope=scope, groups=("static",))
+
+        monkeypatch.setattr("eightpost.commands.check.check_fmu", static)
+        return CliRunner().invoke(command, [str(argument) for argument in arguments])
+
+    return run
+
+
+def test_hints_alone_exit_0_and_drop_in_rules_exit_1_unless_only_the_standard_counts(
+    quickly, fmus, python_fmus, tmp_path
+):
+    hinted = altered(fmus["lpf1"], tmp_path / "lpf1.fmu", lambda members: members.pop("model.png"))
+    shown = quickly(hinted)
+    assert shown.exit_code == 0 and "1 hint" in shown.output and "icon" in shown.output
+    shown = quickly(hinted, python_fmus["lpf1"])
+    assert shown.exit_code == 1 and "drop-in" in shown.output
+    shown = quickly("--standard", python_fmus["lpf1"])
+    assert shown.exit_code == 0 and "clean" in shown.output
+
+
+def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, python_fmus):
+    shown = quickly("--json", fmus["lpf1"], python_fmus["lpf1"])
+    document = json.loads(shown.output)
+    assert shown.exit_code == 1 and not document["acceptable"]
+    assert [report["acceptable"] for report in document["reports"]] == [True, False]
+    finding = document["reports"][1]["findings"][0]
+    assert set(finding) == {"rule", "level", "title", "source", "message", "advice"}
+
+
+def test_what_is_no_fmu_2_is_refused(tmp_path):
     (tmp_path / "x.fmu").write_text("no")
     with pytest.raises(FmuError, match="zip"):
         check(tmp_path / "x.fmu")
     write_archive(tmp_path / "y.fmu", {"readme.txt": b""})
     with pytest.raises(FmuError, match=r"no modelDescription\.xml"):
         check(tmp_path / "y.fmu")
+    write_archive(tmp_path / "z.fmu", {"modelDescription.xml": b'<fmiModelDescription fmiVersion="3.0"/>'})
+    with pytest.raises(FmuError, match=r"FMI 3\.0"):
+        check(tmp_path / "z.fmu")
+    with pytest.raises(FmuError, match="no such file"):
+        check(tmp_path / "none.fmu")
+
+
+def test_an_unknown_group_is_refused_by_name(fmus):
+    with pytest.raises(FmuError, match="'dynamic'"):
+        check(fmus["lpf1"], groups=("dynamic",))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"<a/>", b"\xff\xfe", b"<fmiModelDescription/>", b"<?xml version='1.0' encoding='x'?><a/>"]
+)
+def test_a_description_of_any_content_gives_findings_not_tracebacks(content, tmp_path):
+    with zipfile.ZipFile(tmp_path / "x.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", content)
+    assert not check(tmp_path / "x.fmu").acceptable

@@ -172,8 +172,8 @@ def by_ecos(case, tmp_path, ecos):
     program, environment = ecos
     write_scenario(tmp_path / "scenario.xml", case)
     write_columns(tmp_path / "columns.xml", case)
-    # It steps while its time has not passed the stop time, and adds up its time: stop half a step early.
-    line = [program, "simulate", "--path", case.fmu, "--stepSize", STEP, "--stopTime", (COUNT - 0.5) * STEP]
+    # It steps while the next step would not pass the stop time, and adds up its time: stop half a step late.
+    line = [program, "simulate", "--path", case.fmu, "--stepSize", STEP, "--stopTime", (COUNT + 0.5) * STEP]
     line += ["--scenarioConfig", "scenario.xml", "--csvConfig", "columns.xml", "--logLevel", "warn"]
     ran = subprocess.run(
         [str(part) for part in line], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
@@ -233,10 +233,9 @@ def test_fmpy_agrees(fmus, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_c_program_agrees_bit_for_bit(fmus, tmp_path, c_host, name):
+def test_a_c_program_agrees(fmus, tmp_path, c_host, name):
     case = case_of(fmus[name])
-    found, expected = by_c_host(case, tmp_path, c_host), by_our_component(case, tmp_path)
-    assert_agree(found, expected)
+    assert_agree(by_c_host(case, tmp_path, c_host), by_our_component(case, tmp_path))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,0 +1,210 @@
+"""modelDescription.xml as it stands: everything is kept as written, so that what is wrong can be said.
+
+fmpy's reader stops at the first thing that it cannot read, and this one must not.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
+SECTIONS = ("Outputs", "Derivatives", "InitialUnknowns")
+
+#: `initial` where it is not written, by causality and variability (FMI 2.0.4, tables of 2.2.7).
+_DEFAULT_INITIAL = {
+    **dict.fromkeys((("parameter", v) for v in ("fixed", "tunable")), "exact"),
+    **dict.fromkeys((("output", "constant"), ("local", "constant")), "exact"),
+    **dict.fromkeys((("calculatedParameter", v) for v in ("fixed", "tunable")), "calculated"),
+    **dict.fromkeys((("output", v) for v in ("discrete", "continuous")), "calculated"),
+    **dict.fromkeys((("local", v) for v in ("fixed", "tunable", "discrete", "continuous")), "calculated"),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One ScalarVariable; `initial` as written, `attributes` those of its type, with the declared type's filled in."""
+
+    index: int
+    name: str
+    reference: str
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    description: str
+    attributes: Mapping[str, str]
+
+    @property
+    def effective_initial(self) -> str | None:
+        """`initial`, or what the standard takes where it is not written."""
+        return self.initial or _DEFAULT_INITIAL.get((self.causality, self.variability))
+
+    @property
+    def start(self) -> str | None:
+        """The start value as written."""
+        return self.attributes.get("start")
+
+    @property
+    def unit(self) -> str | None:
+        """The unit's name."""
+        return self.attributes.get("unit")
+
+    @property
+    def is_settable_at_start(self) -> bool:
+        """Whether a host may set it in initialization mode."""
+        return self.causality == "input" or (self.effective_initial == "exact" and self.variability != "constant")
+
+    def number(self, attribute: str) -> float | None:
+        """Return an attribute (start, min, max, nominal) as a finite number, None where it is none."""
+        try:
+            value = float(self.attributes[attribute])
+        except (KeyError, ValueError):
+            return None
+        return value if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One entry of ModelStructure, as written; `dependencies` is None where none are declared."""
+
+    section: str
+    index: str
+    dependencies: tuple[str, ...] | None
+    kinds: tuple[str, ...] | None
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One unit: the attributes of its BaseUnit (None without one) and of its display units."""
+
+    name: str
+    base: Mapping[str, str] | None
+    displays: tuple[Mapping[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Description:
+    """What modelDescription.xml says."""
+
+    attributes: Mapping[str, str]
+    co_simulation: Mapping[str, str] | None
+    has_model_exchange: bool
+    source_files: tuple[str, ...]
+    units: tuple[Unit, ...]
+    types: Mapping[str, tuple[str, Mapping[str, str]]]
+    categories: tuple[str, ...]
+    experiment: Mapping[str, str] | None
+    variables: tuple[Variable, ...]
+    sections: frozenset[str]
+    unknowns: tuple[Unknown, ...]
+    declared_types: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def identifier(self) -> str:
+        """The modelIdentifier of co-simulation."""
+        return (self.co_simulation or {}).get("modelIdentifier", "")
+
+    @property
+    def guid(self) -> str:
+        """The GUID as written."""
+        return self.attributes.get("guid", "")
+
+    def can(self, flag: str) -> bool:
+        """Say whether a capability flag of CoSimulation is true."""
+        return (self.co_simulation or {}).get(flag, "false").strip() in ("true", "1")
+
+    def in_section(self, section: str) -> tuple[Unknown, ...]:
+        """Return the entries of Outputs, Derivatives or InitialUnknowns."""
+        return tuple(unknown for unknown in self.unknowns if unknown.section == section)
+
+    def variable(self, index: str) -> Variable | None:
+        """Return the variable of an index as written in ModelStructure."""
+        position = int(index) if index.isascii() and index.isdigit() else 0
+        return self.variables[position - 1] if 1 <= position <= len(self.variables) else None
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Variable]:
+        """The variables by name."""
+        return {variable.name: variable for variable in self.variables}
+
+    def of(self, causality: str, kind: str = "Real") -> list[Variable]:
+        """Return the variables of a causality and type whose value reference is a number."""
+        return [v for v in self.variables if v.causality == causality and v.type == kind and v.reference.isdigit()]
+
+
+def read_description(root: ET.Element) -> Description:
+    """Return what the root element says; nothing of it is checked."""
+    kind = root.find("CoSimulation")
+    experiment = root.find("DefaultExperiment")
+    types = dict(_types(root))
+    return Description(
+        attributes=dict(root.attrib),
+        co_simulation=None if kind is None else dict(kind.attrib),
+        has_model_exchange=root.find("ModelExchange") is not None,
+        source_files=tuple(f.get("name", "") for f in root.iterfind("CoSimulation/SourceFiles/File")),
+        units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
+        types=types,
+        categories=tuple(e.get("name", "") for e in root.iterfind("LogCategories/Category")),
+        experiment=None if experiment is None else dict(experiment.attrib),
+        variables=tuple(
+            _variable(index, e, types) for index, e in enumerate(root.iterfind("ModelVariables/ScalarVariable"), 1)
+        ),
+        sections=frozenset(s for s in SECTIONS if root.find(f"ModelStructure/{s}") is not None),
+        unknowns=tuple(_unknown(s, e) for s in SECTIONS for e in root.iterfind(f"ModelStructure/{s}/Unknown")),
+        declared_types=dict(_declared(root)),
+    )
+
+
+def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Mapping[str, str]]]]:
+    for element in root.iterfind("TypeDefinitions/SimpleType"):
+        child = _typed(element)
+        if child is not None:
+            yield element.get("name", ""), (child.tag, dict(child.attrib))
+
+
+def _typed(element: ET.Element) -> ET.Element | None:
+    return next((child for child in element if child.tag in TYPES), None)
+
+
+def _declared(root: ET.Element) -> Iterator[tuple[str, str]]:
+    for element in root.iterfind("ModelVariables/ScalarVariable"):
+        child = _typed(element)
+        if child is not None and "declaredType" in child.attrib:
+            yield element.get("name", ""), child.attrib["declaredType"]
+
+
+def _unit(element: ET.Element) -> Unit:
+    base = element.find("BaseUnit")
+    displays = tuple(dict(display.attrib) for display in element.iterfind("DisplayUnit"))
+    return Unit(element.get("name", ""), None if base is None else dict(base.attrib), displays)
+
+
+def _variable(index: int, element: ET.Element, types: Mapping[str, tuple[str, Mapping[str, str]]]) -> Variable:
+    child = _typed(element)
+    attributes = {} if child is None else dict(child.attrib)
+    _, inherited = types.get(attributes.get("declaredType", ""), ("", {}))
+    return Variable(
+        index=index,
+        name=element.get("name", ""),
+        reference=element.get("valueReference", ""),
+        type="" if child is None else child.tag,
+        causality=element.get("causality", "local"),
+        variability=element.get("variability", "continuous"),
+        initial=element.get("initial"),
+        description=element.get("description", ""),
+        attributes={**inherited, **attributes},
+    )
+
+
+def _unknown(section: str, element: ET.Element) -> Unknown:
+    return Unknown(
+        section, element.get("index", ""), _words(element.get("dependencies")), _words(element.get("dependenciesKind"))
+    )
+
+
+def _words(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(text.split())

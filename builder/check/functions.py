@@ -1,0 +1,39 @@
+"""The functions of FMI 2.0: which an FMU for co-simulation exports, and which its flags promise."""
+
+from __future__ import annotations
+
+from builder.check.description import Description
+
+_COMMON = """GetTypesPlatform GetVersion SetDebugLogging Instantiate FreeInstance SetupExperiment
+EnterInitializationMode ExitInitializationMode Terminate Reset GetReal GetInteger GetBoolean GetString SetReal
+SetInteger SetBoolean SetString DoStep"""
+_STATE = "GetFMUstate SetFMUstate FreeFMUstate"
+_SERIAL = "SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate"
+_STATUS = "CancelStep GetStatus GetRealStatus GetIntegerStatus GetBooleanStatus GetStringStatus"
+_OPTIONAL = f"{_STATE} {_SERIAL} {_STATUS} GetDirectionalDerivative SetRealInputDerivatives GetRealOutputDerivatives"
+_MODEL_EXCHANGE = """EnterEventMode NewDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep SetTime
+SetContinuousStates GetDerivatives GetEventIndicators GetContinuousStates GetNominalsOfContinuousStates"""
+
+
+def _named(words: str) -> frozenset[str]:
+    return frozenset(f"fmi2{word}" for word in words.split())
+
+
+#: All functions of co-simulation, and all that an FMU may export.
+CO_SIMULATION = _named(f"{_COMMON} {_OPTIONAL}")
+EXPORTABLE = CO_SIMULATION | _named(_MODEL_EXCHANGE)
+
+
+def required(description: Description) -> frozenset[str]:
+    """Return what the binary must export: what every FMU has, and what the flags promise."""
+    promised = {
+        "canGetAndSetFMUstate": _STATE,
+        "canSerializeFMUstate": _SERIAL,
+        "providesDirectionalDerivative": "GetDirectionalDerivative",
+        "canInterpolateInputs": "SetRealInputDerivatives",
+        "canRunAsynchronuously": "CancelStep GetStatus",
+    }
+    words = [words for flag, words in promised.items() if description.can(flag)]
+    if (description.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip() not in ("", "0"):
+        words.append("GetRealOutputDerivatives")
+    return _named(" ".join([_COMMON, *words]))

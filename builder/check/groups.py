@@ -1,0 +1,48 @@
+"""The groups of checks: `static` and `tools` read the file, `rebuild` compiles it, the others call it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.rules import Rule
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of checks: what it does, and for probes what a crash in it is a finding against.
+
+    A probe is the function `probe` of the module `builder.check.probes.<module>`, and runs in its own process.
+    """
+
+    title: str
+    module: str = ""
+    crash: Rule = rules.CRASH
+
+
+def _misuse(title: str, module: str) -> Group:
+    return Group(title, module, rules.CRASH_MISUSE)
+
+
+GROUPS = {
+    "static": Group("archive, description, units, model structure, capabilities, binaries, documents"),
+    "tools": Group("fmpy validate and fmutool -check: schema and semantic rules"),
+    "simulation": Group(
+        "simulation: start values, inputs held, then a sine on every input, twice, with and without logs", "simulation"
+    ),
+    "state_machine": _misuse("calls out of order, wrong steps, the stop time, locked variables, GUID", "state_machine"),
+    "values": _misuse("unknown references, NaN, infinity and out-of-range values", "values"),
+    "null": _misuse("NULL arguments", "null"),
+    "reset": Group("reset after other parameters and inputs, then the same run again", "reset"),
+    "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "state"),
+    "corrupt_state": _misuse("damaged serialized states", "corrupt_state"),
+    "initial_dependencies": Group("every known of initialization perturbed: dependencies", "initial_dependencies"),
+    "dependencies": Group("every input perturbed over a tiny step: dependencies", "dependencies"),
+    "derivatives": Group("directional derivatives against central differences; input derivatives", "derivatives"),
+    "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "steps"),
+    "instances": Group("two interleaved, fifty, four threads, 300 created and freed", "instances"),
+    "surroundings": Group("an empty environment, a read-only folder, a path with odd characters"),
+    "ports": Group("sign and energy of shocks and of vehicles with velocity/force ports", "ports"),
+    "reference": Group("reference results in extra/ computed again", "reference"),
+    "rebuild": Group("sources compiled with `fmpy compile`, and the outputs compared"),
+}

@@ -1,0 +1,69 @@
+"""`python -m builder.check.probes <module> <unpacked FMU> <progress file>`: one JSON object per line on stdout."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import TextIO
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.description import read_description
+from builder.check.probes.bench import Bench, Measured, Said, Skip
+from builder.check.probes.instance import CallError
+from builder.check.probes.library import Library, MissingFunctionError, binary_path
+from builder.check.rules import Finding
+
+
+def main(module: str, folder: Path, progress: Path) -> None:
+    """Run one probe; whatever the FMU itself prints goes to stderr."""
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    probe: Callable[[Bench], Said] = importlib.import_module(f"builder.check.probes.{module}").probe
+    completed = True
+    try:
+        bench = open_bench(folder, progress)
+        for said in probe(bench):
+            _say(channel, _line(said))
+    except OSError as error:
+        completed = False
+        _say(channel, _line(rules.LOADS.finding(str(error))))
+    except (CallError, MissingFunctionError) as error:
+        completed = False
+        _say(channel, _line(rules.SIMULATES.finding(str(error))))
+    _say(channel, {"completed": True} if completed else {"stopped": True})
+
+
+def open_bench(folder: Path, progress: Path) -> Bench:
+    """Load an unpacked FMU.
+
+    Raises:
+        OSError: There is no binary for this platform, or it cannot be loaded.
+    """
+    identifier = read_description(ET.parse(folder / "modelDescription.xml").getroot()).identifier
+    binary = binary_path(folder, identifier)
+    if binary is None:
+        raise OSError(f"there is no binary {identifier!r} for this platform")
+    return Bench(folder, Library(binary, progress))
+
+
+def _line(said: Finding | Skip | Measured) -> dict[str, str]:
+    if isinstance(said, Finding):
+        return {"rule": said.rule.identifier, "message": said.message}
+    if isinstance(said, Skip):
+        return {"skipped": said.what, "reason": said.reason}
+    return {"value": said.name, "is": said.value}
+
+
+def _say(channel: TextIO, line: dict[str, str] | dict[str, bool]) -> None:
+    channel.write(json.dumps(line) + "\n")
+    channel.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))
+    os._exit(0)  # what loaded libraries do while an interpreter ends is not the FMU's doing

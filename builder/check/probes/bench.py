@@ -1,0 +1,195 @@
+"""Where a probe finds its FMU: fresh instances, and runs that excite every Real input."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from builder.check.description import Description, Variable, read_description
+from builder.check.probes.instance import Birth, CallError, Instance, refused, status_name
+from builder.check.probes.library import Library
+from builder.check.rules import Finding
+
+#: Size of the sine on an input, by its SI unit: what a race car sees.
+_AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
+_STEPS = 300
+_CYCLES = 2.7  # no whole number of halves: the middle of a run must not look like its end
+
+
+@dataclass(frozen=True)
+class Skip:
+    """What a probe does not do, and why; `what` is empty where it is all of it."""
+
+    reason: str
+    what: str = ""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value that the parent process compares."""
+
+    name: str
+    value: str
+
+
+Said = Iterator[Finding | Skip | Measured]
+Values = list[float]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Communication points of a run: start [s], step [s], number of steps."""
+
+    start: float
+    step: float
+    count: int
+
+    def at(self, point: int) -> float:
+        """Return the time of a point [s]."""
+        return self.start + point * self.step
+
+
+class Bench:
+    """An unpacked FMU, its binary loaded."""
+
+    def __init__(self, folder: Path, library: Library) -> None:
+        self.folder = folder
+        self.library = library
+        self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
+        self.inputs = self.description.of("input")
+        self.outputs = self.description.of("output")
+        self.timing = _timing(self.description)
+
+    @property
+    def birth(self) -> Birth:
+        """What a host says to instantiate."""
+        return Birth(self.description.guid, (self.folder.resolve() / "resources").as_uri())
+
+    @contextmanager
+    def instance(self, birth: Birth | None = None) -> Iterator[Instance]:
+        """Give an instance, freed in the end.
+
+        Raises:
+            CallError: fmi2Instantiate gave NULL.
+        """
+        made = Instance(self.library, birth or self.birth)
+        if made.address is None:
+            raise CallError(f"fmi2Instantiate returned NULL{made.said()}")
+        try:
+            yield made
+        finally:
+            made.free()
+
+    @contextmanager
+    def initializing(self) -> Iterator[Instance]:
+        """Give an instance in initialization mode."""
+        with self.instance() as made:
+            self.enter(made)
+            yield made
+
+    @contextmanager
+    def running(self) -> Iterator[Instance]:
+        """Give an instance that is initialized."""
+        with self.initializing() as made:
+            made.need("ExitInitializationMode")
+            yield made
+
+    def enter(self, instance: Instance, *, start: float | None = None, stop: float | None = None) -> None:
+        """Go from instantiated to initialization mode; `stop` is the stop time [s], None for none."""
+        begin = self.timing.start if start is None else start
+        instance.need("SetupExperiment", 0, 0.0, begin, int(stop is not None), stop or 0.0)
+        instance.need("EnterInitializationMode")
+
+    def initialize(self, instance: Instance) -> None:
+        """Go from instantiated to initialized."""
+        self.enter(instance)
+        instance.need("ExitInitializationMode")
+
+    def excitation(self, time: float, scale: float = 1.0) -> Values:
+        """Return the inputs at a time [s]: a sine about each start value, inside min and max."""
+        phase = 2 * math.pi * _CYCLES * (time - self.timing.start) / (self.timing.step * self.timing.count)
+        return [_sine(v, math.sin(phase + 0.7 * k) * scale) for k, v in enumerate(self.inputs)]
+
+    def held(self, _time: float) -> Values:
+        """Return the inputs at their start values."""
+        return [v.number("start") or 0.0 for v in self.inputs]
+
+    def run(self, instance: Instance, signal: Callable[[float], Values], points: range) -> list[Values]:
+        """Step through points (first to last), inputs set at the beginning of each step; return the outputs.
+
+        Raises:
+            CallError: A call was refused.
+        """
+        rows = []
+        for point in points:
+            time = self.timing.at(point)
+            self.drive(instance, signal(time))
+            step(instance, time, self.timing.step)
+            rows.append(instance.reals(self.outputs))
+        return rows
+
+    def drive(self, instance: Instance, values: Values) -> None:
+        """Set all Real inputs, which must succeed."""
+        status = instance.set_reals(self.inputs, values)
+        if refused(status):
+            raise CallError(f"fmi2SetReal of inputs returned {status_name(status)}{instance.said()}")
+
+    def all_points(self) -> range:
+        """Return the points at which the steps of a whole run begin."""
+        return range(self.timing.count)
+
+
+def step(instance: Instance, time: float, h: float) -> None:
+    """Do a step that must succeed."""
+    status = instance.step(time, h)
+    if refused(status):
+        raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.said()}")
+
+
+def amplitude(variable: Variable) -> float:
+    """Return by how much an input moves about its start value, inside its range."""
+    start = variable.number("start") or 0.0
+    size = _AMPLITUDES.get(variable.unit or "") or max(0.1 * abs(start), 0.1)
+    low, high = variable.number("min"), variable.number("max")
+    room = [abs(end - start) for end in (low, high) if end is not None and abs(end - start) > 0]
+    return min([size, *room])
+
+
+def inside(variable: Variable, value: float) -> float:
+    """Return a value no farther than a variable's min and max."""
+    low, high = variable.number("min"), variable.number("max")
+    value = value if low is None else max(value, low)
+    return value if high is None else min(value, high)
+
+
+def _sine(variable: Variable, sine: float) -> float:
+    return inside(variable, (variable.number("start") or 0.0) + amplitude(variable) * sine)
+
+
+def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
+    """Return the largest difference of two runs, relative to the size of each output (0 where they are the same)."""
+    sizes = [max((abs(v) for v in column), default=0.0) for column in zip(*first, strict=True)]
+    worst = 0.0
+    for one, other in zip(first, second, strict=True):
+        for a, b, size in zip(one, other, sizes, strict=True):
+            if a != b and not (math.isnan(a) and math.isnan(b)):
+                worst = max(worst, abs(a - b) / (size or 1.0) if math.isfinite(a - b) else math.inf)
+    return worst
+
+
+def _timing(description: Description) -> Timing:
+    given = {}
+    for name, text in (description.experiment or {}).items():
+        try:
+            given[name] = float(text)
+        except ValueError:
+            continue
+    start = given.get("startTime", 0.0)
+    duration = given.get("stopTime", start) - start
+    size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
+    count = int(min(_STEPS, duration / size)) if duration >= size > 0 else _STEPS
+    return Timing(start, size, max(count, 1))

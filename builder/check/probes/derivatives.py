@@ -1,0 +1,155 @@
+"""Directional derivatives against central differences, at the start and over a tiny step; input derivatives."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.description import Variable
+from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, step
+from builder.check.probes.instance import Instance, refused
+from builder.check.probes.pairs import declared_pairs
+from builder.check.probes.perturbation import change_of, other_value
+from builder.check.probes.returning import Place, Route, place
+from builder.check.rules import Finding, listed
+
+_POINTS = 3
+_TINY = 1e-6  # s
+_SMOOTH, _WRONG, _NOTHING = 1e-4, 1e-3, 1e-8
+
+
+def probe(bench: Bench) -> Said:
+    """Compare where the flags are true."""
+    if bench.description.can("providesDirectionalDerivative"):
+        yield from _in_initialization(bench)
+        yield from _over_steps(bench)
+    else:
+        yield Skip("providesDirectionalDerivative is not true", "directional derivatives")
+    if bench.description.can("canInterpolateInputs") and bench.inputs:
+        yield from _input_derivatives(bench)
+    else:
+        yield Skip("canInterpolateInputs is not true", "input derivatives")
+
+
+def _in_initialization(bench: Bench) -> Iterator[Finding]:
+    wrong: dict[str, str] = {}
+    for seed in range(_POINTS):
+        with bench.initializing() as instance:
+            draw = random.Random(seed)
+            for variable in bench.inputs:
+                instance.set(variable, other_value(variable, draw))
+            for unknown, known in _pairs(bench, "InitialUnknowns"):
+                if said := _compare_there(instance, unknown, known):
+                    wrong.setdefault(f"{unknown.name} by {known.name}", said)
+    yield from _told("in initialization mode", wrong)
+
+
+def _pairs(bench: Bench, section: str) -> list[tuple[Variable, Variable]]:
+    by_name = bench.description.by_name
+    return [
+        (by_name[unknown], by_name[known])
+        for unknown, names in declared_pairs(bench.description, section).items()
+        for known in sorted(names)
+        if by_name[unknown].type == by_name[known].type == "Real"
+    ]
+
+
+def _compare_there(instance: Instance, unknown: Variable, known: Variable) -> str:
+    _, value = instance.get(known)
+    status, stated = instance.directional(unknown, known)
+    if refused(status):
+        return "refused"
+
+    def at(shift: float) -> float | None:
+        done = instance.set(known, float(value) + shift)
+        status, (result,) = instance.get_reals([unknown])
+        return None if refused(done) or refused(status) else result
+
+    said = _judge(stated, at, _sizes(unknown, known, change_of(known)))
+    instance.set(known, value)
+    return said
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """By how much the known is changed, how far it goes in practice, and the size of the unknown at least."""
+
+    change: float
+    reach: float
+    unknown: float
+
+
+def _sizes(unknown: Variable, known: Variable, change: float) -> _Sizes:
+    return _Sizes(change, 1e3 * change_of(known), unknown.number("nominal") or 1.0)
+
+
+def _judge(stated: float, at: Callable[[float], float | None], sizes: _Sizes) -> str:
+    """Say what is wrong with a derivative, where two differences agree so far that the function is smooth there."""
+    change = sizes.change
+    ends = [at(shift * change) for shift in (-1.0, -0.5, 0.5, 1.0)]
+    if None in ends:
+        return ""
+    a, b, c, d = (float(end or 0.0) for end in ends)
+    wide, narrow = (d - a) / (2 * change), (c - b) / change
+    size = max(*map(abs, (a, b, c, d)), sizes.unknown)
+    if abs(wide - narrow) > _SMOOTH * abs(narrow) + 1e-14 * size / change:
+        return ""
+    if abs(stated - narrow) <= _WRONG * abs(narrow) + 1e-13 * size / change + _NOTHING * size / sizes.reach:
+        return ""
+    return f"{stated:.6g}, by differences {narrow:.6g}"
+
+
+def _over_steps(bench: Bench) -> Said:
+    if not bench.description.can("canGetAndSetFMUstate"):
+        yield Skip("it needs FMU states", "directional derivatives over steps")
+        return
+    if not bench.description.can("canHandleVariableCommunicationStepSize"):
+        yield Skip("it takes steps of one size only", "directional derivatives over steps")
+        return
+    wrong: dict[str, str] = {}
+    for seed in range(_POINTS):
+        with place(bench, Route(seed, 1.0, moves=False)) as there:
+            for unknown, known in _pairs(bench, "Outputs"):
+                if known in bench.inputs and (said := _compare_step(there, unknown, known)):
+                    wrong.setdefault(f"{unknown.name} by {known.name}", said)
+    yield from _told("between steps", wrong)
+
+
+def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
+    position, output = there.bench.inputs.index(known), there.bench.outputs.index(unknown)
+
+    def at(shift: float) -> float:
+        """The output after a step of no length, by three short ones: what comes through the states is gone then."""
+        moved: Values = list(there.inputs)
+        moved[position] += shift
+        whole, half, quarter = (there.after(moved, h)[output] for h in (_TINY, _TINY / 2, _TINY / 4))
+        return (whole - 6 * half + 8 * quarter) / 3
+
+    there.after(there.inputs, _TINY / 4)
+    status, stated = there.instance.directional(unknown, known)
+    return "refused" if refused(status) else _judge(stated, at, _sizes(unknown, known, 10 * change_of(known)))
+
+
+def _told(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
+    if wrong:
+        shown = [f"{pair} is {said}" for pair, said in wrong.items()]
+        yield rules.DIRECTIONAL.finding(f"{where} {listed(shown, most=3)}")
+
+
+def _input_derivatives(bench: Bench) -> Iterator[Finding]:
+    h, t = bench.timing.step, bench.timing.start
+    moving = [v for v in bench.inputs if v.variability == "continuous"]
+    ends = []
+    for size in (0.0, 1.0):
+        with bench.running() as instance:
+            bench.drive(instance, bench.held(t))
+            status = instance.set_derivatives(moving, [size * amplitude(v) / h for v in moving])
+            if refused(status):
+                yield rules.INPUT_DERIVATIVES.finding(f"fmi2SetRealInputDerivatives refuses order 1{instance.said()}")
+                return
+            step(instance, t, h)
+            ends.append(instance.reals(bench.outputs))
+    if bench.outputs and moving and ends[0] == ends[1]:
+        yield rules.INTERPOLATES.finding("a step with derivatives of all inputs gives the outputs of one without")

@@ -1,0 +1,190 @@
+"""One instance, and the calls that a host makes; statuses are returned, and only `needed` calls raise."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from dataclasses import dataclass
+from typing import Any
+
+from builder.check.description import Variable
+from builder.check.probes.library import (
+    DISCARD,
+    ERROR,
+    STATUS_NAMES,
+    WARNING,
+    Callbacks,
+    Library,
+    Logger,
+    memory_functions,
+)
+
+Value = float | int | bool | str
+_C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
+
+
+class CallError(Exception):
+    """A call that had to succeed did not; the message names it, its status and what was logged."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message that was logged."""
+
+    status: int
+    category: bytes
+    text: bytes
+
+
+@dataclass(frozen=True)
+class Birth:
+    """What fmi2Instantiate is told."""
+
+    guid: str
+    resources: str
+    name: str = "probe"
+    logging: bool = False
+
+
+def base_type(variable: Variable) -> str:
+    """Return the type under which a variable is set and got."""
+    return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+def refused(status: int) -> bool:
+    """Say whether a status refuses a call: fmi2Discard, fmi2Error, fmi2Fatal."""
+    return status >= DISCARD
+
+
+class Instance:
+    """An instance of an FMU; `address` is None where fmi2Instantiate gave NULL."""
+
+    def __init__(self, library: Library, birth: Birth) -> None:
+        self.library = library
+        self.messages: list[Message] = []
+        self._logger = Logger(self._log)
+        self._callbacks = Callbacks(self._logger, *memory_functions(), None, None)
+        function = library._function("Instantiate")
+        library.begin("fmi2Instantiate")
+        self.address: int | None = function(
+            birth.name.encode(), 1, birth.guid.encode(), birth.resources.encode(), ctypes.byref(self._callbacks), 0,
+            int(birth.logging),
+        )  # fmt: skip
+
+    def _log(self, _environment: int, _name: bytes, status: int, category: bytes, text: bytes) -> None:
+        self.messages.append(Message(status, category or b"", text or b""))
+
+    def said(self) -> str:
+        """Return the last warning or error that was logged, as text to add to a message."""
+        found = [m for m in self.messages if m.status >= WARNING]
+        return f": {found[-1].text.decode('utf-8', 'replace').strip()[:300]}" if found else ""
+
+    def call(self, name: str, *arguments: Any, note: str = "") -> int:
+        """Call fmi2<name> with this instance first."""
+        return self.library.call(name, self.address, *arguments, note=note)
+
+    def need(self, name: str, *arguments: Any, note: str = "") -> None:
+        """Call a function that must succeed.
+
+        Raises:
+            CallError: It did not.
+        """
+        status = self.call(name, *arguments, note=note)
+        if refused(status):
+            raise CallError(f"fmi2{name}{note} returned {status_name(status)}{self.said()}")
+
+    def free(self) -> None:
+        """Free the instance."""
+        if self.address is not None:
+            self.library.begin("fmi2FreeInstance")
+            self.library._function("FreeInstance")(self.address)
+            self.address = None
+
+    def set(self, variable: Variable, value: Value) -> int:
+        """Set one variable."""
+        kind = base_type(variable)
+        content = value.encode() if isinstance(value, str) else value
+        buffer = (_C_TYPES[kind] * 1)(content)
+        return self.call(f"Set{kind}", _references([variable]), 1, buffer, note=f" of {variable.name} to {value}")
+
+    def get(self, variable: Variable) -> tuple[int, Value]:
+        """Get one variable."""
+        kind = base_type(variable)
+        buffer = (_C_TYPES[kind] * 1)()
+        status = self.call(f"Get{kind}", _references([variable]), 1, buffer, note=f" of {variable.name}")
+        value = buffer[0]
+        return status, (value or b"").decode("utf-8", "replace") if kind == "String" else value
+
+    def set_reals(self, variables: Sequence[Variable], values: Sequence[float]) -> int:
+        """Set Reals together."""
+        if not variables:
+            return 0
+        return self.call("SetReal", _references(variables), len(variables), (c_double * len(variables))(*values))
+
+    def get_reals(self, variables: Sequence[Variable]) -> tuple[int, list[float]]:
+        """Get Reals together."""
+        if not variables:
+            return 0, []
+        buffer = (c_double * len(variables))()
+        status = self.call("GetReal", _references(variables), len(variables), buffer)
+        return status, list(buffer)
+
+    def reals(self, variables: Sequence[Variable]) -> list[float]:
+        """Get Reals, which must succeed."""
+        status, values = self.get_reals(variables)
+        if refused(status):
+            raise CallError(f"fmi2GetReal returned {status_name(status)}{self.said()}")
+        return values
+
+    def step(self, time: float, h: float) -> int:
+        """Do a step; no state before it will be asked for again."""
+        return self.call("DoStep", time, h, 1, note=f" from {time!r} by {h!r} s")
+
+    def state(self) -> c_void_p:
+        """Get a new FMU state, which must succeed."""
+        state = c_void_p()
+        self.need("GetFMUstate", ctypes.byref(state))
+        return state
+
+    def serialized(self, state: c_void_p) -> bytes:
+        """Return the bytes of an FMU state, which must succeed."""
+        size = c_size_t()
+        self.need("SerializedFMUstateSize", state, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.need("SerializeFMUstate", state, buffer, size.value)
+        return bytes(buffer.raw)
+
+    def deserialize(self, content: bytes) -> tuple[int, c_void_p]:
+        """Return the status and the state made from bytes."""
+        state = c_void_p()
+        return self.call("DeSerializeFMUstate", content, len(content), ctypes.byref(state)), state
+
+    def directional(self, unknown: Variable, known: Variable) -> tuple[int, float]:
+        """Return the status and d unknown / d known."""
+        result = (c_double * 1)()
+        status = self.call(
+            "GetDirectionalDerivative", _references([unknown]), 1, _references([known]), 1, (c_double * 1)(1.0), result,
+            note=f" of {unknown.name} by {known.name}",
+        )  # fmt: skip
+        return status, result[0]
+
+    def set_derivatives(self, variables: Sequence[Variable], slopes: Sequence[float]) -> int:
+        """Set first derivatives of inputs."""
+        count = len(variables)
+        orders = (c_int * count)(*[1] * count)
+        return self.call("SetRealInputDerivatives", _references(variables), count, orders, (c_double * count)(*slopes))
+
+
+def _references(variables: Sequence[Variable]) -> Any:
+    return (c_uint * len(variables))(*(int(variable.reference) for variable in variables))
+
+
+def status_name(status: int) -> str:
+    """Return the name of a status."""
+    return STATUS_NAMES[status] if 0 <= status < len(STATUS_NAMES) else f"the unknown status {status}"
+
+
+def is_error(status: int) -> bool:
+    """Say whether a status is fmi2Error or fmi2Fatal."""
+    return status >= ERROR

@@ -1,0 +1,138 @@
+"""The C functions of an FMU, called with no more than types and a note of which call has begun."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import platform
+import sys
+from ctypes import POINTER, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from pathlib import Path
+from typing import Any, Final
+
+OK: Final = 0
+WARNING: Final = 1
+DISCARD: Final = 2
+ERROR: Final = 3
+FATAL: Final = 4
+STATUS_NAMES: Final = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
+
+Logger = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
+_Allocate = ctypes.CFUNCTYPE(c_void_p, c_size_t, c_size_t)
+_Free = ctypes.CFUNCTYPE(None, c_void_p)
+
+
+class Callbacks(ctypes.Structure):
+    """fmi2CallbackFunctions."""
+
+    _fields_ = (
+        ("logger", Logger),
+        ("allocateMemory", c_void_p),
+        ("freeMemory", c_void_p),
+        ("stepFinished", c_void_p),
+        ("componentEnvironment", c_void_p),
+    )
+
+
+_REFERENCES = POINTER(c_uint)
+_GET_SET = {
+    "Real": POINTER(c_double),
+    "Integer": POINTER(c_int),
+    "Boolean": POINTER(c_int),
+    "String": POINTER(c_char_p),
+}
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "SetDebugLogging": (c_void_p, c_int, c_size_t, POINTER(c_char_p)),
+    "FreeInstance": (c_void_p,),
+    "SetupExperiment": (c_void_p, c_int, c_double, c_double, c_int, c_double),
+    "EnterInitializationMode": (c_void_p,),
+    "ExitInitializationMode": (c_void_p,),
+    "Terminate": (c_void_p,),
+    "Reset": (c_void_p,),
+    "DoStep": (c_void_p, c_double, c_double, c_int),
+    "GetFMUstate": (c_void_p, POINTER(c_void_p)),
+    "SetFMUstate": (c_void_p, c_void_p),
+    "FreeFMUstate": (c_void_p, POINTER(c_void_p)),
+    "SerializedFMUstateSize": (c_void_p, c_void_p, POINTER(c_size_t)),
+    "SerializeFMUstate": (c_void_p, c_void_p, c_char_p, c_size_t),
+    "DeSerializeFMUstate": (c_void_p, c_char_p, c_size_t, POINTER(c_void_p)),
+    "GetDirectionalDerivative": (
+        c_void_p, _REFERENCES, c_size_t, _REFERENCES, c_size_t, POINTER(c_double), POINTER(c_double)
+    ),
+    "SetRealInputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int), POINTER(c_double)),
+    "Instantiate": (c_char_p, c_int, c_char_p, c_char_p, POINTER(Callbacks), c_int, c_int),
+    **{
+        f"{way}{kind}": (c_void_p, _REFERENCES, c_size_t, pointer)
+        for kind, pointer in _GET_SET.items() for way in ("Get", "Set")
+    },
+}  # fmt: skip
+
+
+class MissingFunctionError(Exception):
+    """The binary does not export a function."""
+
+
+class Library:
+    """A loaded binary; `call` writes what it calls into the file `progress` first, for whoever survives a crash."""
+
+    def __init__(self, path: Path, progress: Path) -> None:
+        with progress.open("r+b") as stream:
+            stream.write(bytes(512))
+            stream.flush()
+            self._progress = mmap.mmap(stream.fileno(), 512)
+        self._functions: dict[str, Any] = {}
+        self.begin(f"loading {path.name}")
+        self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
+
+    def begin(self, call: str) -> None:
+        """Note which call begins."""
+        text = call.encode()[:500]
+        self._progress[: len(text) + 1] = text + b"\0"
+
+    def call(self, name: str, *arguments: Any, note: str = "") -> int:
+        """Call fmi2<name>; return its status.
+
+        Raises:
+            MissingFunctionError: It is not exported.
+        """
+        function = self._function(name)
+        self.begin(f"fmi2{name}{note}")
+        return int(function(*arguments) or 0)
+
+    def _function(self, name: str) -> Any:
+        if name not in self._functions:
+            try:
+                function = getattr(self._library, f"fmi2{name}")
+            except AttributeError:
+                raise MissingFunctionError(f"fmi2{name} is not exported") from None
+            function.argtypes = _SIGNATURES[name]
+            function.restype = {"Instantiate": c_void_p, "FreeInstance": None}.get(name, c_int)
+            self._functions[name] = function
+        return self._functions[name]
+
+
+def memory_functions() -> tuple[int | None, int | None]:
+    """Return the addresses of calloc and free of the C library."""
+    c = ctypes.CDLL("msvcrt" if sys.platform == "win32" else None)
+    calloc, free = (ctypes.cast(function, c_void_p).value for function in (c.calloc, c.free))
+    return calloc, free
+
+
+def binary_path(folder: Path, identifier: str) -> Path | None:
+    """Return the binary of this platform in an unpacked FMU, None where there is none."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    for name in _platform_folders():
+        path = folder / "binaries" / name / f"{identifier}{suffix}"
+        if path.is_file():
+            return path
+    return None
+
+
+def _platform_folders() -> tuple[str, ...]:
+    system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
+    machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else "x86_64"
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    tuple_name = f"{machine}-{ {'win': 'windows'}.get(system, system) }"
+    own = (f"{system}{bits}",) if machine == "x86_64" or system == "darwin" else ()
+    return (*own, tuple_name)

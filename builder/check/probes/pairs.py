@@ -1,0 +1,75 @@
+"""What is declared to depend on what, and what was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.description import Description, Variable
+from builder.check.rules import Finding, Rule, listed
+
+#: Changes relative to the unknown's size (its nominal value at least): what rounding makes, and what it never makes.
+_ROUNDING, _CERTAIN = 1e-13, 1e-9
+
+
+def declared_pairs(description: Description, section: str) -> dict[str, set[str]]:
+    """Return by the name of each unknown that declares dependencies the names of what it depends on."""
+    found: dict[str, set[str]] = {}
+    for unknown in description.in_section(section):
+        variable = description.variable(unknown.index)
+        if variable is not None and unknown.dependencies is not None:
+            known = (description.variable(index) for index in unknown.dependencies)
+            found[variable.name] = {v.name for v in known if v is not None}
+    return found
+
+
+class Pairs:
+    """Pairs of unknown and known: declared ones, and those seen when the known was changed.
+
+    `tried` are the names of the knowns that are changed at all.
+    """
+
+    def __init__(self, declared: Mapping[str, set[str]], tried: set[str]) -> None:
+        self._declared, self._tried = declared, tried
+        self._seen: set[tuple[str, str]] = set()
+        self._certain: set[tuple[str, str]] = set()
+
+    def saw(self, unknown: Variable, known: Variable, values: tuple[float, float]) -> None:
+        """Note the values that an unknown had with a known at two values."""
+        first, second = values
+        change, size = abs(second - first), max(abs(first), abs(second), unknown.number("nominal") or 1.0)
+        if change > _ROUNDING * size:
+            self._seen.add((unknown.name, known.name))
+        if change > _CERTAIN * size:
+            self._certain.add((unknown.name, known.name))
+
+    def _unseen(self) -> list[tuple[str, str]]:
+        return [
+            (unknown, known)
+            for unknown, names in self._declared.items()
+            for known in sorted(names & self._tried)
+            if (unknown, known) not in self._seen
+        ]
+
+    def unseen_knowns(self) -> set[str]:
+        """Return the knowns that are declared somewhere and were not seen there."""
+        return {known for _, known in self._unseen()}
+
+    def findings(self, where: str, false: Rule) -> Iterator[Finding]:
+        """Compare: `false` is the rule against a declaration that never showed."""
+        hidden: dict[str, list[str]] = {}
+        for unknown, known in sorted(self._certain):
+            if known not in self._declared.get(unknown, {known}):
+                hidden.setdefault(unknown, []).append(known)
+        for unknown, knowns in hidden.items():
+            yield rules.HIDDEN.finding(f"{where} {unknown} follows {listed(knowns)}, which it does not declare")
+        never: dict[str, list[str]] = {}
+        for unknown, known in self._unseen():
+            never.setdefault(unknown, []).append(known)
+        for unknown, knowns in never.items():
+            rule = rules.FALSE_VELOCITY if false is rules.FALSE_VELOCITY and _is_velocity(unknown) else rules.FALSE
+            yield rule.finding(f"{where} {unknown} never followed {listed(knowns)}, which it declares")
+
+
+def _is_velocity(name: str) -> bool:
+    return name.rpartition(".")[2] == "velocity"

@@ -1,0 +1,26 @@
+"""`python -m builder.check.probes.restore <unpacked FMU> <progress file> <state>`: the outputs of a restored run."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from builder.check.probes.__main__ import open_bench
+from builder.check.probes.state import restored
+
+
+def main(folder: Path, progress: Path, saved: Path) -> None:
+    """Restore the bytes in a fresh instance and print the outputs, a line each point, in hexadecimal."""
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    bench = open_bench(folder, progress)
+    with bench.running() as instance:
+        for row in restored(bench, instance, saved.read_bytes()):
+            channel.write(" ".join(value.hex() for value in row) + "\n")
+    channel.flush()
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:4]))
+    os._exit(0)

@@ -1,0 +1,112 @@
+"""The calls of a plain host: start values, inputs held, inputs moving, the same again, with and without logs."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.description import Variable
+from builder.check.probes.bench import Bench, Said, Values, differ
+from builder.check.probes.instance import CallError, Instance, Message, Value, refused
+from builder.check.probes.library import ERROR
+from builder.check.rules import Finding, listed
+
+_CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
+
+
+def probe(bench: Bench) -> Said:
+    """Simulate."""
+    with bench.instance(replace(bench.birth, logging=True)) as instance:
+        bench.initialize(instance)
+        bench.run(instance, bench.held, bench.all_points())
+        yield from _time(bench, instance)
+        instance.need("Terminate")
+    yield from _start_values(bench)
+    try:
+        runs = [_run(bench, logging) for logging in (True, False)]
+    except CallError as error:
+        yield rules.EXCITED.finding(str(error))
+        return
+    (first, messages), (second, _) = runs
+    yield from _finite(bench, first)
+    if first and differ(first, second):
+        yield rules.DETERMINISM.finding("a second run in the same process gave other outputs")
+    yield from _messages(bench, messages)
+
+
+def _run(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
+    with bench.instance(replace(bench.birth, logging=logging)) as instance:
+        bench.initialize(instance)
+        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
+        instance.need("Terminate")
+        return rows, instance.messages
+
+
+def _time(bench: Bench, instance: Instance) -> Iterator[Finding]:
+    times = bench.description.of("independent")
+    if times:
+        (found,), end = instance.reals(times[:1]), bench.timing.at(bench.timing.count)
+        if abs(found - end) > 1e-9 * max(1.0, abs(end)):
+            yield rules.TIME.finding(f"{times[0].name} is {found!r} s at {end!r} s")
+
+
+def _start_values(bench: Bench) -> Iterator[Finding]:
+    wrong = []
+    with bench.initializing() as instance:
+        for variable in bench.description.variables:
+            if variable.start is None or not _has_start(variable):
+                continue
+            status, value = instance.get(variable)
+            if refused(status):
+                raise CallError(f"fmi2Get of {variable.name} in initialization mode was refused{instance.said()}")
+            if not _agrees(variable, value):
+                wrong.append(f"{variable.name} is {value!r}, in the XML {variable.start}")
+    if wrong:
+        yield rules.START_AGREES.finding("; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else ""))
+
+
+def _has_start(variable: Variable) -> bool:
+    return variable.reference.isdigit() and (variable.causality == "input" or variable.effective_initial == "exact")
+
+
+def _agrees(variable: Variable, value: Value) -> bool:
+    start = variable.start or ""
+    if isinstance(value, str):
+        return value == start
+    if variable.type == "Boolean":
+        return bool(value) == (start.strip() in ("true", "1"))
+    stated = variable.number("start")
+    return stated is None or math.isclose(float(value), stated, rel_tol=1e-12)
+
+
+def _finite(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
+    columns = zip(bench.outputs, zip(*rows, strict=True), strict=True)
+    wrong = [v.name for v, column in columns if not all(map(math.isfinite, column))]
+    if wrong:
+        yield rules.FINITE.finding(f"not finite: {listed(wrong)}")
+
+
+def _messages(bench: Bench, messages: list[Message]) -> Iterator[Finding]:
+    errors = list(dict.fromkeys(_shown(m.text) for m in messages if m.status >= ERROR))
+    if errors:
+        yield rules.LOGGED_ERROR.finding(f"it logged {listed(errors, most=2)}")
+    undeclared = sorted({_shown(m.category) for m in messages} - set(bench.description.categories))
+    if undeclared:
+        yield rules.LOG_CATEGORY.finding(f"it logs in {listed([repr(name) for name in undeclared])}")
+    if wrong := next((m for m in messages if _unfinished(m)), None):
+        yield rules.LOG_TEXT.finding(f"it logged {wrong.text[:200]!r}")
+
+
+def _unfinished(message: Message) -> bool:
+    try:
+        text = message.text.decode("utf-8")
+    except UnicodeDecodeError:
+        return True
+    return bool(_CONVERSION.search(message.text)) or not all(c.isprintable() or c in "\n\t\r" for c in text)
+
+
+def _shown(text: bytes) -> str:
+    return text.decode("utf-8", "replace").strip()[:200]

@@ -1,0 +1,43 @@
+"""Steps of irregular lengths, from start times that are not zero."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from builder.check.catalogue import behaviour as rules
+from builder.check.probes.bench import Bench, Said, Skip
+from builder.check.probes.instance import Instance, is_error, refused, status_name
+from builder.check.rules import Finding
+
+_LENGTHS = (1e-3, 1e-7, 0.05, 3.3e-4, 1e-6, 7e-3, 1e-5, 1 / 3 * 1e-2, 0.02, 1.1e-7)
+_STARTS = (0.0, 12.5, 1234.5)
+
+
+def probe(bench: Bench) -> Said:
+    """Step irregularly."""
+    if not bench.description.can("canHandleVariableCommunicationStepSize"):
+        yield Skip("canHandleVariableCommunicationStepSize is not true")
+        return
+    for start in _STARTS:
+        with bench.instance() as instance:
+            bench.enter(instance, start=start)
+            instance.need("ExitInitializationMode")
+            yield from _walk(bench, instance, start)
+
+
+def _walk(bench: Bench, instance: Instance, time: float) -> Iterator[Finding]:
+    for round_number in range(4):
+        for length in _LENGTHS:
+            bench.drive(instance, bench.excitation(bench.timing.start + time, 0.5))
+            status = instance.step(time, length)
+            if refused(status):
+                rule = rules.STEPS if is_error(status) else rules.STEPS_DISCARDED
+                yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.said()}")
+                return
+            time += length
+            if not all(map(math.isfinite, instance.reals(bench.outputs))):
+                yield rules.FINITE.finding(
+                    f"after irregular steps up to {length:g} s, at {time:g} s, round {round_number}"
+                )
+                return

@@ -1,0 +1,117 @@
+"""One check from beginning to end: what only reads the file first, then what runs it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from builder.check.groups import GROUPS
+from builder.check.process import Outcome, run_probe
+from builder.check.rebuild import rebuild
+from builder.check.report import CheckReport
+from builder.check.rules import Finding, Level, Scope, Skipped
+from builder.check.static import static_findings
+from builder.check.subject import Subject, read_subject
+from builder.check.surroundings import surroundings
+from builder.check.tools import tool_findings
+from eightpost.errors import FmuError
+from eightpost.files import sha256_of
+
+_IDENTITY = ("modelName", "version", "author", "generationTool", "guid")
+_AT_ONCE = 2
+
+
+@dataclass
+class _Ledger:
+    """What a check has done so far."""
+
+    done: list[str] = field(default_factory=list)
+    skipped: list[Skipped] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+
+    def enter(self, group: str, outcome: Outcome) -> None:
+        """Add what a group came to."""
+        self.findings += outcome.findings
+        self.skipped += [Skipped(f"{group}: {what}" if what else group, reason) for what, reason in outcome.skipped]
+        if not any(not what for what, _ in outcome.skipped):
+            self.done.append(GROUPS[group].title)
+
+
+def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
+    """Check an FMU; `builder.check.check` says how."""
+    if unknown := sorted(set(groups) - GROUPS.keys()):
+        raise FmuError(f"no group of checks is named {unknown[0]!r}; there are {', '.join(GROUPS)}")
+    subject = read_subject(path)
+    ledger = _Ledger()
+    if "static" in groups:
+        ledger.enter("static", Outcome(tuple(static_findings(subject))))
+    if "tools" in groups:
+        ledger.enter("tools", _tools(subject))
+    _call(subject, [group for group in GROUPS if group in groups], ledger)
+    findings = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
+    order = list(Level)
+    findings.sort(key=lambda finding: order.index(finding.rule.level))
+    return CheckReport(path, scope, _identity(subject), tuple(ledger.done), tuple(ledger.skipped), tuple(findings))
+
+
+def _identity(subject: Subject) -> dict[str, str]:
+    attributes = subject.description.attributes if subject.description else {}
+    stated = {name: attributes[name] for name in _IDENTITY if name in attributes}
+    return {**stated, "sha256": sha256_of(subject.path)}
+
+
+def _tools(subject: Subject) -> Outcome:
+    if not subject.is_safe:
+        return Outcome(skipped=(("", "the archive is not safe to unpack"),))
+    return Outcome(tuple(tool_findings(subject.path)))
+
+
+def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
+    """Apply the groups that call the FMU: the simulation first, the others only if that works."""
+    wanted = [group for group in groups if group not in ("static", "tools")]
+    if not wanted:
+        return
+    if reason := _not_to_be_called(subject):
+        ledger.skipped.append(Skipped(", ".join(wanted), reason))
+        return
+    with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
+        unpacked = Path(folder) / "fmu"
+        _unpack(subject, unpacked)
+        first = run_probe("simulation", unpacked)
+        if "simulation" in wanted:
+            ledger.enter("simulation", first)
+        others = [group for group in wanted if group != "simulation"]
+        if not first.completed:
+            ledger.findings += [f for f in first.findings if "simulation" not in wanted]
+            ledger.skipped += [Skipped(", ".join(others), "a plain simulation does not work")] if others else []
+            return
+        for group, outcome in _outcomes(subject, others, unpacked):
+            ledger.enter(group, outcome)
+
+
+def _outcomes(subject: Subject, groups: list[str], unpacked: Path) -> Iterator[tuple[str, Outcome]]:
+    def outcome(group: str) -> Outcome:
+        if group == "rebuild":
+            return rebuild(subject, unpacked)
+        return surroundings(unpacked) if group == "surroundings" else run_probe(group, unpacked)
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        yield from zip(groups, pool.map(outcome, groups), strict=True)
+
+
+def _not_to_be_called(subject: Subject) -> str:
+    if not subject.is_safe:
+        return "the archive is not safe to unpack"
+    if subject.description is None:
+        return "there is no description to call it by"
+    return "" if subject.description.co_simulation is not None else "it offers no co-simulation"
+
+
+def _unpack(subject: Subject, folder: Path) -> None:
+    for name, content in subject.members.items():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)

@@ -1,0 +1,135 @@
+"""binaries/: there, whole, of the right processor, exporting what is promised and needing nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import PurePosixPath
+
+from builder.check.binary import Binary
+from builder.check.catalogue import archive as rules
+from builder.check.catalogue import description as described
+from builder.check.description import Description
+from builder.check.functions import CO_SIMULATION, EXPORTABLE, required
+from builder.check.rules import Finding, Rule, listed
+from builder.check.subject import Subject
+
+#: Format and processors by folder: those of FMI 2.0, and FMI 3.0's names with their older writings.
+_PLATFORMS = {
+    "win32": ("PE", {"x86"}), "win64": ("PE", {"x86_64"}),
+    "linux32": ("ELF", {"x86"}), "linux64": ("ELF", {"x86_64"}),
+    "darwin64": ("Mach-O", {"x86_64", "aarch64"}), "aarch64-linux": ("ELF", {"aarch64"}),
+    "aarch64-darwin": ("Mach-O", {"aarch64"}), "x86_64-linux": ("ELF", {"x86_64"}), "x86-linux": ("ELF", {"x86"}),
+    "x86_64-windows": ("PE", {"x86_64"}), "x86-windows": ("PE", {"x86"}), "aarch64-windows": ("PE", {"aarch64"}),
+    "x86_64-darwin": ("Mach-O", {"x86_64"}), "darwin32": ("Mach-O", {"x86"}),
+}  # fmt: skip
+_WANTED = ("linux64", "win64", "win32", "aarch64-linux", "darwin64", "aarch64-darwin")
+_GLIBC = (2, 17)
+_SYSTEM_ELF = ("libc.so", "libm.so", "ld-linux")
+_SYSTEM_DLL = ("api-ms-win-", "kernel32", "user32", "advapi32", "ntdll", "ucrtbase", "ws2_32", "shell32", "ole32")
+#: What linkers add by themselves.
+_LINKER = {"__dso_handle", "_mh_dylib_header", "_init", "_fini", "__bss_start", "_edata", "_end", "_DYNAMIC"}
+_RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
+
+
+def present(subject: Subject) -> Iterator[Finding]:
+    """There is something to run."""
+    description = subject.description
+    if description is None or description.co_simulation is None:
+        return
+    if not subject.binaries and not description.source_files:
+        yield rules.BINARY.finding("there is neither a binary nor a list of sources")
+    named = {binary.platform for binary in subject.own_binaries}
+    for platform in sorted({binary.platform for binary in subject.binaries} - named):
+        found = [PurePosixPath(b.name).name for b in subject.binaries if b.platform == platform]
+        yield rules.BINARY_NAME.finding(f"binaries/{platform} has {listed(found)}, not {description.identifier!r}")
+
+
+def readable(subject: Subject) -> Iterator[Finding]:
+    """Binaries are whole, of the right format and processor."""
+    for binary in subject.own_binaries:
+        wanted, machines = _PLATFORMS.get(binary.platform, ("", set()))
+        if binary.fault:
+            yield rules.BINARY_FORMAT.finding(f"{binary.name}: {binary.fault}")
+        elif not wanted:
+            yield rules.PLATFORM_NAME.finding(f"binaries/{binary.platform} is no platform that importers know")
+        elif binary.format != wanted:
+            yield rules.BINARY_FORMAT.finding(f"{binary.name} is {binary.format}, not {wanted}")
+        elif not machines & set(binary.machines):
+            yield rules.BINARY_MACHINE.finding(f"{binary.name} is for {listed(list(binary.machines))}")
+
+
+def platforms(subject: Subject) -> Iterator[Finding]:
+    """All common platforms are there."""
+    there = {binary.platform for binary in subject.own_binaries}
+    missing = [platform for platform in _WANTED if platform not in there]
+    if missing and subject.description and subject.description.co_simulation is not None:
+        yield rules.PLATFORMS.finding(f"missing: {listed(missing)}")
+    for binary in _sound(subject):
+        if binary.platform == "darwin64" and not {"x86_64", "aarch64"} <= set(binary.machines):
+            yield rules.UNIVERSAL.finding(f"{binary.name} is for {listed(list(binary.machines))} only")
+
+
+def exports(subject: Subject) -> Iterator[Finding]:
+    """What is promised is exported, and nothing but FMI functions."""
+    description = subject.description
+    for binary in _sound(subject):
+        assert description is not None
+        found = _unprefixed(binary, description)
+        promised = required(description)
+        if missing := sorted(promised - found):
+            yield described.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
+        if missing := sorted(CO_SIMULATION - promised - found):
+            yield rules.ALL_EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
+        if other := sorted(found - EXPORTABLE - _LINKER):
+            yield rules.OTHER_EXPORTS.finding(f"{binary.name} exports {len(other)} more: {listed(other, most=4)}")
+
+
+def _unprefixed(binary: Binary, description: Description) -> frozenset[str]:
+    """Exports without the prefix that static linking gives them."""
+    return frozenset(name.removeprefix(f"{description.identifier}_") for name in binary.exports)
+
+
+def libraries(subject: Subject) -> Iterator[Finding]:
+    """Only system libraries are needed."""
+    for binary in _sound(subject):
+        checks: dict[str, tuple[Callable[[str], bool], Rule]] = {
+            "ELF": (_is_system_elf, rules.NEEDED),
+            "PE": (_is_system_dll, rules.IMPORTS),
+            "Mach-O": (_is_system_dylib(binary), rules.NEEDED),
+        }
+        is_system, rule = checks[binary.format]
+        if other := [library for library in binary.libraries if not is_system(library)]:
+            yield rule.finding(f"{binary.name} needs {listed(other)}")
+        if binary.glibc > _GLIBC:
+            yield rules.GLIBC.finding(f"{binary.name} asks for GLIBC {binary.glibc[0]}.{binary.glibc[1]}")
+
+
+def _is_system_elf(library: str) -> bool:
+    return library.startswith(_SYSTEM_ELF)
+
+
+def _is_system_dll(library: str) -> bool:
+    return library.lower().startswith(_SYSTEM_DLL)
+
+
+def _is_system_dylib(binary: Binary) -> Callable[[str], bool]:
+    own = PurePosixPath(binary.name).name
+    return lambda library: library.startswith("/usr/lib/libSystem") or PurePosixPath(library).name == own
+
+
+def runtimes(subject: Subject) -> Iterator[Finding]:
+    """A runtime is neither undefined nor hidden."""
+    for binary in _sound(subject):
+        python = sorted(name for name in binary.undefined if name.startswith(("Py", "_Py")))
+        needed = [library for library in binary.libraries if any(r in library.lower() for r in _RUNTIMES)]
+        if python and binary.format != "PE":
+            yield rules.UNDEFINED_PYTHON.finding(f"{binary.name}: {len(python)} symbols, as {listed(python, most=2)}")
+        if (python or needed) and subject.description and not subject.description.can("needsExecutionTool"):
+            yield described.TOOL_HONEST.finding(f"{binary.name} needs {listed(needed or ['Python'])}")
+
+
+def _sound(subject: Subject) -> list[Binary]:
+    return [binary for binary in subject.own_binaries if not binary.fault]
+
+
+RULES = (present, readable, platforms, exports, libraries, runtimes)

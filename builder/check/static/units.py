@@ -1,0 +1,149 @@
+"""UnitDefinitions, compared with what the units' names mean."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+from builder.check.catalogue import description as rules
+from builder.check.description import Description, Unit
+from builder.check.rules import Finding, listed
+from eightpost import units
+from eightpost.errors import UnknownUnitError
+
+_BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+#: Names with two meanings: both are right.
+_AMBIGUOUS = {
+    "g": ({"m": 1, "s": -2}, 9.80665, {"kg": 1}, 1e-3),
+    "lb": ({"kg": 1, "m": 1, "s": -2}, 4.4482216152605, {"kg": 1}, 0.45359237),
+}
+#: Names that this project's headers read in their own way, and FMUs in another.
+_UNKNOWN = {"C", "F", "c", "f", "h", "min", "-", "#", "gs"}
+
+_TOLERANCE = 1e-6
+
+
+def defined(description: Description) -> Iterator[Finding]:
+    """What is used is defined."""
+    displays = {unit.name: {display.get("name") for display in unit.displays} for unit in description.units}
+    for v in description.variables:
+        display = v.attributes.get("displayUnit")
+        if v.unit is not None and v.unit not in displays:
+            yield rules.UNIT_DEFINED.finding(f"{v.name} is in {v.unit!r}, which is not defined")
+        elif display is not None and v.unit is None:
+            yield rules.UNIT_DEFINED.finding(f"{v.name} has the display unit {display!r} and no unit")
+        elif display is not None and display != v.unit and display not in displays[v.unit or ""]:
+            yield rules.UNIT_DEFINED.finding(
+                f"{v.name} is shown in {display!r}, which is no display unit of {v.unit!r}"
+            )
+
+
+def unique(description: Description) -> Iterator[Finding]:
+    """Units and display units are defined once."""
+    doubled = [name for name, count in Counter(unit.name for unit in description.units).items() if count > 1]
+    for unit in description.units:
+        names = Counter(display.get("name", "") for display in unit.displays)
+        doubled += [f"{name} of {unit.name}" for name, count in names.items() if count > 1]
+    if doubled:
+        yield rules.UNIT_TWICE.finding(f"defined twice: {listed(doubled)}")
+
+
+def given(description: Description) -> Iterator[Finding]:
+    """Every Real has a unit."""
+    bare = [v.name for v in description.variables if v.type == "Real" and not v.unit]
+    if bare:
+        yield rules.UNIT_MISSING.finding(f"without: {listed(bare)}")
+
+
+def based(description: Description) -> Iterator[Finding]:
+    """Every unit has a BaseUnit."""
+    bare = [unit.name for unit in description.units if unit.base is None]
+    if bare:
+        yield rules.UNIT_BASE.finding(f"without a BaseUnit: {listed(bare)}")
+
+
+def exponents(description: Description) -> Iterator[Finding]:
+    """SI exponents, factor and offset are those of the name."""
+    for unit in description.units:
+        known = list(_meanings(unit.name))
+        if unit.base is None or not known:
+            continue
+        stated = {base: int(_number(unit.base, base, 0.0)) for base in _BASE}
+        alike = [meaning for meaning in known if _same_dimension(stated, meaning[0])]
+        if not alike:
+            yield rules.UNIT_EXPONENTS.finding(
+                f"{unit.name} is {_words(known[0][0])}, but its BaseUnit says {_words(stated)}"
+            )
+        elif not any(_same_scale(unit.base, factor, offset) for _, factor, offset in alike):
+            _, factor, offset = alike[0]
+            yield rules.UNIT_FACTOR.finding(
+                f"one {unit.name} is {factor:.9g} SI units with offset {offset:g}, but its BaseUnit says "
+                f"{unit.base.get('factor', '1')} with offset {unit.base.get('offset', '0')}"
+            )
+
+
+def displays(description: Description) -> Iterator[Finding]:
+    """Display units convert rightly."""
+    for unit in description.units:
+        for display in unit.displays:
+            yield from _display(unit, display)
+
+
+def _display(unit: Unit, display: Mapping[str, str]) -> Iterator[Finding]:
+    name = display.get("name", "")
+    if not (list(_meanings(unit.name)) and list(_meanings(name))) or {unit.name, name} & _AMBIGUOUS.keys():
+        return
+    if not units.compatible(unit.name, name):
+        yield rules.DISPLAY_FACTOR.finding(f"{unit.name} cannot be shown in {name}: the dimensions differ")
+        return
+    factor, offset = units.conversion(unit.name, name)
+    if not _same_scale(display, factor, offset):
+        yield rules.DISPLAY_FACTOR.finding(
+            f"one {unit.name} is {factor:.9g} {name} with offset {offset:g}, but the factor is "
+            f"{display.get('factor', '1')} with offset {display.get('offset', '0')}"
+        )
+
+
+def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
+    """SI exponents, factor and offset of a known name; nothing of an unknown one."""
+    if name in _AMBIGUOUS:
+        first, first_factor, second, second_factor = _AMBIGUOUS[name]
+        yield first, first_factor, 0.0
+        yield second, second_factor, 0.0
+    elif name and name not in _UNKNOWN and units.is_unit(name):
+        try:
+            si = units.si_exponents(name)
+            factor, offset = units.conversion(name, "K") if si == {"K": 1} else (units.si_factor(name), 0.0)
+        except UnknownUnitError:
+            return
+        yield si, factor, offset
+
+
+def _same_dimension(stated: Mapping[str, int], meant: Mapping[str, int]) -> bool:
+    """Compare exponents; the radian counts only where nothing else does (rad, rad/s), as tools differ in N.m/rad."""
+    plain = [base for base in _BASE if base != "rad"]
+    if any(stated.get(base, 0) != meant.get(base, 0) for base in plain):
+        return False
+    return "rad" not in meant or bool(meant.keys() - {"rad", "s"}) or stated["rad"] == meant["rad"]
+
+
+def _same_scale(stated: Mapping[str, str], factor: float, offset: float) -> bool:
+    return math.isclose(_number(stated, "factor", 1.0), factor, rel_tol=_TOLERANCE) and math.isclose(
+        _number(stated, "offset", 0.0), offset, rel_tol=_TOLERANCE, abs_tol=1e-9
+    )
+
+
+def _number(attributes: Mapping[str, str], name: str, default: float) -> float:
+    try:
+        return float(attributes.get(name, default))
+    except ValueError:
+        return math.nan if name in ("factor", "offset") else 0.0
+
+
+def _words(si: Mapping[str, int]) -> str:
+    return " ".join(f"{base}^{power}" for base, power in si.items() if power) or "without dimension"
+
+
+RULES = (defined, unique, given, based, exponents, displays)

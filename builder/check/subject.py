@@ -1,0 +1,96 @@
+"""What the static rules look at: the archive's entries and the description read from it."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from builder.check.binary import Binary, read_binary
+from builder.check.description import Description, read_description
+from eightpost.errors import FmuError
+
+XML = "modelDescription.xml"
+_BINARY = re.compile(r"binaries/([^/]+)/([^/]+)\.(so|dll|dylib)")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An FMU as a file: entries as stored, contents by name (the last of doubled ones), and the parsed description.
+
+    `description` is None where the XML is missing or not well-formed; `xml_error` then says why.
+    """
+
+    path: Path
+    entries: tuple[zipfile.ZipInfo, ...]
+    members: Mapping[str, bytes]
+    root: ET.Element | None
+    xml_error: str
+    description: Description | None
+
+    @cached_property
+    def binaries(self) -> tuple[Binary, ...]:
+        """The shared libraries in binaries/<platform>/."""
+        found = ((name, _BINARY.fullmatch(name)) for name in sorted(self.members))
+        return tuple(read_binary(name, match[1], self.members[name]) for name, match in found if match)
+
+    @property
+    def own_binaries(self) -> tuple[Binary, ...]:
+        """The binaries named after the modelIdentifier."""
+        identifier = self.description.identifier if self.description else ""
+        return tuple(binary for binary in self.binaries if PurePosixPath(binary.name).stem == identifier)
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether unpacking writes nothing outside its folder."""
+        return not any(unsafe_reason(entry) for entry in self.entries)
+
+
+def read_subject(path: str | Path) -> Subject:
+    """Read an FMU.
+
+    Raises:
+        FmuError: The file is missing or no readable zip archive, holds no modelDescription.xml, or is of FMI 1 or 3.
+    """
+    path = Path(path)
+    entries, members = _read(path)
+    if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
+        raise FmuError(f"{path}: is not an FMU: there is no {XML} in it")
+    if XML not in members:
+        return Subject(path, entries, members, None, "", None)
+    try:
+        root = ET.fromstring(members[XML])
+    except (ET.ParseError, ValueError, LookupError) as error:
+        return Subject(path, entries, members, None, f"{type(error).__name__}: {error}", None)
+    if root.get("fmiVersion", "2").startswith(("1.", "3.")):
+        raise FmuError(f"{path}: is of FMI {root.get('fmiVersion')}; check knows FMI 2.0")
+    return Subject(path, entries, members, root, "", read_description(root))
+
+
+def _read(path: Path) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = tuple(archive.infolist())
+            return entries, {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}
+    except FileNotFoundError:
+        raise FmuError(f"{path}: there is no such file; mend the path, or make it first (eightpost build)") from None
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+        raise FmuError(f"{path}: is not a readable zip archive ({error}); copy or build it again") from error
+
+
+def unsafe_reason(entry: zipfile.ZipInfo) -> str:
+    """Say what is wrong with the path of an entry, nothing where it is fine."""
+    name = entry.orig_filename
+    parts = PurePosixPath(name).parts
+    if "\\" in name:
+        return "has a backslash"
+    if name.startswith("/") or (parts and ":" in parts[0]):
+        return "is absolute"
+    if ".." in parts:
+        return "leaves the archive"
+    return "is a symbolic link" if entry.external_attr >> 16 & 0o170000 == 0o120000 else ""
