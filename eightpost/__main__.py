@@ -22,7 +22,7 @@ from eightpost.errors import EightpostError, InputError
 VERBS = {
     "fit": "Fit a shock law to a dynamometer file.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
-    "check": "Check FMUs, ours or not: fmpy validate, fmutool -check, and a short simulation; then over a hundred rules more.",
+    "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
     "run": "Run a system of coupled FMUs.",
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "compare": "Compare runs: response measures side by side.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -48,7 +49,8 @@ _MACHINES = {
 def read_binary(name: str, platform: str, content: bytes) -> Binary:
     """Read a shared library; whatever is wrong with it is its `fault`."""
     try:
-        return _read(name, platform, content)
+        with warnings.catch_warnings(action="ignore"):  # lief's, of values that no format knows
+            return _read(name, platform, content)
     except Exception as error:  # lief raises what it likes on damaged files: that is the fault
         return Binary(name, platform, fault=f"{type(error).__name__}: {error}")
 

@@ -23,9 +23,9 @@ _COLOURS = {Level.ERROR: "bold red", Level.DROP_IN: "yellow", Level.HINT: "cyan"
 @click.option("--json", "as_json", is_flag=True, help="One JSON document instead of tables (docs/check.md).")
 @click.pass_context
 def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: bool) -> None:
-    """Check FMUs, ours or not: fmpy validate, fmutool -check, and a short simulation; then over a hundred rules more.
+    """Check FMUs, ours or not: the standard's rules, and what breaks imports.
 
-    Findings are errors (the FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in
+    Runs fmpy validate, fmutool -check, over a hundred rules of its own, and the FMU itself. Findings are errors (the FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in
     processes of its own: a crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if
     a file is no FMU 2.0.
 

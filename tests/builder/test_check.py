@@ -132,7 +132,8 @@ def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_br
 @pytest.mark.parametrize(
     ("alter", "rule", "said"),
     [
-        (in_slave(b"law.response(", b"law.answer("), "simulates", "fmi2DoStep from 0.0 by 0.001 s returned fmi2Discard"),
+        (in_slave(b"law.response(", b"law.answer("), "simulates",
+         "fmi2DoStep from 0.0 by 0.001 s returned fmi2Discard"),
         (in_slave(b"def advance(self, step):", b"def advance(self, step, end=__import__('os').abort):\n        end()"),
          "crash", "killed by signal 6 in or after fmi2DoStep from 0.0"),
         (in_slave(b"getattr(response, name)", b"getattr(response, name) + id(self)"), "deterministic", "other outputs"),
