@@ -54,9 +54,17 @@ class Variable:
         return self.attributes.get("unit")
 
     @property
+    def is_callable(self) -> bool:
+        """Whether it has a type and a value reference by which it can be set and got."""
+        reference = self.reference
+        return self.type in TYPES and reference.isascii() and reference.isdigit() and int(reference) < 2**32
+
+    @property
     def is_settable_at_start(self) -> bool:
         """Whether a host may set it in initialization mode."""
-        return self.causality == "input" or (self.effective_initial == "exact" and self.variability != "constant")
+        return self.is_callable and (
+            self.causality == "input" or (self.effective_initial == "exact" and self.variability != "constant")
+        )
 
     def number(self, attribute: str) -> float | None:
         """Return an attribute (start, min, max, nominal) as a finite number, None where it is none."""
@@ -132,8 +140,8 @@ class Description:
         return {variable.name: variable for variable in self.variables}
 
     def of(self, causality: str, kind: str = "Real") -> list[Variable]:
-        """Return the variables of a causality and type whose value reference is a number."""
-        return [v for v in self.variables if v.causality == causality and v.type == kind and v.reference.isdigit()]
+        """Return the variables of a causality and type that can be called."""
+        return [v for v in self.variables if v.causality == causality and v.type == kind and v.is_callable]
 
 
 def read_description(root: ET.Element) -> Description:

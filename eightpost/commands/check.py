@@ -25,9 +25,9 @@ _COLOURS = {Level.ERROR: "bold red", Level.DROP_IN: "yellow", Level.HINT: "cyan"
 def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: bool) -> None:
     """Check FMUs, ours or not: the standard's rules, and what breaks imports.
 
-    Runs fmpy validate, fmutool -check, over a hundred rules of its own, and the FMU itself. Findings are errors (the FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in
-    processes of its own: a crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if
-    a file is no FMU 2.0.
+    Runs fmpy validate, fmutool -check, over a hundred rules of its own, and the FMU itself. Findings are errors (the
+    FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in processes of its own: a
+    crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if a file is no FMU 2.0.
 
     \b
     Examples:

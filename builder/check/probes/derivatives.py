@@ -53,6 +53,8 @@ def _pairs(bench: Bench, section: str) -> list[tuple[Variable, Variable]]:
         for unknown, names in declared_pairs(bench.description, section).items()
         for known in sorted(names)
         if by_name[unknown].type == by_name[known].type == "Real"
+        and by_name[unknown].is_callable
+        and by_name[known].is_callable
     ]
 
 

@@ -39,11 +39,11 @@ def probe(bench: Bench) -> Said:
 
 def _unknowns(bench: Bench) -> list[Variable]:
     found = (bench.description.variable(u.index) for u in bench.description.in_section("InitialUnknowns"))
-    return [v for v in found if v is not None and v.type == "Real" and v.reference.isdigit()]
+    return [v for v in found if v is not None and v.type == "Real" and v.is_callable]
 
 
 def _is_known(variable: Variable) -> bool:
-    return variable.is_settable_at_start and variable.reference.isdigit()
+    return variable.is_settable_at_start
 
 
 def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float) -> None:

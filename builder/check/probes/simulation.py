@@ -69,7 +69,7 @@ def _start_values(bench: Bench) -> Iterator[Finding]:
 
 
 def _has_start(variable: Variable) -> bool:
-    return variable.reference.isdigit() and (variable.causality == "input" or variable.effective_initial == "exact")
+    return variable.is_callable and (variable.causality == "input" or variable.effective_initial == "exact")
 
 
 def _agrees(variable: Variable, value: Value) -> bool:

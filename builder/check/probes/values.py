@@ -26,7 +26,7 @@ def probe(bench: Bench) -> Said:
 def _unknown_references(bench: Bench) -> Iterator[Finding]:
     accepted = []
     for kind, buffer_type in _BUFFERS.items():
-        used = {int(v.reference) for v in bench.description.variables if v.reference.isdigit() and base_type(v) == kind}
+        used = {int(v.reference) for v in bench.description.variables if v.is_callable and base_type(v) == kind}
         for reference in (max(used, default=0) + 1, 2**32 - 1):
             for way in ("Get", "Set"):
                 with bench.running() as instance:

@@ -70,7 +70,7 @@ def exponents(description: Description) -> Iterator[Finding]:
         known = list(_meanings(unit.name))
         if unit.base is None or not known:
             continue
-        stated = {base: int(_number(unit.base, base, 0.0)) for base in _BASE}
+        stated = {base: _number(unit.base, base, 0.0) for base in _BASE}
         alike = [meaning for meaning in known if _same_dimension(stated, meaning[0])]
         if not alike:
             yield rules.UNIT_EXPONENTS.finding(
@@ -121,7 +121,7 @@ def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
         yield si, factor, offset
 
 
-def _same_dimension(stated: Mapping[str, int], meant: Mapping[str, int]) -> bool:
+def _same_dimension(stated: Mapping[str, float], meant: Mapping[str, float]) -> bool:
     """Compare exponents; the radian counts only where nothing else does (rad, rad/s), as tools differ in N.m/rad."""
     plain = [base for base in _BASE if base != "rad"]
     if any(stated.get(base, 0) != meant.get(base, 0) for base in plain):
@@ -139,11 +139,11 @@ def _number(attributes: Mapping[str, str], name: str, default: float) -> float:
     try:
         return float(attributes.get(name, default))
     except ValueError:
-        return math.nan if name in ("factor", "offset") else 0.0
+        return math.nan
 
 
-def _words(si: Mapping[str, int]) -> str:
-    return " ".join(f"{base}^{power}" for base, power in si.items() if power) or "without dimension"
+def _words(si: Mapping[str, float]) -> str:
+    return " ".join(f"{base}^{power:g}" for base, power in si.items() if power) or "without dimension"
 
 
 RULES = (defined, unique, given, based, exponents, displays)
