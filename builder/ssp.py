@@ -210,8 +210,9 @@ def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
 
 
 def _identifier(name: str) -> str:
-    """Return a name that is an identifier too: OMSimulator takes no other for a system."""
-    return re.sub(r"\W+", "_", f"system_{name}", flags=re.ASCII).strip("_")
+    """Return the name, or one near to it that is an identifier: OMSimulator takes no other for a system."""
+    near = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    return near if near.isidentifier() else f"system_{near}"
 
 
 def _annotation(parent: ET.Element, kind: str) -> ET.Element:

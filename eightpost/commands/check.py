@@ -35,14 +35,14 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: boo
       eightpost check --standard --json supplier.fmu > supplier.json
     """
     reports = []
-    console = Console(soft_wrap=as_json)
-    with console.status("") as status:
+    with Console(stderr=True).status("") as status:
         for path in fmus:
             status.update(f"checking {escape(str(path))}")
             reports.append(check_fmu(path, scope=scope))
     if as_json:
         click.echo(json.dumps(json_document(reports), indent=1, ensure_ascii=False))
     else:
+        console = Console()
         for report in reports:
             show_report(console, report)
     ctx.exit(0 if all(report.acceptable for report in reports) else 1)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Skip, Values, inside
+from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, inside
 from builder.check.probes.instance import Instance, Value, refused
 from builder.check.probes.pairs import Pairs, declared_pairs
 from builder.check.probes.perturbation import change_of, other_value
 
 #: How far inputs go from their start values, in amplitudes: one point each.
 _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
-_SWEEP, _MOST = 400, 20_000
+_SWEEP, _MOST, _DECADES = 400, 20_000, 4
 
 
 def probe(bench: Bench) -> Said:
@@ -92,7 +92,7 @@ def _changed(known: Variable, value: Value) -> Value:
 
 
 def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
-    """Some parameters only show in a narrow range of an input: look for them over all of it."""
+    """Some parameters only show in a narrow range of an input: look for them over all of it, closest at its start."""
     for variable in bench.inputs:
         names = pairs.unseen_knowns()
         knowns = [v for v in bench.description.variables if v.name in names]
@@ -100,14 +100,17 @@ def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
             return
         with bench.initializing() as instance:
             _set_all(bench, instance, random.Random(3), 1.0)
-            point, size = _Point(instance, unknowns), 10 * _reach(variable)
-            count = min(_SWEEP, _MOST // (len(knowns) * len(bench.inputs)))
-            for step in range(count + 1):
-                value = (variable.number("start") or 0.0) + size * (2 * step / max(count, 1) - 1)
+            point, count = _Point(instance, unknowns), min(_SWEEP, _MOST // (len(knowns) * len(bench.inputs)))
+            for value in _spread(variable, count):
                 if not refused(instance.set(variable, inside(variable, value))):
                     for known in knowns:
                         point.perturb(known, pairs)
 
 
-def _reach(variable: Variable) -> float:
-    return 1e3 * change_of(variable)
+def _spread(variable: Variable, count: int) -> Iterator[float]:
+    """Values on both sides of the start, to ten amplitudes, each farther by the same ratio."""
+    start, farthest, half = variable.number("start") or 0.0, 10.0 * amplitude(variable), max(count // 2, 2)
+    yield start
+    for k in range(half):
+        distance = farthest * 10.0 ** (-_DECADES * k / (half - 1))
+        yield from (start - distance, start + distance)
