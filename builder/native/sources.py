@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from builder.interface import Interface
 from builder.native.tables import interface_header, interface_source, layout
-from builder.native.vehicle_data import vehicle_data
+from builder.native.vehicle_data import kept_numbers, vehicle_data
 from builder.product import Product
 from builder.sources import source_folder
 from eightpost.shock import Shock
@@ -44,7 +42,7 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
     else:
         space = product.source.coupled()
         form = modal_form(space)
-        states = form.sigma.size + int(np.count_nonzero(form.omega))
+        states = kept_numbers(form, product.interface)
         generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
     plan = layout(product.interface, states)
     generated |= {

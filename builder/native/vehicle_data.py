@@ -39,6 +39,12 @@ def vehicle_data(model: StateSpace, form: ModalForm, interface: Interface) -> st
     return "\n\n".join(blocks)
 
 
+def kept_numbers(form: ModalForm, interface: Interface) -> int:
+    """Return how many numbers model.c keeps from step to step: modes, inputs, and a mark for each block of outputs."""
+    modes = form.sigma.size + int(np.count_nonzero(form.omega))
+    return modes + len(interface.names("input")) + _blocks(len(interface.names("output")))
+
+
 def _modes(form: ModalForm, pairs: int) -> str:
     count = form.sigma.size
     sizes = {"MODE_COUNT": count, "MODES": max(1, count), "PAIR_COUNT": pairs, "PAIRS": max(1, pairs)}
@@ -56,7 +62,7 @@ def _modes(form: ModalForm, pairs: int) -> str:
 def _matrix(name: str, blocks: str, values: Array) -> str:
     """The matrix in blocks of rows, each block column by column; the last block is filled up with zeros."""
     rows, columns = values.shape
-    count = max(1, -(-rows // _BLOCK))
+    count = _blocks(rows)
     padded = np.zeros((count * _BLOCK, columns))
     padded[:rows] = values
     stored = padded.reshape(count, _BLOCK, columns).transpose(0, 2, 1).reshape(-1, _BLOCK)
@@ -64,14 +70,20 @@ def _matrix(name: str, blocks: str, values: Array) -> str:
     return f"enum {{ {blocks} = {count} }};\nstatic const double {name}[] = {{\n{lines},\n}};"
 
 
+def _blocks(rows: int) -> int:
+    return max(1, -(-rows // _BLOCK))
+
+
 def _direct(direct: Array) -> str:
     """The direct terms that are not zero, one by one."""
     outputs, inputs = np.nonzero(direct)
+    begins = np.searchsorted(outputs, _BLOCK * np.arange(_blocks(direct.shape[0]) + 1))
     return "\n".join(
         (
             f"enum {{ DIRECT_COUNT = {outputs.size}, DIRECT_TERMS = {max(1, outputs.size)} }};",
             f"static const int DIRECT_OUTPUT[DIRECT_TERMS] = {_integers(outputs.tolist())};",
             f"static const int DIRECT_INPUT[DIRECT_TERMS] = {_integers(inputs.tolist())};",
+            f"static const int DIRECT_BEGIN[OUTPUT_BLOCKS + 1] = {_integers(begins.tolist())}; /* of each block */",
             f"static const double DIRECT_TERM[DIRECT_TERMS] = {c_array(direct[outputs, inputs])};",
         )
     )

@@ -19,7 +19,7 @@ typedef struct {
     double stop; /* [s] */
     int64_t stale; /* a parameter, or before the start an input, was set: look at all of them anew */
     double slope[INPUTS]; /* first derivatives of the inputs over the next step */
-    double state[STATES];
+    double state[STATES]; /* what the model keeps from step to step */
     int64_t flag[FLAGS]; /* Boolean variables */
     Values values; /* Real variables */
 } Memory;
@@ -55,8 +55,11 @@ int model_refuses(const Values *v, Message *why);
 int model_warns(const Values *v, Message *why);
 /* Set outputs and state from inputs and parameters; 0 if there is no such start. */
 int model_start(Memory *memory, void *work, Message *why);
-/* Advance state and outputs by h [s]; the inputs go linearly from `from` (INPUTS) to those in memory. 0 if it cannot. */
+/* Advance the state by h [s]; the inputs go linearly from `from` (INPUTS) to those in memory. 0 if it cannot, or if what
+ * comes out is not finite. */
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why);
+/* Bring an output to the last step's end, if the step has left it for when it is asked for. */
+void model_output(Memory *memory, int output);
 /* d output / d input without delay, of two indices in Values.at, where the instance is now. */
 double model_direct_term(const Memory *memory, int output, int input);
 

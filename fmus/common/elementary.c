@@ -18,11 +18,6 @@ static const double EXPONENTIAL[] = {
 };
 enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], CIRCULAR_TERMS = 9 };
 
-int is_finite(double x)
-{
-    return x - x == 0.0;
-}
-
 /* 2^k for -1022 <= k <= 1023. */
 static double power_of_two(int k)
 {

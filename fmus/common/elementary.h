@@ -8,6 +8,10 @@ double exponential(double x);
 double exponential_minus_1(double x);
 double hyperbolic_tangent(double x);
 void sine_and_cosine(double x, double *sine, double *cosine);
-int is_finite(double x);
+
+static inline int is_finite(double x)
+{
+    return x - x == 0.0;
+}
 
 #endif

@@ -23,22 +23,44 @@ enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING };
 enum { READABLE = INITIALIZING | STEPPING | TERMINATED };
 enum { ALIVE = INSTANTIATED | READABLE };
 
-/* logging.c: tell the host (warnings and worse always, the rest where debug logging is on); refuse a call; and the component
- * if the function may be called in its phase (FMI 2.0.4, 4.2.4), else NULL. */
+/* logging.c: tell the host (warnings and worse always, the rest where debug logging is on); refuse a call; say that it is
+ * not allowed in this phase, and return NULL. */
 void logged(const Component *c, fmi2Status status, const char *text);
 fmi2Status refused(const Component *c, const char *function, const char *reason);
-Component *entered(fmi2Component instance, const char *function, int phases);
+Component *out_of_phase(const Component *c, const char *function);
 
-/* variables.c: NULL for an unknown reference; 0 and a message for a list with one that is unknown or of another type. */
-const Variable *find_variable(fmi2ValueReference reference);
+/* variables.c: 0 and a message for a list with a reference that is unknown or of another type. */
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
-int is_input(const Variable *variable);
 
-/* lifecycle.c: memory from the host, zeroed; 1 if all signals are finite (outputs see every state); 0 and a message where parameters do not
- * fit each other; in initialization mode outputs that follow what was set, 0 and a message where there is no such start. */
+/* lifecycle.c: memory from the host, zeroed; 0 and a message where parameters do not fit each other; outputs and state from
+ * inputs and parameters, 0 and a message where there is no such start. */
 void *allocated(const Component *c, size_t size);
-int all_finite(const Memory *m);
 int fits(const Component *c, const char *function);
-int is_current(Component *c, const char *function);
+int started(Component *c, const char *function);
+
+/* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), else NULL. */
+static inline Component *entered(fmi2Component instance, const char *function, int phases)
+{
+    Component *c = (Component *)instance;
+    return c == NULL || c->memory.phase & phases ? c : out_of_phase(c, function);
+}
+
+/* NULL for an unknown reference. */
+static inline const Variable *find_variable(fmi2ValueReference reference)
+{
+    const int position = reference < REFERENCES ? variable_of_reference[reference] : -1;
+    return position < 0 ? NULL : &variables[position];
+}
+
+static inline int is_input(const Variable *variable)
+{
+    return variable->kind == REAL && variable->index < INPUTS;
+}
+
+/* In initialization mode outputs follow what was set; 0 and a message where there is no such start. */
+static inline int is_current(Component *c, const char *function)
+{
+    return c->memory.phase != INITIALIZING || !c->memory.stale || started(c, function);
+}
 
 #endif

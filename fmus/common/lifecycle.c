@@ -27,17 +27,17 @@ int fits(const Component *c, const char *function)
     return 1;
 }
 
-int all_finite(const Memory *m)
+static int all_finite(const Memory *m)
 {
-    double sum[4] = {0.0};
+    int finite = 1;
     for (int k = 0; k < SIGNALS; k++) {
-        sum[k % 4] += m->values.at[k] - m->values.at[k];
+        finite &= is_finite(m->values.at[k]);
     }
-    return sum[0] + sum[1] + sum[2] + sum[3] == 0.0;
+    return finite;
 }
 
-/* Outputs and state from inputs and parameters, in initialization mode and once more when it ends. */
-static int started(Component *c, const char *function)
+/* In initialization mode, and once more when it ends. */
+int started(Component *c, const char *function)
 {
     Message why = {.length = 0};
     Memory trial = c->memory;
@@ -52,12 +52,6 @@ static int started(Component *c, const char *function)
     c->memory.stale = 0;
     return 1;
 }
-
-int is_current(Component *c, const char *function)
-{
-    return c->memory.phase != INITIALIZING || !c->memory.stale || started(c, function);
-}
-
 
 const char *fmi2GetTypesPlatform(void)
 {

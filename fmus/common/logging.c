@@ -36,18 +36,13 @@ static const char *phase_name(int64_t phase)
     }
 }
 
-/* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), else NULL. */
-Component *entered(fmi2Component instance, const char *function, int phases)
+Component *out_of_phase(const Component *c, const char *function)
 {
-    Component *c = (Component *)instance;
-    if (c != NULL && !(c->memory.phase & phases)) {
-        Message message = {.length = 0};
-        say(&message, "is not allowed ");
-        say(&message, phase_name(c->memory.phase));
-        refused(c, function, message.text);
-        return NULL;
-    }
-    return c;
+    Message message = {.length = 0};
+    say(&message, "is not allowed ");
+    say(&message, phase_name(c->memory.phase));
+    refused(c, function, message.text);
+    return NULL;
 }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component instance, fmi2Boolean on, size_t n, const fmi2String categories[])

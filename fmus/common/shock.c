@@ -161,12 +161,11 @@ static int pieces(const Parameters *p, double start, double end)
     return count < 1.0 ? 1 : count >= MOST_PIECES ? MOST_PIECES : (int)count + 1;
 }
 
-/* Returns F_lag at the end of the step, and F_s there. */
+/* Returns F_lag at the end of the step, and F_s there; F_s at its start is given. */
 static double follow(const Parameters *p, double lagged, double start, double end, double h, double *f)
 {
     const int count = pieces(p, start, end);
-    double before = static_force(p, start);
-    *f = before;
+    double before = *f;
     for (int k = 1; k <= count; k++) {
         const double velocity = k == count ? end : start + (end - start) * ((double)k / (double)count);
         *f = velocity == start ? before : static_force(p, velocity);
@@ -216,6 +215,7 @@ int model_start(Memory *memory, void *work, Message *why)
     (void)why;
     const double f = static_force(p, s->velocity);
     respond(s, p, f, f);
+    memory->state[0] = s->velocity;
     return 1;
 }
 
@@ -223,12 +223,21 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
 {
     Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
-    double f;
+    double *velocity = &memory->state[0]; /* of s->static_force */
+    double f = from[0] == *velocity && !memory->stale ? s->static_force : static_force(p, from[0]);
     (void)work;
     (void)why;
     const double lagged = follow(p, s->lagged_force, from[0], s->velocity, h, &f);
     respond(s, p, lagged, f);
-    return 1;
+    *velocity = s->velocity;
+    return is_finite(s->force) && is_finite(s->dissipated_power);
+}
+
+/* A step computes all outputs. */
+void model_output(Memory *memory, int output)
+{
+    (void)memory;
+    (void)output;
 }
 
 /* d force / d velocity with F_lag held, or d force / d displacement. */

@@ -78,7 +78,7 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boo
     }
     remember(&c->memory, &before);
     carry_inputs(&c->memory, h);
-    if (!model_step(&c->memory, before.signal, h, c->work, &why) || !all_finite(&c->memory)) {
+    if (!model_step(&c->memory, before.signal, h, c->work, &why)) {
         recall(&c->memory, &before);
         logged(c, fmi2Discard, why.length > 0 ? why.text : "fmi2DoStep: the result is not finite; nothing was done");
         return fmi2Discard;

@@ -2,12 +2,6 @@
 #include "instance.h"
 #include "elementary.h"
 
-const Variable *find_variable(fmi2ValueReference reference)
-{
-    const int position = reference < REFERENCES ? variable_of_reference[reference] : -1;
-    return position < 0 ? NULL : &variables[position];
-}
-
 static fmi2Status unknown(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
 {
     Message message = {.length = 0};
@@ -29,17 +23,19 @@ int all_known(const Component *c, const char *function, const fmi2ValueReference
     return 1;
 }
 
-static int may_be_set(const Component *c, const char *function, const Variable *variable)
+static int not_settable(const Component *c, const char *function, const Variable *variable)
 {
     Message message = {.length = 0};
-    if (variable->settable & c->memory.phase) {
-        return 1;
-    }
     say(&message, variable->name);
     say(&message, variable->settable ? " is fixed: set it before initialization ends"
                                      : " is computed by the FMU and cannot be set");
     refused(c, function, message.text);
     return 0;
+}
+
+static int may_be_set(const Component *c, const char *function, const Variable *variable)
+{
+    return variable->settable & c->memory.phase || not_settable(c, function, variable);
 }
 
 /* "must be finite", "must be at least 0 and finite", "must be at least 0.001 and at most 10". */
@@ -59,12 +55,9 @@ static void say_range(Message *message, const Variable *variable)
     say(message, high ? "" : "finite");
 }
 
-static int in_range(const Component *c, const char *function, const Variable *variable, double value)
+static int out_of_range(const Component *c, const char *function, const Variable *variable, double value)
 {
     Message message = {.length = 0};
-    if (is_finite(value) && value >= variable->minimum && value <= variable->maximum) {
-        return 1;
-    }
     say(&message, variable->name);
     say(&message, " = ");
     say_number(&message, value);
@@ -76,9 +69,10 @@ static int in_range(const Component *c, const char *function, const Variable *va
     return 0;
 }
 
-int is_input(const Variable *variable)
+static int in_range(const Component *c, const char *function, const Variable *variable, double value)
 {
-    return variable->kind == REAL && variable->index < INPUTS;
+    return (is_finite(value) && value >= variable->minimum && value <= variable->maximum) ||
+           out_of_range(c, function, variable, value);
 }
 
 /* Outputs follow inputs at once until initialization ends; later only a parameter asks to be looked at. */
@@ -103,7 +97,11 @@ fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], si
         return fmi2Error;
     }
     for (size_t k = 0; k < n; k++) {
-        value[k] = c->memory.values.at[find_variable(vr[k])->index];
+        const Variable *variable = find_variable(vr[k]);
+        if (variable->is_output) {
+            model_output(&c->memory, variable->index - INPUTS);
+        }
+        value[k] = c->memory.values.at[variable->index];
     }
     return fmi2OK;
 }

@@ -18,6 +18,9 @@ enum { KEPT = 4, SERIES_TERMS = 18 };
 static const double SUB_STEP_SHARE = 0.25;
 static const double MOST_SUB_STEPS = 100000.0;
 
+/* No state is ever so large, in any unit. */
+static const double LARGEST = 1e150;
+
 /* The factors of one step; kept for the last few step sizes, since a host's steps differ by roundings at most. */
 typedef struct {
     double h;
@@ -26,15 +29,22 @@ typedef struct {
     double second_re[MODES], second_im[MODES]; /* h phi2 */
 } Factors;
 
-typedef struct {
-    Factors kept[KEPT];
-    size_t newest;
-} Work;
-
 /* Real parts of all modes, then imaginary parts of the pairs; room to the end of the last block. */
 typedef struct {
     double at[STATE_BLOCKS * BLOCK];
 } Modal;
+
+/* The last b u, too: most steps begin with the inputs that the last one ended with. */
+typedef struct {
+    Factors kept[KEPT];
+    size_t newest;
+    double input[INPUTS];
+    Modal load;
+} Work;
+
+/* Memory.state: z; the inputs that the outputs belong to, with friction in them; 1 for each block of outputs that is
+ * computed. A block is left until one of its outputs is asked for. */
+enum { REACHED = STATE_COUNT, COMPUTED = REACHED + INPUTS };
 
 typedef struct {
     double re, im;
@@ -115,18 +125,23 @@ static const Factors *factors(Work *work, double h)
     return &work->kept[work->newest];
 }
 
-/* y = matrix x. The matrix is stored in blocks of eight rows, so that a compiler keeps eight sums in registers and adds in
- * the same order everywhere. */
+/* Eight rows of y = matrix x. A matrix is stored in blocks of eight rows, so that a compiler keeps eight sums in registers
+ * and adds in the same order everywhere. */
+static void multiply_block(const double *block, int columns, const double *x, double *y)
+{
+    double sum[BLOCK] = {0.0};
+    for (int c = 0; c < columns; c++, block += BLOCK) {
+        for (int r = 0; r < BLOCK; r++) {
+            sum[r] += block[r] * x[c];
+        }
+    }
+    memcpy(y, sum, sizeof sum);
+}
+
 static void multiply(const double *matrix, int blocks, int columns, const double *x, double *y)
 {
     for (int b = 0; b < blocks; b++) {
-        double sum[BLOCK] = {0.0};
-        for (int c = 0; c < columns; c++, matrix += BLOCK) {
-            for (int r = 0; r < BLOCK; r++) {
-                sum[r] += matrix[r] * x[c];
-            }
-        }
-        memcpy(y + b * BLOCK, sum, sizeof sum);
+        multiply_block(matrix + b * columns * BLOCK, columns, x, y + b * BLOCK);
     }
 }
 
@@ -136,8 +151,19 @@ static void load(const double *u, Modal *w)
     multiply(B, STATE_BLOCKS, INPUTS, u, w->at);
 }
 
+/* b u, which is kept. */
+static void load_once(Work *work, const double *u, Modal *w)
+{
+    if (memcmp(work->input, u, sizeof work->input) != 0) { /* all zero is right from the beginning */
+        memcpy(work->input, u, sizeof work->input);
+        load(u, &work->load);
+    }
+    *w = work->load;
+}
+
 /* z(h) from z, b u0 and b u1. */
-static void advance(const Factors *f, const Modal *z, const Modal *w0, const Modal *w1, Modal *end)
+static void advance(const Factors *restrict f, const Modal *restrict z, const Modal *restrict w0,
+                    const Modal *restrict w1, Modal *restrict end)
 {
     const double *x = z->at, *y = z->at + MODE_COUNT, *a = w0->at, *b = w0->at + MODE_COUNT, *c = w1->at,
                  *d = w1->at + MODE_COUNT;
@@ -157,12 +183,14 @@ static void advance(const Factors *f, const Modal *z, const Modal *w0, const Mod
 
 static void recall_state(const Memory *memory, Modal *z)
 {
-    memcpy(z->at, memory->state, sizeof memory->state);
+    memcpy(z->at, memory->state, STATE_COUNT * sizeof *z->at);
 }
 
-static void keep_state(Memory *memory, const Modal *z)
+static void keep_state(Memory *memory, const Modal *z, const double *u)
 {
-    memcpy(memory->state, z->at, sizeof memory->state);
+    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
+    memcpy(memory->state + REACHED, u, INPUTS * sizeof *u);
+    memset(memory->state + COMPUTED, 0, OUTPUT_BLOCKS * sizeof *u);
 }
 
 /* ---- Friction at the ports ------------------------------------------------------------------------------------------ */
@@ -245,34 +273,62 @@ static void step_with_friction(const Parameters *p, Work *work, const double *fr
 static void step_without_friction(Work *work, const double *from, const double *to, double h, Modal *z)
 {
     Modal w0, w1, end;
-    load(from, &w0);
-    if (memcmp(from, to, INPUTS * sizeof *from) == 0) {
-        w1 = w0;
-    } else {
-        load(to, &w1);
-    }
+    load_once(work, from, &w0);
+    load_once(work, to, &w1);
     advance(factors(work, h), z, &w0, &w1, &end);
     *z = end;
 }
 
 /* ---- Outputs -------------------------------------------------------------------------------------------------------- */
 
-/* y = C z + D u + static state; u with the friction in it, where there is any. */
-static void respond(Signals *s, const Parameters *p, const Modal *z)
+/* Eight outputs: y = C z + D u + static state. */
+static void respond(Memory *memory, int block)
 {
-    double u[INPUTS], y[OUTPUT_BLOCKS * BLOCK];
-    memcpy(u, s->input, sizeof u);
+    double y[BLOCK];
+    const double *z = memory->state, *u = memory->state + REACHED;
+    const Parameters *p = &memory->values.named.parameters;
+    const int first = block * BLOCK, count = OUTPUTS - first < BLOCK ? OUTPUTS - first : BLOCK;
+    multiply_block(C + first * STATE_COUNT, STATE_COUNT, z, y);
+    for (int k = DIRECT_BEGIN[block]; k < DIRECT_BEGIN[block + 1]; k++) {
+        y[DIRECT_OUTPUT[k] - first] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
+    }
+    for (int k = 0; k < OFFSET_COUNT; k++) {
+        if (OFFSET_OUTPUT[k] / BLOCK == block) {
+            y[OFFSET_OUTPUT[k] - first] += p->offset[k];
+        }
+    }
+    memcpy(memory->values.named.signals.output + first, y, (size_t)count * sizeof *y);
+}
+
+void model_output(Memory *memory, int output)
+{
+    const int block = output / BLOCK;
+    if (memory->state[COMPUTED + block] == 0.0) {
+        respond(memory, block);
+        memory->state[COMPUTED + block] = 1.0;
+    }
+}
+
+/* Far from where an output or the next step could overflow. */
+static int is_sound(const Modal *z)
+{
+    int sound = 1;
+    for (int k = 0; k < STATE_COUNT; k++) {
+        sound &= z->at[k] > -LARGEST && z->at[k] < LARGEST;
+    }
+    return sound;
+}
+
+/* Keeps state z, and the inputs there. */
+static void reach(Memory *memory, const Modal *z)
+{
+    double u[INPUTS];
+    const Parameters *p = &memory->values.named.parameters;
+    memcpy(u, memory->values.named.signals.input, sizeof u);
     if (has_friction(p)) {
         add_friction(p, z, u);
     }
-    multiply(C, OUTPUT_BLOCKS, STATE_COUNT, z->at, y);
-    for (int k = 0; k < DIRECT_COUNT; k++) {
-        y[DIRECT_OUTPUT[k]] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
-    }
-    for (int k = 0; k < OFFSET_COUNT; k++) {
-        y[OFFSET_OUTPUT[k]] += p->offset[k];
-    }
-    memcpy(s->output, y, sizeof s->output);
+    keep_state(memory, z, u);
 }
 
 /* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
@@ -324,15 +380,17 @@ int model_start(Memory *memory, void *work, Message *why)
     if (memory->flag[start_at_equilibrium]) {
         settle(memory->values.named.signals.input, &z);
     }
-    keep_state(memory, &z);
-    respond(&memory->values.named.signals, &memory->values.named.parameters, &z);
+    reach(memory, &z);
+    for (int output = 0; output < OUTPUTS; output += BLOCK) {
+        model_output(memory, output);
+    }
     return 1;
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
     Modal z;
-    Signals *s = &memory->values.named.signals;
+    const Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
     const double count = h * friction_rate(p) / SUB_STEP_SHARE;
     if (!(count <= MOST_SUB_STEPS)) {
@@ -346,9 +404,8 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     } else {
         step_without_friction((Work *)work, from, s->input, h, &z);
     }
-    keep_state(memory, &z);
-    respond(s, p, &z);
-    return 1;
+    reach(memory, &z);
+    return is_sound(&z);
 }
 
 double model_direct_term(const Memory *memory, int output, int input)
