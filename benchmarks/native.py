@@ -1,41 +1,56 @@
-"""What a step of a native FMU costs: against the python FMU, through the same fmpy loop, and the build's times.
+"""What a step of a native FMU costs, against the python FMU and in a C loop; sizes; times of the build.
 
     python benchmarks/native.py
 
-Ratios are of one run on one machine; absolute times are that machine's.
+A step is what a coupling master does: set all inputs, with or without their derivatives, fmi2DoStep, get the port's
+outputs. Ratios are of one run on one machine; absolute times are that machine's. The worst case is the slowest of
+200,000 steps: on a machine that does other things it is the operating system's.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
 
 from builder.build import build
+from builder.native.headers import fmi_headers
 from cosim import FmuComponent
+from eightpost.archive import extract_archive
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, law_name, write_shock
-from eightpost.vehicle import shipped
+from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, shipped, write_vehicle
 
-STEPS, REPEATS = 5000, 5
+STEPS, REPEATS, C_STEPS = 5000, 5, 200_000
+CORNERS = ("lf", "rf", "lr", "rr")
+AMPLITUDES = {"velocity": 0.5, "displacement": 0.02, "force": 500.0, "road": 0.005}
+PORT = ("force", "velocity", "displacement")
 
 
 def main() -> None:
-    """Build four FMUs for both targets, time their steps, print a table."""
-    with tempfile.TemporaryDirectory() as folder:
-        sources = _sources(Path(folder))
-        os.environ["EIGHTPOST_CACHE"] = str(Path(folder) / "cache")
+    """Build, time, print tables."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        sources = _sources(folder)
+        os.environ["EIGHTPOST_CACHE"] = str(folder / "cache")
         for label in ("cold", "warm"):
             begin = time.perf_counter()
-            native = build(sources, Path(folder) / "native")
+            native = build(sources[:4], folder / "native")
             print(f"build of {len(native)} FMUs, {label}: {time.perf_counter() - begin:.1f} s")
-        python = build(sources, Path(folder) / "python", target="python")
-        print("| FMU | size [KiB] | native [us] | python [us] | ratio |\n|---|---|---|---|---|")
-        for one, other in zip(native, python, strict=True):
-            fast, slow = _microseconds(one.path), _microseconds(other.path)
-            size = one.path.stat().st_size / 1024
-            print(f"| {one.path.stem} | {size:.0f} | {fast:.1f} | {slow:.1f} | {slow / fast:.0f} |")
+        python = build(sources[:4], folder / "python", target="python")
+        native += build(sources[4:], folder / "native")
+        _fmpy_table([one.path for one in native[:4]], [one.path for one in python])
+        _c_table([one.path for one in native], folder)
+        _sizes([one.path for one in native])
 
 
 def _sources(folder: Path) -> list[Path]:
@@ -48,7 +63,30 @@ def _sources(folder: Path) -> list[Path]:
     for law in laws:
         files.append(folder / f"{law_name(type(law))}.json")
         write_shock(Shock(law_name(type(law)), law), files[-1])
-    return [*files, shipped("seven_dof")]
+    write_vehicle(folder / "states_150.json", IdentifiedVehicle("states_150", _large_model(150)))
+    return [*files, shipped("seven_dof"), shipped("quarter_car"), folder / "states_150.json"]
+
+
+def _large_model(states: int) -> StateSpace:
+    """A car of many lightly damped modes, with the channels of a four-corner rig."""
+    rng = np.random.default_rng(states)
+    A = np.zeros((states, states))
+    for k in range(0, states, 2):
+        omega = rng.uniform(5.0, 400.0)
+        A[k : k + 2, k : k + 2] = [[-0.1 * omega, omega], [-omega, -0.1 * omega]]
+    inputs = tuple(Channel(f"{c}.{n}", u) for n, u in (("force", "N"), ("road", "m")) for c in CORNERS)
+    outputs = tuple(Channel(f"{c}.{n}", u) for n, u in (("velocity", "m/s"), ("tire_force", "N")) for c in CORNERS)
+    B, C = rng.standard_normal((states, 8)), rng.standard_normal((8, states))
+    D = np.zeros((8, 8))
+    D[4:, 4:] = 3e5 * np.eye(4)
+    return StateSpace(A, B, C, D, inputs, outputs, name=f"states_{states}")
+
+
+def _fmpy_table(native: list[Path], python: list[Path]) -> None:
+    print("\nIn an fmpy loop (cosim.FmuComponent):\n\n| FMU | native [us] | python [us] | ratio |\n|---|---|---|---|")
+    for one, other in zip(native, python, strict=True):
+        fast, slow = _microseconds(one), _microseconds(other)
+        print(f"| {one.stem} | {fast:.1f} | {slow:.1f} | {slow / fast:.1f} |")
 
 
 def _microseconds(path: Path) -> float:
@@ -56,20 +94,96 @@ def _microseconds(path: Path) -> float:
     fmu = FmuComponent(path, "timed")
     fmu.begin(0.0, 1e6, {})
     fmu.end_initialization()
-    variables = fmu.variables.values()
-    name = next(v.name for v in variables if v.causality == "input")
-    outputs = tuple(v.name for v in variables if v.causality == "output")[:14]
+    inputs, outputs = _port(fmu.variables.values())
     times, at = [], 0.0
     for _ in range(REPEATS):
         begin = time.perf_counter()
         for k in range(STEPS):
-            fmu.set((name,), (0.1 * (k % 7),))
+            fmu.set(inputs, [AMPLITUDES[name.rpartition(".")[2]] * 0.1 * (k % 7) for name in inputs])
             fmu.step(at, 1e-3)
             fmu.get(outputs)
             at += 1e-3
         times.append((time.perf_counter() - begin) / STEPS * 1e6)
     fmu.finish()
     return statistics.median(times)
+
+
+def _port(variables: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the inputs that have an amplitude, and the outputs that are a port's."""
+    inputs = tuple(v.name for v in variables if v.causality == "input" and v.name.rpartition(".")[2] in AMPLITUDES)
+    return inputs, tuple(v.name for v in variables if v.causality == "output" and v.name.rpartition(".")[2] in PORT)
+
+
+def _c_table(fmus: list[Path], folder: Path) -> None:
+    compiler = _compiler()
+    if compiler is None:
+        print("\nThere is no C compiler and no ziglang: no C loop.")
+        return
+    program = folder / "step"
+    source = str(Path(__file__).with_name("step.c"))
+    subprocess.run(
+        [*compiler, "-std=c99", "-O2", "-I", str(fmi_headers()), source, "-o", str(program), "-ldl"], check=True
+    )
+    print(
+        f"\nIn a C loop, {C_STEPS:,} steps; mean [ns], median of {REPEATS} runs (1 in 1,000; worst, of the last run):\n"
+    )
+    print("| FMU | states | inputs | held | ramped | ramped, irregular steps |\n|---|---|---|---|---|---|")
+    for path in fmus:
+        where = folder / "unpacked" / path.stem
+        extract_archive(path, where)
+        cells = [_nanoseconds(program, where, kind) for kind in ("held", "ramped", "irregular")]
+        description = fmpy.read_model_description(str(where))
+        counts = f"{_states(path)} | {len(_port(description.modelVariables)[0])}"
+        print(f"| {path.stem} | {counts} | {' | '.join(cells)} |")
+
+
+def _states(path: Path) -> int:
+    """Of a vehicle, as its own source says; a shock has one."""
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        text = archive.read("sources/vehicle_data.h").decode() if "sources/vehicle_data.h" in names else ""
+    return int(text.partition("STATE_COUNT = ")[2].split()[0]) if text else 1
+
+
+def _compiler() -> list[str] | None:
+    if found := shutil.which("cc"):
+        return [found]
+    try:
+        import ziglang  # noqa: F401, PLC0415
+    except ImportError:
+        return None
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def _nanoseconds(program: Path, where: Path, kind: str) -> str:
+    description = fmpy.read_model_description(str(where))
+    inputs, outputs = _port(description.modelVariables)
+    references = {v.name: str(v.valueReference) for v in description.modelVariables}
+    library = (
+        where / "binaries" / fmpy.platform / f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    )
+    amplitudes = [str(AMPLITUDES[name.rpartition(".")[2]]) for name in inputs]
+    line = [str(program), str(library), description.guid, str(C_STEPS), kind]
+    line += [",".join(part) for part in ([references[n] for n in inputs], amplitudes, [references[n] for n in outputs])]
+    runs = [
+        [float(number) for number in subprocess.run(line, check=True, capture_output=True, text=True).stdout.split()]
+        for _ in range(REPEATS)
+    ]
+    return f"{statistics.median(run[0] for run in runs):.0f} ({runs[-1][1]:.0f}; {runs[-1][2]:.0f})"
+
+
+def _sizes(fmus: list[Path]) -> None:
+    print("\nSizes [KiB]:\n")
+    platforms: list[str] = []
+    for path in fmus:
+        with zipfile.ZipFile(path) as archive:
+            members = {i.filename: i for i in archive.infolist()}
+        binaries = {name.split("/")[1]: i.file_size for name, i in members.items() if name.startswith("binaries/")}
+        if not platforms:
+            platforms = sorted(binaries)
+            print(f"| FMU | archive | {' | '.join(platforms)} |\n|---|---|{'---|' * len(platforms)}")
+        sizes = " | ".join(f"{binaries.get(platform, 0) / 1024:.0f}" for platform in platforms)
+        print(f"| {path.stem} | {path.stat().st_size / 1024:.0f} | {sizes} |")
 
 
 if __name__ == "__main__":

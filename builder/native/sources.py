@@ -43,6 +43,7 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
         space = product.source.coupled()
         form = modal_form(space)
         states = kept_numbers(form, product.interface)
+        model["phi.h"] = (folder / product.sources / "phi.h").read_bytes()
         generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
     plan = layout(product.interface, states)
     generated |= {

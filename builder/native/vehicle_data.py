@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 #: Rows of a block: fmus/vehicle_ss/model.c keeps as many sums in registers.
 _BLOCK = 8
 
+#: How many modes fmus/vehicle_ss/model.c takes at once; there is room for a multiple of them.
+_LANES = 4
+
 
 def vehicle_data(model: StateSpace, form: ModalForm, interface: Interface) -> str:
     """Return the header; inputs and outputs are in the interface's order, which need not be the model's."""
@@ -47,14 +50,17 @@ def kept_numbers(form: ModalForm, interface: Interface) -> int:
 
 def _modes(form: ModalForm, pairs: int) -> str:
     count = form.sigma.size
-    sizes = {"MODE_COUNT": count, "MODES": max(1, count), "PAIR_COUNT": pairs, "PAIRS": max(1, pairs)}
+    fastest = float(np.max(np.hypot(form.sigma, form.omega), initial=0.0))
+    room = max(_LANES, -(-count // _LANES) * _LANES)
+    sizes = {"MODE_COUNT": count, "MODES": room, "PAIR_COUNT": pairs, "LANES": _LANES}
     sizes["STATE_COUNT"] = count + pairs
     return "\n".join(
         (
             "enum { " + ", ".join(f"{name} = {size}" for name, size in sizes.items()) + " };",
             f"enum {{ HAS_EQUILIBRIUM = {int(form.steady)} }};",
             f"static const double SIGMA[MODES] = {c_array(form.sigma)}; /* 1/s */",
-            f"static const double OMEGA[PAIRS] = {c_array(form.omega[:pairs])}; /* rad/s */",
+            f"static const double OMEGA[MODES] = {c_array(form.omega)}; /* rad/s */",
+            f"static const double FASTEST = {c_number(fastest)}; /* 1/s */",
         )
     )
 

@@ -10,9 +10,13 @@
 
 #include "component.h"
 #include "elementary.h"
+#include "phi.h"
 #include "vehicle_data.h"
 
-enum { KEPT = 4, SERIES_TERMS = 18 };
+enum { KEPT = 4 };
+
+/* Of a mode's exponent lambda h; beyond 32 by exp, sin and cos. */
+enum { MOST_DOUBLINGS = 6 };
 
 /* A sub-step is at most this share of the friction's fastest time constant. */
 static const double SUB_STEP_SHARE = 0.25;
@@ -46,72 +50,48 @@ typedef struct {
  * computed. A block is left until one of its outputs is asked for. */
 enum { REACHED = STATE_COUNT, COMPUTED = REACHED + INPUTS };
 
-typedef struct {
-    double re, im;
-} Complex;
+/* ---- Factors of a step ---------------------------------------------------------------------------------------------- */
 
-static Complex product(Complex a, Complex b)
+static void keep_factors(Factors *f, int first, const Exponentials *a)
 {
-    const Complex c = {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-    return c;
-}
-
-/* (a - 1) / x, for x that is not small. */
-static Complex difference_quotient(Complex a, Complex x)
-{
-    const double square = x.re * x.re + x.im * x.im;
-    const Complex numerator = {a.re - 1.0, a.im}, conjugate = {x.re / square, -x.im / square};
-    return product(numerator, conjugate);
-}
-
-/* phi2 by its series 1/2! + x/3! + x^2/4! + ... for |x| <= 1. */
-static Complex phi2_series(Complex x)
-{
-    Complex sum = {1.0, 0.0};
-    for (int k = SERIES_TERMS; k >= 3; k--) {
-        const Complex next = product(x, sum);
-        sum.re = 1.0 + next.re / (double)k;
-        sum.im = next.im / (double)k;
+    for (int i = 0; i < LANES; i++) {
+        f->e_re[first + i] = a->e.re[i];
+        f->e_im[first + i] = a->e.im[i];
+        f->first_re[first + i] = f->h * (a->phi1.re[i] - a->phi2.re[i]);
+        f->first_im[first + i] = f->h * (a->phi1.im[i] - a->phi2.im[i]);
+        f->second_re[first + i] = f->h * a->phi2.re[i];
+        f->second_im[first + i] = f->h * a->phi2.im[i];
     }
-    sum.re *= 0.5;
-    sum.im *= 0.5;
-    return sum;
 }
 
-static void exponential_functions(Complex x, Complex *e, Complex *phi1, Complex *phi2)
+static Lanes exponents(int first, double h)
 {
-    if (x.re * x.re + x.im * x.im <= 1.0) {
-        *phi2 = phi2_series(x);
-        *phi1 = product(x, *phi2);
-        phi1->re += 1.0;
-        *e = product(x, *phi1);
-        e->re += 1.0;
-        return;
+    Lanes x;
+    for (int i = 0; i < LANES; i++) {
+        x.re[i] = SIGMA[first + i] * h;
+        x.im[i] = OMEGA[first + i] * h;
     }
-    double sine, cosine;
-    const double growth = exponential(x.re);
-    sine_and_cosine(x.im, &sine, &cosine);
-    e->re = growth * cosine;
-    e->im = growth * sine;
-    *phi1 = difference_quotient(*e, x);
-    *phi2 = difference_quotient(*phi1, x);
+    return x;
 }
 
 static void discretise(Factors *f, double h)
 {
+    int doublings = 0;
+    double part = h;
+    while (doublings <= MOST_DOUBLINGS && FASTEST * part > 0.5) {
+        doublings++;
+        part *= 0.5;
+    }
     f->h = h;
-    for (int k = 0; k < MODE_COUNT; k++) {
-        Complex e, phi1, phi2;
-        const Complex x = {SIGMA[k] * h, k < PAIR_COUNT ? OMEGA[k] * h : 0.0};
-        exponential_functions(x, &e, &phi1, &phi2);
-        f->e_re[k] = e.re;
-        f->e_im[k] = e.im;
-        f->first_re[k] = h * (phi1.re - phi2.re);
-        f->first_im[k] = h * (phi1.im - phi2.im);
-        f->second_re[k] = h * phi2.re;
-        f->second_im[k] = h * phi2.im;
+    for (int first = 0; first < MODES; first += LANES) {
+        const int is_large = doublings > MOST_DOUBLINGS;
+        const Lanes x = exponents(first, is_large ? h : part);
+        const Exponentials a = is_large ? exponentials_in_closed_form(&x) : exponentials_by_series(&x, doublings);
+        keep_factors(f, first, &a);
     }
 }
+
+/* ---- A step --------------------------------------------------------------------------------------------------------- */
 
 static const Factors *factors(Work *work, double h)
 {
