@@ -21,12 +21,16 @@ STEPS = (0.002, 0.001, 0.0005)
 LINEAR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 
 
-@pytest.fixture(scope="module")
-def bench():
-    spec = importlib.util.spec_from_file_location("benchmark_coupling", ROOT / "benchmarks" / "coupling.py")
+def benchmark(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return benchmark("coupling")
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +39,19 @@ def drive():
 
 
 @pytest.fixture(scope="module")
-def errors(bench, drive, shocks, tmp_path_factory):
-    """Rows of errors by scheme and step, all damping in LPNL2 shocks with a gas spring, on 4 s of the track."""
+def damped(bench, drive, shocks, tmp_path_factory):
+    """All damping in LPNL2 shocks with a gas spring, on 4 s of the track: the case, and the folder of its FMUs."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=50.0, gas_stiffness=700.0))
     assert isinstance(law, Lpnl2)
     folder = tmp_path_factory.mktemp("accuracy")
     bench.build_fmus(law, folder)
-    case = bench.make_case(law, drive, 4.0)
+    return bench.make_case(law, drive, 4.0), folder
+
+
+@pytest.fixture(scope="module")
+def errors(bench, damped):
+    """Rows of errors by scheme and step."""
+    case, folder = damped
     schemes = {"gauss-seidel": cosim.GaussSeidel(), "jacobi": cosim.Jacobi()}
     return {
         (name, step): bench.measure(case, folder, algorithm, step)
@@ -73,6 +83,16 @@ def test_jacobi_is_first_order_and_much_worse(errors):
     slopes = -np.diff(np.log2(column(errors, "jacobi", "velocity")))
     assert slopes == pytest.approx(1.0, abs=0.15)
     assert (column(errors, "jacobi", "velocity") > 5.0 * column(errors, "gauss-seidel", "velocity")).all()
+
+
+@pytest.mark.slow
+def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(bench, damped):
+    """docs/import.md: at 1 kHz such a host is some percent wrong."""
+    host = benchmark("plain_host")
+    at_1_khz, at_2_khz = (np.array(host.errors(*damped, rate)) for rate in (1000.0, 2000.0))
+    assert (at_1_khz > 2.0).all()
+    assert np.log2(at_1_khz / at_2_khz) == pytest.approx(1.0, abs=0.15)
+    assert host.errors(*damped, 125.0) == (np.inf, np.inf)
 
 
 def linear_curve(rate):
