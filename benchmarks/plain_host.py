@@ -72,11 +72,13 @@ def errors(case: coupling.Case, folder: Path, rate: float) -> tuple[float, float
         rows = plain_host(folder, case.drive, case.stop, 1.0 / rate)
     except StepError:
         return np.inf, np.inf
-    kept = rows[:, :: round(float(case.time[1]) * rate)]
+    per_sample = float(case.time[1]) * rate  # steps; below 1 the host is the slower one
+    kept = rows[:, :: max(1, round(per_sample))]
     velocity, tire_force = kept[:4], kept[8:]
-    settled = case.time >= coupling.SETTLING
+    at = slice(None, None, max(1, round(1.0 / per_sample)))
+    settled = case.time[at] >= coupling.SETTLING
     static = tire_force[:, :1] - case.tire_force[:, :1]
-    pairs = ((velocity, case.velocity), (tire_force - static, case.tire_force))
+    pairs = ((velocity, case.velocity[:, at]), (tire_force - static, case.tire_force[:, at]))
     first, second = (
         float(np.max(100 * coupling.rms((found - true)[:, settled]) / np.std(true[:, settled], axis=1)))
         for found, true in pairs

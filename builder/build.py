@@ -65,7 +65,7 @@ def build(
         raise FmuError("a python FMU is its own source; a confidential one must be native (--target native)")
     check_output_folder(folder)
     products = [(str(source), _product(Path(source))) for source in sources]
-    names = [product.identifier for _, product in products]
+    names = [product.identifier.lower() for _, product in products]  # Windows and macOS take a and A for the same
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
     built: list[Members] = []
@@ -100,14 +100,42 @@ def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) 
 
 def _product(source: Path) -> Product:
     identifier = fmu_identifier(source.stem)
+    if not source.is_file():
+        raise FmuError(f"{source}: there is no such file; mend the path, or make it first (eightpost fit)")
     if source.suffix == ".json" and document_kind(source) == "shock":
         return shock_product(read_shock(source), identifier)
     if source.suffix in (".json", ".toml"):
+        _refuse_a_system(source)
         return vehicle_product(read_vehicle(source), identifier)
-    raise FmuError(f"{source}: build takes shock files (.json) and vehicle files (.toml, .json)")
+    advice = "; fit a record first (eightpost fit)" if source.suffix in (".csv", ".mat", ".parquet") else ""
+    raise FmuError(f"{source}: build takes shock files (.json) and vehicle files (.toml, .json){advice}")
+
+
+def _refuse_a_system(source: Path) -> None:
+    """A system names its components where a vehicle names its model."""
+    if source.suffix == ".toml" and re.search(r"^\s*\[components", source.read_text("utf-8", "replace"), re.MULTILINE):
+        raise FmuError(
+            f"{source}: is a system of FMUs, not a vehicle; run it (eightpost run) or pack it (eightpost ssp), and "
+            "build the vehicle and shock files that its FMUs come from"
+        )
+
+
+#: What C keeps for itself, and names that Windows has no file of.
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        auto break case char const continue default do double else enum extern float for goto if inline int long
+        register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+        con prn aux nul com1 com2 com3 com4 com5 com6 com7 com8 com9 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
+        """,
+    )
+)
 
 
 def fmu_identifier(name: str) -> str:
-    """Return a C name from a file's name: what FMI asks of a model identifier."""
+    """Return a C name from a file's name: what FMI asks of a model identifier, and Windows of a file."""
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
+    if identifier.lower() in _RESERVED:
+        return f"{identifier}_"
     return f"_{identifier}" if identifier[:1].isdigit() or not identifier else identifier

@@ -24,7 +24,8 @@ from builder.documents import Disclosure
               help="native: C, for any host on six platforms. python: the readable reference, for Python hosts with "
                    "numpy and scipy. all: both.")  # fmt: skip
 @click.option("--confidential", is_flag=True,
-              help="Leave out sources, curve pictures, coefficients and the names of source files.")  # fmt: skip
+              help="Leave out sources, the curve (picture and coefficients) and the names of source files. The lag's "
+                   "parameters, which a host may tune, stay readable.")  # fmt: skip
 def build(sources: tuple[Path, ...], output: Path, target: str, confidential: bool) -> None:
     """Build an FMI 2.0 co-simulation FMU from each source.
 

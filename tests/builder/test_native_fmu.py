@@ -11,7 +11,7 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
-from builder.build import build
+from builder.build import build, fmu_identifier
 from builder.documents import Disclosure
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
@@ -160,3 +160,33 @@ def test_nothing_is_written_when_one_of_several_cannot_be_built(shocks, tmp_path
     with pytest.raises(ValueError, match="bad"):
         build([tmp_path / "good.json", tmp_path / "bad.json"], tmp_path / "out")
     assert not list(Path(tmp_path).glob("out/*.fmu"))
+
+
+@pytest.mark.parametrize(
+    ("stem", "identifier"),
+    [("con", "con_"), ("LPT1", "LPT1_"), ("int", "int_"), ("2x", "_2x"), ("my shock", "my_shock"), ("front", "front")],
+)
+def test_an_fmu_has_a_name_that_c_and_windows_take(stem, identifier):
+    assert fmu_identifier(stem) == identifier
+
+
+def test_names_that_differ_in_case_only_are_refused_since_windows_keeps_one_of_them(shocks, tmp_path):
+    for name in ("A", "a"):
+        write_shock(shocks["lpf1"], tmp_path / f"{name}.json")
+    with pytest.raises(FmuError, match="several sources would be written to"):
+        build([tmp_path / "A.json", tmp_path / "a.json"], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "advice"),
+    [
+        ("record.csv", "time [s]\n", "eightpost fit"),
+        ("car_system.toml", "[components.car]\nfmu = 'car.fmu'\n", "eightpost run"),
+        ("gone.json", None, "there is no such file"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_with_the_way_out(tmp_path, name, content, advice):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(FmuError, match=advice):
+        build([tmp_path / name], tmp_path)
