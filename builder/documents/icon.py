@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -20,6 +22,11 @@ _INK, _BODY, _PART = "#1c2430", "#0072b2", "#c9d6e4"
 
 def icon(source: Shock | Vehicle) -> bytes:
     """Return a square PNG, 256 dots wide, on a transparent ground."""
+    return _drawn(_draw_shock if isinstance(source, Shock) else _draw_vehicle)
+
+
+@lru_cache
+def _drawn(draw: Callable[[Axes], None]) -> bytes:
     with plain_style():
         figure = Figure(figsize=(2.56, 2.56), dpi=100)
         FigureCanvasAgg(figure)
@@ -27,7 +34,7 @@ def icon(source: Shock | Vehicle) -> bytes:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
-        (_draw_shock if isinstance(source, Shock) else _draw_vehicle)(axes)
+        draw(axes)
         return png(figure)
 
 
