@@ -11,7 +11,7 @@ from pathlib import Path
 
 from builder.check.catalogue import CATALOGUE
 from builder.check.groups import GROUPS
-from builder.check.report import CheckReport, json_document
+from builder.check.report import CheckReport, NotChecked, json_document
 from builder.check.rules import Finding, Level, Rule, Scope, Skipped
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "CheckReport",
     "Finding",
     "Level",
+    "NotChecked",
     "Rule",
     "Scope",
     "Skipped",

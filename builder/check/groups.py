@@ -41,6 +41,7 @@ GROUPS = {
     "derivatives": Group("directional derivatives against central differences; input derivatives", "derivatives"),
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "steps"),
     "instances": Group("two interleaved, fifty, four threads, 300 created and freed", "instances"),
+    "footprint": Group("what steps leave in the process: locale, standard output, memory", "footprint"),
     "surroundings": Group("an empty environment, a read-only folder, a path with odd characters"),
     "ports": Group("sign and energy of shocks and of vehicles with velocity/force ports", "ports"),
     "reference": Group("reference results in extra/ computed again", "reference"),

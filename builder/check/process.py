@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from builder.check.catalogue import CATALOGUE
-from builder.check.catalogue.behaviour import CRASH_MISUSE
+from builder.check.catalogue.behaviour import CRASH_MISUSE, FREE_NULL
 from builder.check.groups import GROUPS
+from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import Finding
 
 _TIMEOUT, _MISUSE_TIMEOUT = 120.0, 30.0  # s
@@ -72,7 +73,8 @@ def run_probe(group: str, unpacked: Path, *, surroundings: Surroundings = _HERE,
 
 
 def _failed(group: str, said: Outcome, message: str) -> Outcome:
-    crash = GROUPS[group].crash.finding(f"the process of the probe {group!r} {message}")
+    rule = FREE_NULL if FREEING_NOTHING in message else GROUPS[group].crash
+    crash = rule.finding(f"the process of the probe {group!r} {message}")
     return Outcome((*said.findings, crash), said.skipped, completed=False, values=said.values)
 
 

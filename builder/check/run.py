@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from builder.check.groups import GROUPS
-from builder.check.process import Outcome, run_probe
+from builder.check.probes.library import binary_members, platform_folders
+from builder.check.process import Outcome
 from builder.check.rebuild import rebuild
 from builder.check.report import CheckReport
 from builder.check.rules import Finding, Level, Scope, Skipped
 from builder.check.static import static_findings
 from builder.check.subject import Subject, read_subject
-from builder.check.surroundings import surroundings
+from builder.check.surroundings import in_an_empty_folder, surroundings
 from builder.check.tools import tool_findings
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
@@ -28,7 +29,7 @@ _AT_ONCE = 2
 class _Ledger:
     """What a check has done so far."""
 
-    done: list[str] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
 
@@ -37,7 +38,7 @@ class _Ledger:
         self.findings += outcome.findings
         self.skipped += [Skipped(f"{group}: {what}" if what else group, reason) for what, reason in outcome.skipped]
         if not any(not what for what, _ in outcome.skipped):
-            self.done.append(GROUPS[group].title)
+            self.groups.append(group)
 
 
 def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
@@ -54,7 +55,7 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
     findings = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
     order = list(Level)
     findings.sort(key=lambda finding: order.index(finding.rule.level))
-    return CheckReport(path, scope, _identity(subject), tuple(ledger.done), tuple(ledger.skipped), tuple(findings))
+    return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(findings))
 
 
 def _identity(subject: Subject) -> dict[str, str]:
@@ -80,7 +81,7 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
         unpacked = Path(folder) / "fmu"
         _unpack(subject, unpacked)
-        first = run_probe("simulation", unpacked)
+        first = in_an_empty_folder("simulation", unpacked)
         if "simulation" in wanted:
             ledger.enter("simulation", first)
         others = [group for group in wanted if group != "simulation"]
@@ -96,7 +97,7 @@ def _outcomes(subject: Subject, groups: list[str], unpacked: Path) -> Iterator[t
     def outcome(group: str) -> Outcome:
         if group == "rebuild":
             return rebuild(subject, unpacked)
-        return surroundings(unpacked) if group == "surroundings" else run_probe(group, unpacked)
+        return surroundings(unpacked) if group == "surroundings" else in_an_empty_folder(group, unpacked)
 
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         yield from zip(groups, pool.map(outcome, groups), strict=True)
@@ -107,7 +108,14 @@ def _not_to_be_called(subject: Subject) -> str:
         return "the archive is not safe to unpack"
     if subject.description is None:
         return "there is no description to call it by"
-    return "" if subject.description.co_simulation is not None else "it offers no co-simulation"
+    if subject.description.co_simulation is None:
+        return "it offers no co-simulation"
+    if subject.members.keys().isdisjoint(binary_members(subject.description.identifier)):
+        there = [binary.platform for binary in subject.own_binaries]
+        there += ["sources"] if subject.description.source_files else []
+        here = platform_folders()[0]
+        return f"no binary for this platform ({here}), so nothing was run; it has: {', '.join(there) or 'none'}"
+    return ""
 
 
 def _unpack(subject: Subject, folder: Path) -> None:

@@ -55,9 +55,12 @@ def read_subject(path: str | Path) -> Subject:
     """Read an FMU.
 
     Raises:
-        FmuError: The file is missing or no readable zip archive, holds no modelDescription.xml, or is of FMI 1 or 3.
+        FmuError: The file is missing, a folder or no readable zip archive, holds no modelDescription.xml, or is of
+            FMI 1 or 3.
     """
     path = Path(path)
+    if path.is_dir():
+        raise FmuError(f"{path}: is a folder, and an .fmu file is wanted; give the files in it (check {path}/*.fmu)")
     entries, members = _read(path)
     if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
         raise FmuError(f"{path}: is not an FMU: there is no {XML} in it")

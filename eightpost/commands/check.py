@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from builder.check import CheckReport, Level, Scope, json_document
+from builder.check import CheckReport, Level, NotChecked, Scope, json_document
 from builder.check import check as check_fmu
+from eightpost.errors import InputError
 
 _COLOURS = {Level.ERROR: "bold red", Level.DROP_IN: "yellow", Level.HINT: "cyan"}
 
@@ -27,25 +28,38 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: boo
 
     Runs fmpy validate, fmutool -check, over a hundred rules of its own, and the FMU itself. Findings are errors (the
     FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in processes of its own: a
-    crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if a file is no FMU 2.0.
+    crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if a file is no FMU 2.0;
+    the others are reported all the same.
 
     \b
     Examples:
       eightpost check dist/*.fmu
       eightpost check --standard --json supplier.fmu > supplier.json
     """
-    reports = []
+    reports: list[CheckReport | NotChecked] = []
     with Console(stderr=True).status("") as status:
         for path in fmus:
             status.update(f"checking {escape(str(path))}")
-            reports.append(check_fmu(path, scope=scope))
+            reports.append(_checked(path, scope))
+    refused = [report for report in reports if isinstance(report, NotChecked)]
     if as_json:
-        click.echo(json.dumps(json_document(reports), indent=1, ensure_ascii=False))
+        click.echo(json.dumps(json_document(reports), indent=1))  # in ASCII: a terminal may know no other
     else:
         console = Console()
         for report in reports:
-            show_report(console, report)
-    ctx.exit(0 if all(report.acceptable for report in reports) else 1)
+            if isinstance(report, CheckReport):
+                show_report(console, report)
+    for report in refused:
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
+    ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
+
+
+def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
+    """Check a file; one that cannot be read must not hide what was found in the others."""
+    try:
+        return check_fmu(path, scope=scope)
+    except InputError as error:
+        return NotChecked(path, str(error))
 
 
 def show_report(console: Console, report: CheckReport) -> None:
@@ -53,9 +67,13 @@ def show_report(console: Console, report: CheckReport) -> None:
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
     if report.findings:
         console.print(_table(report))
-    console.print(f"  did {len(report.done)} groups of checks", highlight=False, style="dim")
+    _note(console, f"did {', '.join(report.groups) or 'nothing'}")
     for skipped in report.skipped:
-        console.print(f"  skipped {escape(skipped.what)}: {escape(skipped.reason)}", highlight=False, style="dim")
+        _note(console, f"skipped {skipped.what}: {skipped.reason}")
+
+
+def _note(console: Console, text: str) -> None:
+    console.print(f"  {escape(text)}", highlight=False, soft_wrap=True, style="dim")
 
 
 def _verdict(report: CheckReport) -> str:

@@ -1,20 +1,28 @@
 """`check` passes clean FMUs, says what is wrong with others, and never ends on what an FMU does."""
 
+import importlib.util
+import io
 import json
+import platform
 import re
+import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import fmpy
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, json_document, process
 from builder.check.static.units import RULES as UNIT_RULES
 from builder.check.subject import read_subject
+from builder.native.platforms import this_platform
 from eightpost.archive import read_archive, write_archive
 from eightpost.commands.check import check as command
+from eightpost.commands.check import show_report
 from eightpost.errors import FmuError
 from eightpost.units import SI_UNITS, si_exponents
 
@@ -101,6 +109,88 @@ def test_a_foreign_fmu_that_crashes_and_hangs_on_wrong_calls_is_told_so(containe
     crashes = [finding.message for finding in report.findings if finding.rule.identifier == "crash-misuse"]
     assert any("did not end within 5 s in or after fmi2DoStep" in message for message in crashes)
     assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
+
+
+FOREIGN = Path(__file__).with_name("foreign")
+
+
+def c_compiler():
+    """The system's compiler, or zig's."""
+    if found := next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None):
+        return [found]
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("there is no C compiler on this machine")
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def foreign_fmu(name, folder):
+    """Compile and zip an FMU of tests/builder/foreign, with FMI's own headers and nothing of this project."""
+    if sys.platform != "linux" or platform.machine() != "x86_64":
+        pytest.skip("it is compiled for linux64 only")
+    headers = Path(fmpy.__file__).with_name("c-code")
+    source, library = FOREIGN / name / f"{name}.c", folder / f"{name}.so"
+    line = [*c_compiler(), "-shared", "-fPIC", "-O2", "-std=c99", "-I", headers, source, "-o", library, "-lm"]
+    subprocess.run([str(word) for word in line], check=True, capture_output=True)
+    with zipfile.ZipFile(folder / f"{name}.fmu", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(FOREIGN / name / "modelDescription.xml", "modelDescription.xml")
+        archive.write(library, f"binaries/linux64/{name}.so")
+    return folder / f"{name}.fmu"
+
+
+#: What each of them does not offer; everything else is called.
+NOT_OFFERED = {
+    "van_der_pol": {"state", "corrupt_state", "initial_dependencies", "dependencies"},
+    "bouncing_mass": {"dependencies", "steps", "instances"},
+}
+
+
+@pytest.mark.parametrize("name", NOT_OFFERED)
+def test_a_clean_fmu_of_another_maker_passes_the_standard_without_a_false_alarm(name, tmp_path):
+    """Integers, strings, enumerations, aliases and one instance per process: what our own FMUs have none of."""
+    shown = CliRunner().invoke(command, ["--standard", "--json", str(foreign_fmu(name, tmp_path))])
+    (report,) = json.loads(shown.stdout)["reports"]
+    assert (shown.exit_code, report["findings"]) == (0, [])
+    assert set(GROUPS) - set(report["groups"]) == NOT_OFFERED[name] | {"ports", "reference", "rebuild"}
+
+
+def test_the_full_check_tells_another_maker_what_breaks_imports_and_no_error(tmp_path):
+    report = check(foreign_fmu("van_der_pol", tmp_path))
+    assert report.of(Level.ERROR) == ()
+    assert {"platforms", "unit-missing", "dependencies-declared", "documentation"} <= rules(report)
+    assert rules(report).isdisjoint({"working-folder", "locale", "standard-output", "step-growth", "growth"})
+
+
+def test_a_foreign_fmu_with_a_defect_of_its_own_does_not_pass(tmp_path):
+    def start_elsewhere(members):
+        members["modelDescription.xml"] = members["modelDescription.xml"].replace(b'start="1.5"', b'start="1.25"')
+
+    path = altered(foreign_fmu("van_der_pol", tmp_path), tmp_path / "other.fmu", start_elsewhere)
+    report = check(path, scope=Scope.STANDARD, groups=("simulation",))
+    assert rules(report) == {"start-agrees"}
+
+
+def leaving_only(*kept):
+    def alter(members):
+        for name in [n for n in members if n.startswith("binaries/") and not n.startswith(kept)]:
+            del members[name]
+
+    return alter
+
+
+@pytest.mark.parametrize(
+    ("kept", "has"), [(("binaries/win64/",), "win64, sources"), ((), "sources")], ids=["only win64", "only sources"]
+)
+def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(fmus, tmp_path, kept, has):
+    if this_platform().name == "win64":
+        pytest.skip("win64 is this machine's")
+    path = altered(fmus["lpf1"], tmp_path / "lpf1.fmu", leaving_only(*kept))
+    assert CliRunner().invoke(command, ["--standard", str(path)]).exit_code == 0
+    report = check(path)
+    assert rules(report) == {"platforms"}
+    (skipped,) = report.skipped
+    here = this_platform().name
+    assert skipped.reason == f"no binary for this platform ({here}), so nothing was run; it has: {has}"
+    assert {"simulation", "rebuild"} <= set(skipped.what.split(", "))
 
 
 PLAIN = """
@@ -199,6 +289,7 @@ def test_the_json_document_says_all_that_the_table_says(fmus, tmp_path):
     (said,) = document["reports"]
     assert said["identity"]["modelName"] == "polylinear" and len(said["identity"]["sha256"]) == 64
     assert said["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
+    assert said["groups"] == ["static", "reference"]
     assert said["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
 
 
@@ -235,6 +326,47 @@ def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, pyt
     assert [report["acceptable"] for report in document["reports"]] == [True, False]
     finding = document["reports"][1]["findings"][0]
     assert set(finding) == {"rule", "level", "title", "source", "message", "advice"}
+
+
+@pytest.mark.parametrize("place", [0, 1], ids=["first", "last"])
+def test_one_bad_file_hides_no_report_of_the_others(quickly, fmus, tmp_path, place):
+    given = [fmus["lpf1"]]
+    given.insert(place, tmp_path / "missing.fmu")
+    shown = quickly(*given)
+    assert shown.exit_code == 2
+    assert "lpf1.fmu: clean" in shown.stdout and "missing.fmu" not in shown.stdout
+    assert "there is no such file" in " ".join(shown.stderr.split())
+
+
+def test_json_has_an_entry_for_a_bad_file_and_says_its_error_on_stderr_too(quickly, fmus, tmp_path):
+    (tmp_path / "text ä.fmu").write_text("no")
+    shown = quickly("--json", fmus["lpf1"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
+    document = json.loads(shown.stdout)
+    good, missing, text = document["reports"]
+    assert shown.exit_code == 2 and not document["acceptable"]
+    assert good["acceptable"] and "error" not in good
+    assert missing.keys() == text.keys() == {"path", "acceptable", "error"}
+    assert "no such file" in missing["error"] and text["path"].endswith("ä.fmu")
+    assert "no such file" in " ".join(shown.stderr.split())
+
+
+def test_json_is_json_where_every_file_is_bad(quickly, tmp_path):
+    shown = quickly("--json", tmp_path / "missing.fmu")
+    (entry,) = json.loads(shown.stdout)["reports"]
+    assert shown.exit_code == 2 and not entry["acceptable"]
+
+
+def test_a_folder_is_refused_as_a_folder(quickly, tmp_path):
+    shown = quickly(tmp_path)
+    assert shown.exit_code == 2
+    assert "is a folder, and an .fmu file is wanted" in " ".join(shown.stderr.split())
+
+
+def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
+    report = check(fmus["lpf1"], groups=("static", "footprint", "surroundings"))
+    console = Console(file=io.StringIO(), width=40)
+    show_report(console, report)
+    assert "  did static, footprint, surroundings\n" in console.file.getvalue()
 
 
 def test_what_is_no_fmu_2_is_refused(tmp_path):

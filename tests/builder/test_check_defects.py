@@ -175,6 +175,7 @@ WIN32, ARM, ARM_MAC = (
     "binaries/aarch64-darwin/lpnl2.dylib",
 )
 TERMINALS, STEP = "terminalsAndIcons/terminalsAndIcons.xml", "sources/step.c"
+LICENCE = "documentation/licenses/license.txt"
 REFERENCE = "extra/eightpost/lpnl2_ref.csv"
 NO_SOURCES = in_description({"old": "<SourceFiles>.*</SourceFiles>", "new": ""})
 
@@ -211,17 +212,39 @@ def defects_of_the_archive() -> dict[str, Defect]:
         "no sources": Defect("sources", NO_SOURCES),
         "no documentation": Defect("documentation", without("documentation/index.html")),
         "no licence": Defect("license", without("documentation/licenses/")),
+        "empty documentation": Defect("documentation", member("documentation/index.html", lambda _: b"")),
+        "empty licence": Defect("license", member(LICENCE, lambda _: b"")),
+        "a second licence, empty": Defect("license", member("documentation/licenses/other.txt", lambda _: b"\n")),
         "no icon": Defect("icon", without("model.png")),
         "a JPEG called PNG": Defect("icon-format", member("model.png", lambda _: b"\xff\xd8\xff\xe0")),
+        "an icon of a signature only": Defect("icon-format", member("model.png", lambda content: content[:8])),
+        "an icon cut off": Defect("icon-format", member("model.png", cut)),
+        "an icon of noise": Defect("icon-format", member("model.png", lambda content: content[:8] + bytes(100))),
         "no terminals": Defect("terminals", without("terminalsAndIcons/")),
         "terminal of no variable": Defect(
             "terminals-valid", edited(TERMINALS, b'variableName="force"', b'variableName="Force"')
         ),
         "terminals broken": Defect("terminals-valid", member(TERMINALS, cut)),
+        "force into the shock": Defect("terminals-consistent", edited(TERMINALS, b'"outflow"', b'"inflow"')),
+        "force out of the car": Defect(
+            "terminals-consistent", edited(TERMINALS, b'"inflow"', b'"outflow"'), fmu="quarter_car"
+        ),
+        "a velocity that flows": Defect("terminals-consistent", edited(TERMINALS, b'"signal"', b'"inflow"')),
+        "a local in a terminal": Defect(
+            "terminals-consistent", edited(TERMINALS, b'variableName="force"', b'variableName="static_force"')
+        ),
+        "a parameter that flows": Defect(
+            "terminals-consistent", edited(TERMINALS, b'variableName="force"', b'variableName="motion_ratio"')
+        ),
+        "velocity and force both given": Defect(
+            "terminals-consistent",
+            in_description({"variable": "velocity", "old": 'causality="input"', "new": 'causality="output"'}),
+        ),
         "no reference results": Defect("reference-given", without("extra/")),
         "a stranger at the top": Defect("archive-stray", member(".DS_Store", lambda _: b"x")),
         "two cases of one name": Defect("archive-case", member("documentation/Index.html", lambda _: b"x")),
         "wrong reference": Defect("reference-results", member(REFERENCE, digit_before_the_middle), ("reference",)),
+        "text for this machine's library": Defect("loads", member(LINUX, lambda _: b"not a library"), ("simulation",)),
         "sources of something else": Defect(
             "sources-compile", member(STEP, lambda b: b + b"\nthis is not C\n"), ("rebuild",)
         ),
@@ -230,7 +253,6 @@ def defects_of_the_archive() -> dict[str, Defect]:
             edited(STEP, b"c->memory.time = time + h;", b"c->memory.time = time + h; c->memory.values.at[2] += 1.0;"),
             ("rebuild",),
         ),
-        "no binary for this platform": Defect("loads", without("binaries/linux64/"), ("simulation",)),
     }
 
 

@@ -123,13 +123,15 @@ REBUILT_SAME = Rule(
 DOCUMENTATION = Rule(
     "documentation",
     _D,
-    "There is documentation/index.html",
+    "There is documentation/index.html, with something in it",
     _PACKAGE,
     "say there what the model is, its equations and limits",
 )
-LICENSE = Rule("license", _D, "There is a licence in documentation/licenses", _PACKAGE, "add its text")
+LICENSE = Rule(
+    "license", _D, "There is a licence in documentation/licenses, and no empty file", _PACKAGE, "add its text"
+)
 ICON = Rule("icon", _H, "There is a model.png", _PACKAGE, "add a PNG of about 100 x 100")
-ICON_FORMAT = Rule("icon-format", _D, "model.png is a PNG", _ZIP, "convert it")
+ICON_FORMAT = Rule("icon-format", _D, "model.png is a whole PNG", _ZIP, "write it again as PNG")
 TERMINALS = Rule(
     "terminals",
     _H,
@@ -143,6 +145,13 @@ TERMINALS_VALID = Rule(
     "Terminals are well-formed and name existing variables",
     "FMI 2.0.4, terminals of FMI 3.0 2.4.9",
     "mend terminalsAndIcons.xml",
+)
+TERMINALS_FIT = Rule(
+    "terminals-consistent",
+    _D,
+    "Terminals fit the causality of their variables: none is local; forces flow out of shocks and into vehicles",
+    "FMI 2.2.7, FMI 3.0 2.4.9",
+    "mend the variableKind, or name the variable that is meant",
 )
 REFERENCE = Rule(
     "reference-results",

@@ -219,6 +219,30 @@ THREADS = Rule(
 GROWTH = Rule(
     "growth", _D, "Creating and freeing instances does not grow the process", _ROBUST, "free all in fmi2FreeInstance"
 )
+STEP_GROWTH = Rule(
+    "step-growth",
+    _D,
+    "Steps do not grow the process",
+    _ROBUST,
+    "free in fmi2DoStep what it allocates, or allocate it once per instance",
+)
+FILES = Rule(
+    "working-folder",
+    _D,
+    "It leaves no file in the working folder",
+    _ANYWHERE,
+    "write no file: the folder is the host's, and many instances share it",
+)
+LOCALE = Rule(
+    "locale", _D, "It leaves the locale as it is", _ROBUST, "set no locale: the host reads and writes its files by it"
+)
+PRINTS = Rule(
+    "standard-output",
+    _D,
+    "It prints nothing on standard output",
+    "drop-in: log",
+    "say it through the logger: a host may write its results there",
+)
 BARE = Rule(
     "bare-environment",
     _D,

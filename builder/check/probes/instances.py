@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Said, Skip, Values, differ
 from builder.check.probes.instance import CallError, Instance
+from builder.check.probes.memory import resident
 from builder.check.rules import Finding
 
 _MANY, _CYCLES, _WARM = 50, 300, 30
@@ -84,14 +83,9 @@ def _growth(bench: Bench) -> Iterator[Finding]:
 
     for _ in range(_WARM):
         cycle()
-    before = _resident()
+    before = resident()
     for _ in range(_CYCLES):
         cycle()
-    grown = _resident() - before
+    grown = resident() - before
     if grown > _GROWTH:
         yield rules.GROWTH.finding(f"{_CYCLES} instances created and freed left {grown / 1e6:.1f} MB")
-
-
-def _resident() -> int:
-    gc.collect()  # callbacks and their instances hold each other
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4096

@@ -16,6 +16,8 @@ WARNING: Final = 1
 DISCARD: Final = 2
 ERROR: Final = 3
 FATAL: Final = 4
+#: What is noted as begun before the one call with NULL that the standard allows.
+FREEING_NOTHING: Final = "fmi2FreeInstance(NULL)"
 STATUS_NAMES: Final = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
 
 Logger = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
@@ -121,15 +123,18 @@ def memory_functions() -> tuple[int | None, int | None]:
 
 def binary_path(folder: Path, identifier: str) -> Path | None:
     """Return the binary of this platform in an unpacked FMU, None where there is none."""
+    paths = (folder / name for name in binary_members(identifier))
+    return next((path for path in paths if path.is_file()), None)
+
+
+def binary_members(identifier: str) -> tuple[str, ...]:
+    """Return the names in an archive under which a binary for this platform may be."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    for name in _platform_folders():
-        path = folder / "binaries" / name / f"{identifier}{suffix}"
-        if path.is_file():
-            return path
-    return None
+    return tuple(f"binaries/{name}/{identifier}{suffix}" for name in platform_folders())
 
 
-def _platform_folders() -> tuple[str, ...]:
+def platform_folders() -> tuple[str, ...]:
+    """Return the folders of binaries/ for this platform, that of FMI 2.0 first."""
     system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
     machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else "x86_64"
     bits = "64" if sys.maxsize > 2**32 else "32"

@@ -9,11 +9,14 @@ from typing import Any
 from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Said
 from builder.check.probes.instance import refused
+from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import listed
 
 
 def probe(bench: Bench) -> Said:
-    """Give NULL for each array in turn."""
+    """Free no instance, which the standard allows; then give NULL for each array in turn."""
+    bench.library.begin(FREEING_NOTHING)
+    bench.library._function("FreeInstance")(None)
     accepted = []
     for name, arguments in _calls(bench):
         with bench.running() as instance:
@@ -21,8 +24,6 @@ def probe(bench: Bench) -> Said:
             accepted += [] if refused(status) else [f"fmi2{name}"]
     if accepted:
         yield rules.NULL_ARGUMENT.finding(f"accepted by {listed(list(dict.fromkeys(accepted)))}")
-    bench.library.begin("fmi2FreeInstance(NULL)")
-    bench.library._function("FreeInstance")(None)
 
 
 def _calls(bench: Bench) -> Iterator[tuple[str, tuple[Any, ...]]]:

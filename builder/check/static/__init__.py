@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from builder.check.rules import Finding
-from builder.check.static import archive, binaries, capabilities, contents, identity, structure, units, variables
+from builder.check.static import (
+    archive,
+    binaries,
+    capabilities,
+    contents,
+    identity,
+    structure,
+    terminals,
+    units,
+    variables,
+)
 from builder.check.subject import Subject
 
 
@@ -18,5 +28,5 @@ def static_findings(subject: Subject) -> Iterator[Finding]:
     for module in (identity, variables, units, structure, capabilities):
         for rule in module.RULES:
             yield from rule(subject.description)
-    for subject_rule in (*binaries.RULES, *contents.RULES):
+    for subject_rule in (*binaries.RULES, *contents.RULES, *terminals.RULES):
         yield from subject_rule(subject)

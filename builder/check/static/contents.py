@@ -1,17 +1,15 @@
-"""What else is in the archive: sources, documents, icon, terminals, reference results."""
+"""What else is in the archive: sources, documents, icon, reference results."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+import io
 from collections.abc import Iterator
-from pathlib import PurePosixPath
 
 from builder.check.catalogue import archive as rules
 from builder.check.catalogue import description as described
 from builder.check.rules import Finding, listed
 from builder.check.subject import Subject
 
-_TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -26,48 +24,39 @@ def sources(subject: Subject) -> Iterator[Finding]:
 
 
 def documents(subject: Subject) -> Iterator[Finding]:
-    """Documentation and licence are there."""
-    if "documentation/index.html" not in subject.members:
+    """Documentation and licence are there, and are not empty."""
+    page = subject.members.get("documentation/index.html")
+    if page is None:
         yield rules.DOCUMENTATION.finding("it is missing")
-    if not any(name.startswith(("documentation/licenses/", "licenses/")) for name in subject.members):
+    elif not page.strip():
+        yield rules.DOCUMENTATION.finding("it is empty")
+    licences = [name for name in subject.members if name.startswith(("documentation/licenses/", "licenses/"))]
+    if not licences:
         yield rules.LICENSE.finding("there is none")
+    if empty := [name for name in licences if not subject.members[name].strip()]:
+        yield rules.LICENSE.finding(f"empty: {listed(empty)}")
 
 
 def icon(subject: Subject) -> Iterator[Finding]:
-    """model.png is there and is one."""
+    """model.png is there and can be decoded."""
     content = subject.members.get("model.png")
     if content is None:
         yield rules.ICON.finding("it is missing")
     elif not content.startswith(_PNG):
         yield rules.ICON_FORMAT.finding("it does not begin like a PNG")
+    elif fault := _fault_of_png(content):
+        yield rules.ICON_FORMAT.finding(fault)
 
 
-def terminals(subject: Subject) -> Iterator[Finding]:
-    """Terminals name variables that are there."""
-    content = subject.members.get(_TERMINALS)
-    if content is None:
-        yield rules.TERMINALS.finding("there are none")
-        return
+def _fault_of_png(content: bytes) -> str:
+    from PIL import Image  # noqa: PLC0415 - comes with matplotlib; only a file with an icon needs it
+
     try:
-        root = ET.fromstring(content)
-    except (ET.ParseError, ValueError, LookupError) as error:
-        yield rules.TERMINALS_VALID.finding(f"{_TERMINALS}: {error}")
-        return
-    yield from _terminals(subject, root)
-
-
-def _terminals(subject: Subject, root: ET.Element) -> Iterator[Finding]:
-    variables = subject.description.by_name if subject.description else {}
-    named = [e.get("variableName", "") for e in root.iter("TerminalMemberVariable")]
-    if unknown := [name for name in named if name not in variables]:
-        yield rules.TERMINALS_VALID.finding(f"no such variable: {listed(unknown)}")
-    if root.find("Terminals/Terminal") is None:
-        yield rules.TERMINALS_VALID.finding("there is no Terminal in it")
-    folder = PurePosixPath(_TERMINALS).parent
-    icons = [e.get("iconBaseName", "") for e in root.iter("TerminalGraphicalRepresentation")]
-    missing = [name for name in icons if name and str(folder / f"{name}.png") not in subject.members]
-    if missing:
-        yield rules.TERMINALS_VALID.finding(f"no such icon: {listed(missing)}")
+        with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
+            picture.load()
+    except Exception as error:  # it raises what its decoder does: that is a finding
+        return f"it cannot be decoded: {str(error).partition(' <')[0]}"
+    return ""
 
 
 def reference(subject: Subject) -> Iterator[Finding]:
@@ -83,4 +72,4 @@ def file_name(subject: Subject) -> Iterator[Finding]:
         yield described.FILE_NAME.finding(f"the file is {subject.path.name}, the modelIdentifier {identifier}")
 
 
-RULES = (sources, documents, icon, terminals, reference, file_name)
+RULES = (sources, documents, icon, reference, file_name)
