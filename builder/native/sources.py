@@ -10,7 +10,7 @@ from builder.sources import source_folder
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
 
-_COMMON = (
+COMMON = (
     "component.h",
     "derivatives.c",
     "elementary.c",
@@ -22,10 +22,11 @@ _COMMON = (
     "message.c",
     "message.h",
     "names.h",
+    "refusals.c",
     "step.c",
     "variables.c",
 )
-_SHOCK = ("lag.h", "shock.c", "shock.h")
+SHOCK = ("lag.h", "shock.c", "shock.h")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
@@ -38,7 +39,7 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
     model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
     states, generated = 0, {}
     if isinstance(product.source, Shock):
-        model |= {name: (folder / "common" / name).read_bytes() for name in _SHOCK}
+        model |= {name: (folder / "common" / name).read_bytes() for name in SHOCK}
     else:
         space = product.source.coupled()
         form = modal_form(space)
@@ -50,5 +51,5 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
         "interface.h": interface_header(plan, product.identifier, guid),
         "interface.c": interface_source(plan, visible.variables),
     }
-    common = {name: (folder / "common" / name).read_bytes() for name in _COMMON}
+    common = {name: (folder / "common" / name).read_bytes() for name in COMMON}
     return common | model | {name: text.encode() for name, text in generated.items()}

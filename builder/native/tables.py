@@ -45,6 +45,14 @@ def vehicle_member(variable: Variable, earlier: Sequence[Member]) -> Member:
     return Member(name, sum(member.name == name for member in earlier))
 
 
+def assembly_member(variable: Variable, earlier: Sequence[Member]) -> Member:
+    """Return the place of an assembly's variable: all of a causality are one array."""
+    return Member(variable.causality, sum(member.name == variable.causality for member in earlier))
+
+
+_PLACES = {"vehicle_ss": vehicle_member, "assembly": assembly_member}
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where each variable is kept: Real ones in a struct, signals before parameters; Boolean ones in an array."""
@@ -69,7 +77,7 @@ def layout(interface: Interface, states: int) -> Layout:
     """Lay out an interface; `states` are the numbers of the model's internal state."""
     order = (*_SIGNALS, "parameter")
     reals = sorted((v for v in interface.variables if v.type == "Real"), key=lambda v: order.index(v.causality))
-    place = vehicle_member if interface.kind == "vehicle_ss" else shock_member
+    place = _PLACES.get(interface.kind, shock_member)
     members: list[Member] = []
     for variable in reals:
         members.append(place(variable, members))
@@ -151,7 +159,8 @@ def _struct(name: str, members: Sequence[Member], needed: Sequence[str] = ()) ->
 
 
 def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
-    """Return interface.c: the table of the variables that a host sees, and the start values of all."""
+    """Return interface.c: the table of the variables that a host sees, inputs first, and the start values of all."""
+    variables = sorted(variables, key=lambda v: v.causality != "input")
     position = {v.reference: k for k, v in enumerate(variables)}
     places = [position.get(reference, -1) for reference in range(_references(plan.interface.variables))]
     flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]

@@ -96,14 +96,19 @@ def _direct(direct: Array) -> str:
 
 
 def _offsets(interface: Interface) -> str:
-    """Which output each static offset is added to, in the order of the offsets' own variables."""
+    """Which output each static offset is added to, by output; the place of each among the offsets' own variables."""
     outputs = interface.names("output")
     owners = {v.offset: outputs.index(v.name) for v in interface.variables if v.offset}
-    order = [owners[v.name] for v in interface.variables if v.name in owners]
+    places = [owners[v.name] for v in interface.variables if v.name in owners]
+    order = np.argsort(places, kind="stable")
+    sorted_outputs = [places[k] for k in order]
+    begins = np.searchsorted(sorted_outputs, _BLOCK * np.arange(_blocks(len(outputs)) + 1))
     return "\n".join(
         (
-            f"enum {{ OFFSET_COUNT = {len(order)}, OFFSETS = {max(1, len(order))} }};",
-            f"static const int OFFSET_OUTPUT[OFFSETS] = {_integers(order)};",
+            f"enum {{ OFFSETS = {max(1, len(places))} }};",
+            f"static const int OFFSET_OUTPUT[OFFSETS] = {_integers(sorted_outputs)};",
+            f"static const int OFFSET_PLACE[OFFSETS] = {_integers(order.tolist())};",
+            f"static const int OFFSET_BEGIN[OUTPUT_BLOCKS + 1] = {_integers(begins.tolist())}; /* of each block */",
         )
     )
 

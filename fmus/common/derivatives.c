@@ -2,14 +2,20 @@
 #include "instance.h"
 #include "elementary.h"
 
+/* The least change of a variable that shows beside rounding: forces and stiffnesses are far larger numbers than metres. */
+static double least_size(const Variable *variable)
+{
+    return variable->unit[0] == 'N' ? 1.0 : 1e-3;
+}
+
 /* d output / d known of the start, by central differences: the start solves for the state, so it has no formula here. */
-static double start_derivative(Component *c, int output, int known)
+static double start_derivative(Component *c, int output, int known, double least)
 {
     Message why = {.length = 0};
     double ends[2] = {0.0, 0.0};
     double places[2];
     const double value = c->memory.values.at[known], size = value < 0.0 ? -value : value;
-    const double change = 6e-6 * (size > 1e-3 ? size : 1e-3);
+    const double change = 6e-6 * (size > least ? size : least);
     for (int side = 0; side < 2; side++) {
         Memory trial = c->memory;
         trial.values.at[known] = places[side] = side ? value + change : value - change;
@@ -23,7 +29,7 @@ static double start_derivative(Component *c, int output, int known)
 
 static double derivative(Component *c, const Variable *output, const Variable *known)
 {
-    return c->memory.phase == INITIALIZING ? start_derivative(c, output->index, known->index)
+    return c->memory.phase == INITIALIZING ? start_derivative(c, output->index, known->index, least_size(known))
                                            : model_direct_term(&c->memory, output->index, known->index);
 }
 
@@ -43,7 +49,7 @@ static int derivable(const Component *c, const fmi2ValueReference vr[], size_t n
         return 0;
     }
     for (size_t k = 0; k < n; k++) {
-        const char *reason = reason_not_to_derive(c, find_variable(vr[k]), is_unknown);
+        const char *reason = reason_not_to_derive(c, known_variable(vr[k]), is_unknown);
         if (reason != NULL) {
             refused(c, "fmi2GetDirectionalDerivative", reason);
             return 0;
@@ -71,11 +77,21 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueR
     for (size_t i = 0; i < n_unknown; i++) {
         double sum = 0.0;
         for (size_t k = 0; k < n_known; k++) {
-            sum += derivative(c, find_variable(unknowns[i]), find_variable(knowns[k])) * direction[k];
+            sum += derivative(c, known_variable(unknowns[i]), known_variable(knowns[k])) * direction[k];
         }
         result[i] = sum;
     }
     return fmi2OK;
+}
+
+static int are_first_derivatives(const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        if (place_of_input(vr[k]) < 0 || order[k] != 1 || !is_finite(value[k])) {
+            return 0;
+        }
+    }
+    return 1;
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueReference vr[], size_t n,
@@ -88,16 +104,11 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueRe
     if (n > 0 && (vr == NULL || order == NULL || value == NULL)) {
         return refused(c, "fmi2SetRealInputDerivatives", "an array is NULL");
     }
-    if (!all_known(c, "fmi2SetRealInputDerivatives", vr, n, REAL)) {
-        return fmi2Error;
+    if (!are_first_derivatives(vr, n, order, value)) {
+        return refused(c, "fmi2SetRealInputDerivatives", "give finite first derivatives (order 1) of inputs");
     }
     for (size_t k = 0; k < n; k++) {
-        if (!is_input(find_variable(vr[k])) || order[k] != 1 || !is_finite(value[k])) {
-            return refused(c, "fmi2SetRealInputDerivatives", "give finite first derivatives (order 1) of inputs");
-        }
-    }
-    for (size_t k = 0; k < n; k++) {
-        c->memory.slope[find_variable(vr[k])->index] = value[k];
+        c->memory.slope[variable_of_reference[vr[k]]] = value[k];
     }
     return fmi2OK;
 }

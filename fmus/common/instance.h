@@ -29,6 +29,11 @@ void logged(const Component *c, fmi2Status status, const char *text);
 fmi2Status refused(const Component *c, const char *function, const char *reason);
 Component *out_of_phase(const Component *c, const char *function);
 
+/* refusals.c: a message; the last two return 0. */
+void not_known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind);
+int not_settable(const Component *c, const char *function, const Variable *variable);
+int out_of_range(const Component *c, const char *function, const Variable *variable, double value);
+
 /* variables.c: 0 and a message for a list with a reference that is unknown or of another type. */
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
 
@@ -50,6 +55,20 @@ static inline const Variable *find_variable(fmi2ValueReference reference)
 {
     const int position = reference < REFERENCES ? variable_of_reference[reference] : -1;
     return position < 0 ? NULL : &variables[position];
+}
+
+/* Of a reference that was found to be known. */
+static inline const Variable *known_variable(fmi2ValueReference reference)
+{
+    return &variables[variable_of_reference[reference]];
+}
+
+/* Inputs are the first variables, so that a place in `variables` is the one in Values.at and in Memory.slope; -1 for what
+ * is not an input. */
+static inline int place_of_input(fmi2ValueReference reference)
+{
+    const int place = reference < REFERENCES ? variable_of_reference[reference] : -1;
+    return place < INPUTS ? place : -1;
 }
 
 static inline int is_input(const Variable *variable)

@@ -70,8 +70,9 @@ static void carry_inputs(Memory *m, double h)
 fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boolean final)
 {
     Component *c = entered(instance, "fmi2DoStep", STEPPING);
-    Message why = {.length = 0};
+    Message why;
     Moving before;
+    why.length = 0; /* of its text there is none yet */
     (void)final; /* whether a state before this point will be set makes no difference */
     if (c == NULL || checked_step(c, time, h) != fmi2OK || (c->memory.stale && !fits(c, "fmi2DoStep"))) {
         return fmi2Error;

@@ -1,36 +1,25 @@
 /* Variables: what a value reference is, what may be set when, in which range. */
 #include "instance.h"
-#include "elementary.h"
 
-static fmi2Status unknown(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
+/* NULL and a message for a reference that is unknown or of another type. */
+static const Variable *known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
 {
-    Message message = {.length = 0};
-    say(&message, "value reference ");
-    say_number(&message, (double)reference);
-    say(&message, kind == REAL ? " is no Real variable of this FMU" : " is no Boolean variable of this FMU");
-    return refused(c, function, message.text);
+    const Variable *variable = find_variable(reference);
+    if (variable == NULL || variable->kind != (int)kind) {
+        not_known(c, function, reference, kind);
+        return NULL;
+    }
+    return variable;
 }
 
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind)
 {
     for (size_t k = 0; k < n; k++) {
-        const Variable *variable = find_variable(vr[k]);
-        if (variable == NULL || variable->kind != (int)kind) {
-            unknown(c, function, vr[k], kind);
+        if (known(c, function, vr[k], kind) == NULL) {
             return 0;
         }
     }
     return 1;
-}
-
-static int not_settable(const Component *c, const char *function, const Variable *variable)
-{
-    Message message = {.length = 0};
-    say(&message, variable->name);
-    say(&message, variable->settable ? " is fixed: set it before initialization ends"
-                                     : " is computed by the FMU and cannot be set");
-    refused(c, function, message.text);
-    return 0;
 }
 
 static int may_be_set(const Component *c, const char *function, const Variable *variable)
@@ -38,51 +27,17 @@ static int may_be_set(const Component *c, const char *function, const Variable *
     return variable->settable & c->memory.phase || not_settable(c, function, variable);
 }
 
-/* "must be finite", "must be at least 0 and finite", "must be at least 0.001 and at most 10". */
-static void say_range(Message *message, const Variable *variable)
-{
-    const int low = variable->minimum > -NO_LIMIT, high = variable->maximum < NO_LIMIT;
-    say(message, " must be ");
-    if (low) {
-        say(message, "at least ");
-        say_number(message, variable->minimum);
-        say(message, " and ");
-    }
-    if (high) {
-        say(message, "at most ");
-        say_number(message, variable->maximum);
-    }
-    say(message, high ? "" : "finite");
-}
-
-static int out_of_range(const Component *c, const char *function, const Variable *variable, double value)
-{
-    Message message = {.length = 0};
-    say(&message, variable->name);
-    say(&message, " = ");
-    say_number(&message, value);
-    say(&message, variable->unit[0] == '\0' ? "" : " ");
-    say(&message, variable->unit);
-    say_range(&message, variable);
-    say(&message, "; the old value stays");
-    refused(c, function, message.text);
-    return 0;
-}
-
+/* A value that is not finite is in no range: the widest is -NO_LIMIT to NO_LIMIT. */
 static int in_range(const Component *c, const char *function, const Variable *variable, double value)
 {
-    return (is_finite(value) && value >= variable->minimum && value <= variable->maximum) ||
-           out_of_range(c, function, variable, value);
+    return (value >= variable->minimum && value <= variable->maximum) || out_of_range(c, function, variable, value);
 }
 
 /* Outputs follow inputs at once until initialization ends; later only a parameter asks to be looked at. */
-static void was_set(Component *c, const Variable *variable)
+static int asks_for_a_look(const Component *c, const Variable *variable)
 {
-    if (c->memory.phase != STEPPING || !is_input(variable)) {
-        c->memory.stale = 1;
-    }
+    return c->memory.phase != STEPPING || !is_input(variable);
 }
-
 
 fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
@@ -97,7 +52,7 @@ fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], si
         return fmi2Error;
     }
     for (size_t k = 0; k < n; k++) {
-        const Variable *variable = find_variable(vr[k]);
+        const Variable *variable = known_variable(vr[k]);
         if (variable->is_output) {
             model_output(&c->memory, variable->index - INPUTS);
         }
@@ -119,8 +74,39 @@ fmi2Status fmi2GetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
         return fmi2Error;
     }
     for (size_t k = 0; k < n; k++) {
-        value[k] = c->memory.flag[find_variable(vr[k])->index] ? fmi2True : fmi2False;
+        value[k] = c->memory.flag[known_variable(vr[k])->index] ? fmi2True : fmi2False;
     }
+    return fmi2OK;
+}
+
+/* What a host sets in every step. */
+static int are_inputs(const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        const int place = place_of_input(vr[k]);
+        if (place < 0 || !(value[k] >= variables[place].minimum && value[k] <= variables[place].maximum)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static fmi2Status set_reals(Component *c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    int64_t stale = c->memory.stale;
+    for (size_t k = 0; k < n; k++) {
+        const Variable *variable = known(c, "fmi2SetReal", vr[k], REAL);
+        if (variable == NULL || !may_be_set(c, "fmi2SetReal", variable) ||
+            !in_range(c, "fmi2SetReal", variable, value[k])) {
+            return fmi2Error;
+        }
+    }
+    for (size_t k = 0; k < n; k++) {
+        const Variable *variable = known_variable(vr[k]);
+        c->memory.values.at[variable->index] = value[k];
+        stale |= asks_for_a_look(c, variable);
+    }
+    c->memory.stale = stale;
     return fmi2OK;
 }
 
@@ -133,19 +119,11 @@ fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], si
     if (n > 0 && (vr == NULL || value == NULL)) {
         return refused(c, "fmi2SetReal", "an array is NULL");
     }
-    if (!all_known(c, "fmi2SetReal", vr, n, REAL)) {
-        return fmi2Error;
+    if (c->memory.phase != STEPPING || !are_inputs(vr, n, value)) {
+        return set_reals(c, vr, n, value);
     }
     for (size_t k = 0; k < n; k++) {
-        const Variable *variable = find_variable(vr[k]);
-        if (!may_be_set(c, "fmi2SetReal", variable) || !in_range(c, "fmi2SetReal", variable, value[k])) {
-            return fmi2Error;
-        }
-    }
-    for (size_t k = 0; k < n; k++) {
-        const Variable *variable = find_variable(vr[k]);
-        c->memory.values.at[variable->index] = value[k];
-        was_set(c, variable);
+        c->memory.values.at[variable_of_reference[vr[k]]] = value[k];
     }
     return fmi2OK;
 }
@@ -156,22 +134,22 @@ fmi2Status fmi2SetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
     if (c == NULL) {
         return fmi2Error;
     }
+    int64_t stale = c->memory.stale;
     if (n > 0 && (vr == NULL || value == NULL)) {
         return refused(c, "fmi2SetBoolean", "an array is NULL");
     }
-    if (!all_known(c, "fmi2SetBoolean", vr, n, BOOLEAN)) {
-        return fmi2Error;
-    }
     for (size_t k = 0; k < n; k++) {
-        if (!may_be_set(c, "fmi2SetBoolean", find_variable(vr[k]))) {
+        const Variable *variable = known(c, "fmi2SetBoolean", vr[k], BOOLEAN);
+        if (variable == NULL || !may_be_set(c, "fmi2SetBoolean", variable)) {
             return fmi2Error;
         }
     }
     for (size_t k = 0; k < n; k++) {
-        const Variable *variable = find_variable(vr[k]);
+        const Variable *variable = known_variable(vr[k]);
         c->memory.flag[variable->index] = value[k] != fmi2False;
-        was_set(c, variable);
+        stale |= asks_for_a_look(c, variable);
     }
+    c->memory.stale = stale;
     return fmi2OK;
 }
 

@@ -272,10 +272,8 @@ static void respond(Memory *memory, int block)
     for (int k = DIRECT_BEGIN[block]; k < DIRECT_BEGIN[block + 1]; k++) {
         y[DIRECT_OUTPUT[k] - first] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
     }
-    for (int k = 0; k < OFFSET_COUNT; k++) {
-        if (OFFSET_OUTPUT[k] / BLOCK == block) {
-            y[OFFSET_OUTPUT[k] - first] += p->offset[k];
-        }
+    for (int k = OFFSET_BEGIN[block]; k < OFFSET_BEGIN[block + 1]; k++) {
+        y[OFFSET_OUTPUT[k] - first] += p->offset[OFFSET_PLACE[k]];
     }
     memcpy(memory->values.named.signals.output + first, y, (size_t)count * sizeof *y);
 }
@@ -372,14 +370,14 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     Modal z;
     const Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
-    const double count = h * friction_rate(p) / SUB_STEP_SHARE;
+    const double count = has_friction(p) ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
     if (!(count <= MOST_SUB_STEPS)) {
         say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;
     }
     recall_state(memory, &z);
-    if (has_friction(p)) {
+    if (count > 0.0) {
         step_with_friction(p, (Work *)work, from, s->input, h, whole_number_above(count), &z);
     } else {
         step_without_friction((Work *)work, from, s->input, h, &z);

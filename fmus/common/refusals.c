@@ -1,0 +1,52 @@
+/* Why a variable is not read or set: apart from the code that runs in every step, which stays short. */
+#include "instance.h"
+
+void not_known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
+{
+    Message message = {.length = 0};
+    say(&message, "value reference ");
+    say_number(&message, (double)reference);
+    say(&message, kind == REAL ? " is no Real variable of this FMU" : " is no Boolean variable of this FMU");
+    refused(c, function, message.text);
+}
+
+int not_settable(const Component *c, const char *function, const Variable *variable)
+{
+    Message message = {.length = 0};
+    say(&message, variable->name);
+    say(&message, variable->settable ? " is fixed: set it before initialization ends"
+                                     : " is computed by the FMU and cannot be set");
+    refused(c, function, message.text);
+    return 0;
+}
+
+/* "must be finite", "must be at least 0 and finite", "must be at least 0.001 and at most 10". */
+static void say_range(Message *message, const Variable *variable)
+{
+    const int low = variable->minimum > -NO_LIMIT, high = variable->maximum < NO_LIMIT;
+    say(message, " must be ");
+    if (low) {
+        say(message, "at least ");
+        say_number(message, variable->minimum);
+        say(message, " and ");
+    }
+    if (high) {
+        say(message, "at most ");
+        say_number(message, variable->maximum);
+    }
+    say(message, high ? "" : "finite");
+}
+
+int out_of_range(const Component *c, const char *function, const Variable *variable, double value)
+{
+    Message message = {.length = 0};
+    say(&message, variable->name);
+    say(&message, " = ");
+    say_number(&message, value);
+    say(&message, variable->unit[0] == '\0' ? "" : " ");
+    say(&message, variable->unit);
+    say_range(&message, variable);
+    say(&message, "; the old value stays");
+    refused(c, function, message.text);
+    return 0;
+}
