@@ -1,30 +1,44 @@
 """Co-simulation of FMUs: components, systems, algorithms, results. Knows FMI and signals, no physics."""
 
-from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Jacobi
+from cosim.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
+from cosim.automatic import SCHEMES, Automatic
 from cosim.component import Capabilities, Component, UnitDefinition, Variable
 from cosim.energy import BondEnergy
 from cosim.fmu_component import FmuComponent
+from cosim.isolated_component import IsolatedComponent
 from cosim.master import DEFAULT_STEP, run
-from cosim.result import Result
+from cosim.open_component import open_component
+from cosim.result import Coupled, Result
 from cosim.scenario import Scenario
+from cosim.session import RunInterrupted
 from cosim.system import Bond, Connection, System
+from cosim.verify import Verification, verify
 
 __all__ = [
-    "ALGORITHMS",
     "DEFAULT_STEP",
+    "SCHEMES",
+    "Adaptive",
     "Algorithm",
+    "Automatic",
     "Bond",
     "BondEnergy",
     "Capabilities",
     "Component",
     "Connection",
+    "Coupled",
     "FmuComponent",
     "GaussSeidel",
+    "Implicit",
+    "IsolatedComponent",
     "Jacobi",
     "Result",
+    "RunInterrupted",
     "Scenario",
     "System",
     "UnitDefinition",
     "Variable",
+    "Verification",
+    "open_component",
     "run",
+    "verify",
 ]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.component import Component
 from cosim.conversion import Conversion, convert_between, named_unit
@@ -41,11 +40,9 @@ class Feed:
 
 
 class Coupling:
-    """The values on every connection during a run.
+    """What feeds every input, and the values on every connection until the run begins to step.
 
-    `now` holds the outputs at the start of the step, `ahead` those at its end of the components that have stepped.
-    `fed` holds, per component, the outputs that its inputs followed at the start and at the end of its last step; the
-    same twice where inputs are held. `slopes` holds how fast the outputs changed over the last step.
+    `now` holds the outputs, `ahead` those of components that were evaluated with the same values as the others.
     """
 
     def __init__(
@@ -62,10 +59,9 @@ class Coupling:
         Raises:
             WiringError: A drive channel has no input, an input has no source or two, units do not fit.
         """
-        self._drive, self._drive_start = scenario.drive, scenario.drive_start
-        self._drive_rows: tuple[list[list[float]], list[list[float]]] = ([], [])
-        self._index = 0
-        self._step = 0.0
+        self._first_drive: list[float] = []
+        if scenario.drive:
+            self._first_drive = scenario.drive.sample(np.array([scenario.drive_start]))[:, 0].tolist()
         self.components: Mapping[str, Component] = system.components
         self.feeds = _feeds(system, scenario)
         connected = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
@@ -74,21 +70,11 @@ class Coupling:
         self.recorded = {name: _names_of(name, set(recorded) - sources) for name in self.components}
         self.now: dict[str, float] = {}
         self.ahead: dict[str, float] = {}
-        self.fed: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {}
-        self.slopes: dict[str, float] = {}
-
-    def prepare(self, times: NDArray[np.float64]) -> None:
-        """Sample the drive at the coupling points `times` (K+1,) [s], and its exact means between them."""
-        times = times + self._drive_start
-        if self._drive:
-            self._drive_rows = (self._drive.sample(times).T.tolist(), self._drive.means(times).T.tolist())
-        else:
-            self._drive_rows = ([[]] * times.size, [[]] * (times.size - 1))
 
     def feed_start(self, name: str) -> None:
         """Set a component's inputs to their values at the start from the outputs at hand (0 where none yet)."""
         known = {source: self.now.get(source, 0.0) for feed in self.feeds[name] for source in _sources(feed)}
-        drive = self._drive_rows[0][0]
+        drive = self._first_drive
         feeds = self.feeds[name]
         if feeds:
             self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
@@ -109,53 +95,16 @@ class Coupling:
             return {}
         return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))
 
-    def step(self, name: str, time: float, step: float, *, newest: bool) -> None:
-        """Step one component from `time` by `step` [s].
-
-        Args:
-            name: The component.
-            time: Start of the step [s].
-            step: Its length [s].
-            newest: Whether its inputs follow the outputs, at the end of the step, of components that have stepped,
-                and expect the others to go on as in the last step. What cannot follow holds the newest there is.
-        """
-        component, feeds = self.components[name], self.feeds[name]
-        start, end = dict(self.now), {**self.now, **self.ahead} if newest else dict(self.now)
-        targets = [feed.target for feed in feeds]
-        samples, means = self._drive_rows
-        if component.capabilities.interpolates_inputs:
-            if newest:
-                end = {
-                    source: value + self.slopes.get(source, 0.0) * step for source, value in start.items()
-                } | self.ahead
-            starts = [_value(feed, start, samples[self._index]) for feed in feeds]
-            ends = [_value(feed, end, samples[self._index + 1]) for feed in feeds]
-            component.set(targets, starts)
-            component.set_derivatives(targets, [(b - a) / step for a, b in zip(starts, ends, strict=True)])
-            self.fed[name] = (start, end)
-        else:
-            component.set(targets, [_value(feed, end, means[self._index]) for feed in feeds])
-            self.fed[name] = (end, end)
-        component.step(time, step)
-        self.ahead.update(self.read(name))
-        self._step = step
-
     def accept(self) -> None:
         """Take what is ahead as what is now."""
         self.now.update(self.ahead)
         self.ahead.clear()
 
-    def end_step(self) -> None:
-        """End the step: go on to the next coupling point."""
-        self.slopes = {source: (value - self.now[source]) / self._step for source, value in self.ahead.items()}
-        self.accept()
-        self._index += 1
-
     def order(self) -> tuple[tuple[str, ...], bool]:
         """Return the components so that direct terms come after what they follow, and whether that was possible."""
         follows: dict[str, set[str]] = {name: set() for name in self.components}
         for name, feeds in self.feeds.items():
-            direct = self._direct_inputs(name)
+            direct = self.direct_inputs(name)
             follows[name] = {
                 source.partition(".")[0] for feed in feeds if feed.target in direct for source in _sources(feed)
             } - {name}
@@ -164,18 +113,12 @@ class Coupling:
         except CycleError:
             return tuple(self.components), False
 
-    def _direct_inputs(self, name: str) -> frozenset[str]:
-        """The inputs that reach, without delay, an output which feeds another component."""
+    def direct_inputs(self, name: str) -> frozenset[str]:
+        """Return the inputs that reach, without delay, an output which feeds another component; any, if none does."""
         variables = self.components[name].variables
         coupled = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
-        outputs = [v for v in variables.values() if f"{name}.{v.name}" in coupled]
+        outputs = [v for v in variables.values() if f"{name}.{v.name}" in coupled] or list(variables.values())
         return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
-
-    def term(self, source: str, target: str) -> Term:
-        """Return what a connection feeds into its input."""
-        component, _, name = target.partition(".")
-        (feed,) = [feed for feed in self.feeds[component] if feed.target == name]
-        return next(term for term in feed.terms if term.source == source)
 
     def held_inputs(self) -> frozenset[str]:
         """Return the inputs that change over a step but are held in it, because their component cannot ramp them."""
@@ -211,7 +154,10 @@ def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
     for connection in system.all_connections:
         source, target = system.output(connection.source), system.input(connection.target)
         what = f"{connection.source} -> {connection.target}"
-        term = Term(connection.source, connection.gain, convert_between(source.unit, target.unit, what))
+        conversion = convert_between(source.unit, target.unit, what)
+        # A term multiplies last: what is added behind the gain is in it before, divided by the gain.
+        offset = conversion.offset + connection.offset / connection.gain
+        term = Term(connection.source, connection.gain, Conversion(conversion.factor, offset))
         terms.setdefault(connection.target, []).append(term)
     driven = _driven(system, scenario)
     _check_drive(system, terms, driven)

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-
-from cosim.conversion import to_si
-from cosim.coupling import Coupling, Term
-from cosim.system import Bond, Connection, System
 
 #: Residual, as a share of the energy transferred, from which a run deserves a second one at half the step.
 DOUBTFUL = 1e-2
@@ -38,46 +33,3 @@ class BondEnergy:
     def acceptable(self) -> bool:
         """Whether the coupling neither makes nor loses more than 5 % of the energy that goes through it."""
         return abs(self.relative) <= LIMIT
-
-
-class EnergyMeter:
-    """Adds up both ends of one bond, step by step, in SI, by the trapezoidal rule.
-
-    Only what this bond itself feeds counts: other sources of a sum have meters of their own.
-    """
-
-    def __init__(self, bond: Bond, system: System, coupling: Coupling) -> None:
-        self._velocity, self._force = (
-            _Way(connection, system, coupling.term(connection.source, connection.target))
-            for connection in (bond.velocity, bond.force)
-        )
-        self._residual = self._transferred = 0.0
-
-    def add(self, coupling: Coupling, before: Mapping[str, float], step: float) -> None:
-        """Add a step: `before` holds the outputs at its start, `coupling.now` those at its end."""
-        given = self._velocity.sent(before, coupling.now) * self._force.received(coupling) * step
-        taken = self._force.sent(before, coupling.now) * self._velocity.received(coupling) * step
-        self._residual += given - taken
-        self._transferred += abs(taken)
-
-    @property
-    def total(self) -> BondEnergy:
-        """What has been added up so far."""
-        return BondEnergy(self._residual, self._transferred)
-
-
-class _Way:
-    """One direction of a bond: what its source sent and what its target received, means over the step, SI."""
-
-    def __init__(self, connection: Connection, system: System, term: Term) -> None:
-        self._source, self._component = connection.source, connection.target.partition(".")[0]
-        self._term = term
-        self._source_factor = to_si(system.output(connection.source))[0].factor
-        self._target_factor = to_si(system.output(connection.target))[0].factor
-
-    def sent(self, before: Mapping[str, float], now: Mapping[str, float]) -> float:
-        return 0.5 * (before[self._source] + now[self._source]) * self._source_factor
-
-    def received(self, coupling: Coupling) -> float:
-        start, end = coupling.fed[self._component]
-        return 0.5 * (self._term(start) + self._term(end)) * self._target_factor

@@ -9,19 +9,13 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def interrupts_deferred() -> Iterator[Callable[[], None]]:
-    """Hold Ctrl-C back; the function given raises KeyboardInterrupt if it was pressed. In other threads: nothing."""
+def interrupts_deferred(pressed: Callable[[], None]) -> Iterator[None]:
+    """Call `pressed` for Ctrl-C instead of raising KeyboardInterrupt. In other threads: nothing."""
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
+        yield
         return
-    pressed: list[int] = []
-
-    def raise_if_pressed() -> None:
-        if pressed:
-            raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    previous = signal.signal(signal.SIGINT, lambda _number, _frame: pressed())
     try:
-        yield raise_if_pressed
+        yield
     finally:
         signal.signal(signal.SIGINT, previous)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 from cosim.system import System
 
 
 class LimitWatch:
-    """Counts the time, after settling, that each shock is beyond its fit and each tire below zero load.
+    """Signals that are watched at every step after settling, and what the time beyond their limits says.
 
     The names are those of docs/ports.md: `beyond_fit`, and outputs ending in `tire_force`.
     """
 
-    def __init__(self, system: System, settling: float) -> None:
-        self._settling = settling
+    def __init__(self, system: System) -> None:
         self._flags = tuple(
             f"{name}.beyond_fit" for name, c in system.components.items() if "beyond_fit" in c.variables
         )
@@ -24,34 +23,33 @@ class LimitWatch:
             for v in component.variables.values()
             if v.causality == "output" and v.name.endswith("tire_force")
         }
-        self._watched_time = 0.0
-        self._time = dict.fromkeys((*self._flags, *self._tires), 0.0)
 
     @property
     def names(self) -> tuple[str, ...]:
         """What it must see after every step."""
-        return tuple(self._time)
+        return (*self._flags, *self._tires)
 
-    def add(self, time: float, step: float, values: Mapping[str, float]) -> None:
-        """Look at the values at the end of the step that ends at `time` [s]."""
-        if time <= self._settling:
-            return
-        self._watched_time += step
-        for name in self._flags:
-            self._time[name] += step * (values[name] > 0.5)
-        for name in self._tires:
-            self._time[name] += step * (values[name] < 0.0)
+    @property
+    def watched(self) -> tuple[tuple[str, bool], ...]:
+        """The same, each with whether it counts above one half (true) or below zero."""
+        return (*((name, True) for name in self._flags), *((name, False) for name in self._tires))
 
-    def beyond_fit(self) -> dict[str, float]:
-        """Return per shock the share of time that its damper velocity was outside its fitted range."""
-        return {name.partition(".")[0]: self._share(name) for name in self._flags}
+    def beyond_fit(self, times: Sequence[float]) -> dict[str, float]:
+        """Return per shock the share of time that its damper velocity was outside its fitted range.
 
-    def tire_off(self) -> dict[str, float | None]:
+        Args:
+            times: Time beyond each limit, in the order of `watched`, and last the time that was watched [s].
+        """
+        return {name.partition(".")[0]: _share(time, times[-1]) for name, time in zip(self._flags, times, strict=False)}
+
+    def tire_off(self, times: Sequence[float]) -> dict[str, float | None]:
         """Return per tire force the share of time below zero load; None where no static load is given."""
-        return {name: self._share(name) if known else None for name, known in self._tires.items()}
+        rows = zip(self._tires.items(), times[len(self._flags) :], strict=False)
+        return {name: _share(time, times[-1]) if known else None for (name, known), time in rows}
 
-    def _share(self, name: str) -> float:
-        return self._time[name] / self._watched_time if self._watched_time else 0.0
+
+def _share(time: float, total: float) -> float:
+    return time / total if total else 0.0
 
 
 def _static_load(system: System, component: str, output: str) -> float:

@@ -1,53 +1,73 @@
-"""Keeps the recorded variables of a run, at coupling points, in SI."""
+"""What is recorded and when: every output unless said otherwise, at coupling points, in SI."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.conversion import to_si
-from cosim.coupling import Coupling
+from cosim.conversion import Conversion, to_si
+from cosim.engine.march import Tape
+from cosim.planning import Layout
 from cosim.scenario import Scenario
 from cosim.system import System
-from eightpost.errors import InputError, WiringError
+from eightpost.errors import InputError, StepError, WiringError
 from eightpost.signals import TimeSeries
 
+Flags = NDArray[np.int64]
 
-class Recorder:
-    """Records what the scenario asks for; without a wish, every real output.
+
+def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
+    """Return what is recorded: what the scenario asks for, else every real output.
 
     Raises:
         WiringError: A name is unknown or not a real variable.
+    """
+    names = tuple(dict.fromkeys(scenario.record)) or _every_output(system)
+    for name in names:
+        if system.output(name).type != "Real":
+            raise WiringError(f"{name} is a {system.output(name).type} and cannot be recorded; record real variables")
+    return names
+
+
+def recorded_steps(scenario: Scenario, step: float, count: int) -> Flags:
+    """Return 1 for each of the coupling points 0 to `count` that is recorded: the first, the last, and every so many.
+
+    Raises:
         InputError: The record step is not a whole number of coupling steps.
     """
+    flags = np.zeros(count + 1, np.int64)
+    flags[:: _stride(scenario, step)] = 1
+    flags[-1] = 1
+    return flags
 
-    def __init__(self, system: System, scenario: Scenario, step: float) -> None:
-        self._system, self._stop = system, scenario.stop
-        self._stride = _stride(scenario, step)
-        self.names = tuple(dict.fromkeys(scenario.record)) or _every_output(system)
-        self._times: list[float] = []
-        self._rows: list[list[float]] = []
-        for name in self.names:
-            if system.output(name).type != "Real":
-                raise WiringError(
-                    f"{name} is a {system.output(name).type} and cannot be recorded; record real variables"
-                )
 
-    def add(self, index: int, time: float, coupling: Coupling) -> None:
-        """Keep the values at a coupling point if it is one to record."""
-        if index % self._stride == 0 or time == self._stop:
-            values = coupling.read_recorded()
-            self._times.append(time)
-            self._rows.append([values[name] for name in self.names])
+def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
+    """Return room for `rows` points."""
+    signals = {name: k for k, name in enumerate(layout.signals)}
+    extras = {name: -1 - k for k, name in enumerate(layout.extras)}
+    columns = np.array([signals.get(name, extras.get(name, 0)) for name in names], dtype=np.int64)
+    return Tape(np.zeros((rows, len(names))), np.zeros(rows), columns, np.zeros(1, np.int64))
 
-    def series(self) -> TimeSeries:
-        """Return what was recorded, in SI."""
-        channels = {}
-        for index, name in enumerate(self.names):
-            conversion, unit = to_si(self._system.output(name))
-            column: NDArray[np.float64] = np.array([row[index] for row in self._rows])
-            channels[name] = (unit, conversion.factor * column + conversion.offset)
-        return TimeSeries.from_channels(np.array(self._times), channels)
+
+def recorded_series(system: System, names: tuple[str, ...], tape: Tape) -> TimeSeries:
+    """Return what a tape holds so far, in SI."""
+    count = int(tape.position[0])
+    values, units = np.ascontiguousarray(tape.rows[:count].T), []
+    for row, name in zip(values, names, strict=True):
+        conversion, unit = to_si(system.output(name))
+        units.append(unit)
+        if conversion != Conversion():
+            row[:] = conversion.factor * row + conversion.offset
+        if not np.isfinite(row).all():
+            raise StepError(_not_a_number(name, tape.times[int(np.argmin(np.isfinite(row)))]))
+    return TimeSeries(tape.times[:count].copy(), values, names, tuple(units))
+
+
+def _not_a_number(name: str, time: float) -> str:
+    return (
+        f"{name} is not a number from {time:g} s on: look at what its component was given and logged, or leave it out "
+        "of the record list ([scenario] record)"
+    )
 
 
 def _every_output(system: System) -> tuple[str, ...]:
@@ -60,8 +80,6 @@ def _every_output(system: System) -> tuple[str, ...]:
 
 
 def _stride(scenario: Scenario, step: float) -> int:
-    if not (np.isfinite(step) and 0.0 < step <= scenario.stop):
-        raise InputError(f"the coupling step must be positive and at most the run ({scenario.stop} s), not {step!r} s")
     if scenario.record_step is None:
         return 1
     stride = round(scenario.record_step / step)

@@ -16,6 +16,29 @@ from eightpost.signals import TimeSeries, write_series
 SCHEMA = 1
 
 
+@dataclass(frozen=True, slots=True)
+class Coupled:
+    """What the ends of one bond assumed of each other over a run, root mean squares in SI.
+
+    Args:
+        velocity_error: Local error of the velocity that the shock was given [m/s].
+        velocity_spread: Standard deviation of that velocity [m/s].
+        force_error: Local error of the force that the vehicle was given [N].
+        force_spread: Standard deviation of that force [N].
+    """
+
+    velocity_error: float
+    velocity_spread: float
+    force_error: float
+    force_spread: float
+
+    @property
+    def percent(self) -> float:
+        """The larger of both local errors, in percent of its standard deviation."""
+        pairs = ((self.velocity_error, self.velocity_spread), (self.force_error, self.force_spread))
+        return max((100.0 * error / spread for error, spread in pairs if spread > 0.0), default=0.0)
+
+
 @dataclass(frozen=True)
 class Result:
     """One run.
@@ -28,7 +51,7 @@ class Result:
         order: The components as they were stepped.
         step: Coupling step [s].
         steps: Number of coupling steps.
-        seconds: Wall time from the start of initialization [s].
+        seconds: Wall time from the start of initialization [s]; of the default, of all its runs.
         equilibrium_sweeps: Evaluations until the coupled start agreed.
         energy: Per bond: energy residual and energy transferred [J].
         held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
@@ -38,6 +61,15 @@ class Result:
         settling: Time at the start that response measures leave out [s].
         share_beyond_fit: Per shock: share of time beyond its fitted velocities.
         share_tire_off: Per tire force: share of time below zero load; None where no static load is known.
+        coupled: Per bond: local errors of what its ends assumed of each other.
+        iterations: Of implicit steps, all together.
+        rejected_steps: Steps that an adaptive run made again, smaller.
+        largest_step: Largest coupling step [s].
+        partial: Whether the run ended before its stop.
+        stepping_seconds: Wall time of the steps alone [s]; of the default, of all its runs.
+        stated_error: Per recorded variable: error of the coupling, in percent of its standard deviation after settling,
+            from runs at two steps; empty where one run was made.
+        scheme: The algorithm that the default took; empty where one was given.
     """
 
     series: TimeSeries
@@ -57,11 +89,19 @@ class Result:
     settling: float = 0.0
     share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
     share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
+    coupled: Mapping[str, Coupled] = field(default_factory=dict)
+    iterations: int = 0
+    rejected_steps: int = 0
+    largest_step: float = 0.0
+    partial: bool = False
+    stepping_seconds: float = 0.0
+    stated_error: Mapping[str, float] = field(default_factory=dict)
+    scheme: str = ""
 
     @property
     def acceptable(self) -> bool:
-        """Whether the start converged and no bond makes or loses a notable share of its energy."""
-        return self.converged and all(energy.acceptable for energy in self.energy.values())
+        """Whether all converged, the run came to its stop, and no bond makes or loses a notable share of its energy."""
+        return self.converged and not self.partial and all(energy.acceptable for energy in self.energy.values())
 
     def settled(self) -> TimeSeries:
         """Return the series without the settling time."""
@@ -78,10 +118,15 @@ class Result:
         return paths
 
     def _document(self) -> dict[str, object]:
-        document = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("series", "energy")}
+        document = {
+            name: getattr(self, name)
+            for name in self.__dataclass_fields__
+            if name not in ("series", "energy", "coupled")
+        }
+        coupled = {name: asdict(c) | {"percent": c.percent} for name, c in self.coupled.items()}
         energy = {name: asdict(e) | {"relative": e.relative} for name, e in self.energy.items()}
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
-        return heading | document | {"energy": energy, "channels": list(self.series.names)}
+        return heading | document | {"energy": energy, "coupled": coupled, "channels": list(self.series.names)}
 
 
 def held_direct_outputs(system: System, held: frozenset[str], names: tuple[str, ...]) -> tuple[str, ...]:

@@ -150,11 +150,16 @@ def si_exponents(unit: str) -> dict[str, int]:
     >>> si_exponents("N")
     {'kg': 1, 'm': 1, 's': -2}
     """
+    return dict(_exponents(unit))
+
+
+@lru_cache(maxsize=512)
+def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
     base = _REGISTRY.Quantity(1.0, _unit(unit)).to_base_units().units
     if unknown := sorted(set(base._units) - set(_PINT_BASE)):
         raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is no quantity of this field")
     exponents = {_PINT_BASE[name]: int(power) for name, power in base._units.items()}
-    return {name: exponents[name] for name in _BASE if exponents.get(name)}
+    return tuple((name, exponents[name]) for name in _BASE if exponents.get(name))
 
 
 def si_factor(unit: str) -> float:

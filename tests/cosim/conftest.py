@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cosim import Capabilities, Variable
+from cosim import Bond, Capabilities, FmuComponent, System, Variable
 from cosim.conversion import named_unit
 from eightpost.errors import StepError
+from eightpost.signals import Drivefile, TimeSeries
+
+CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @dataclass
@@ -93,3 +98,55 @@ def make():
             return FunctionComponent(ports, lambda x, _: {"y": x}, advance, **options)
 
     return Make
+
+
+@pytest.fixture(scope="session")
+def track() -> Drivefile:
+    """The demo's drivefile: wheelloaders and loads of the whole car, 500 points a second."""
+    return Drivefile.read(Path(__file__).resolve().parents[2] / "examples" / "data" / "track.parquet")
+
+
+@pytest.fixture(scope="session")
+def bumps() -> Drivefile:
+    """30 s of two roads for quarter cars, `a` and `b`, 250 points a second: sums of sines from 0.7 to 19 Hz."""
+    time = 0.004 * np.arange(7501)
+    rows = {
+        name: sum(amplitude * np.sin(2.0 * np.pi * rate * time) for amplitude, rate in parts)
+        for name, parts in {
+            "a": ((0.02, 0.7), (0.004, 6.1), (0.0007, 19.0)),
+            "b": ((0.015, 1.3), (0.003, 9.7)),
+        }.items()
+    }
+    return Drivefile(TimeSeries.from_channels(time, {name: ("m", row) for name, row in rows.items()}))
+
+
+@pytest.fixture
+def seven_dof(fmus):
+    """Join a seven-DOF car and its shocks: seven_dof(law, car=, parts=, **parameters of every shock FMU)."""
+
+    def join(law: str = "lpnl2", *, car: Path | None = None, parts=None, **parameters: float) -> System:
+        given = dict(parts or {})
+        names = [corner for corner in CORNERS if corner not in given]
+        components = {"car": FmuComponent(car or fmus["seven_dof"], "car")}
+        components |= {name: given[name] if name in given else FmuComponent(fmus[law], name) for name in CORNERS}
+        bonds = [Bond.between(f"car.{name}", name, displacement=name in names) for name in CORNERS]
+        return System(components, bonds, parameters=dict.fromkeys(names, parameters))
+
+    return join
+
+
+@pytest.fixture
+def quarter_cars(fmus):
+    """Quarter cars on the roads of `bumps`, not connected with each other: quarter_cars("ab") or of one of them."""
+
+    def join(names: str = "a", components=None, **parameters: float) -> System:
+        made = components or {}
+        for name in names:
+            made.setdefault(f"car_{name}", FmuComponent(fmus["quarter_car"], f"car_{name}"))
+            made.setdefault(f"shock_{name}", FmuComponent(fmus["lpnl2"], f"shock_{name}"))
+        parts = {f"{what}_{name}": made[f"{what}_{name}"] for name in names for what in ("car", "shock")}
+        bonds = [Bond.between(f"car_{name}", f"shock_{name}") for name in names]
+        constants = {f"car_{name}.aero_force": 0.0 for name in names}
+        return System(parts, bonds, constants=constants, parameters={f"shock_{name}": parameters for name in names})
+
+    return join

@@ -16,6 +16,7 @@ from eightpost.vehicle import read_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 CORNERS = ("lf", "rf", "lr", "rr")
+LOADS = ("heave_force", "roll_moment", "pitch_moment")
 STEPS = (0.002, 0.001, 0.0005)
 #: Those of the linear table in docs/coupling.md.
 LINEAR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
@@ -95,6 +96,12 @@ def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(benc
     assert host.errors(*damped, 125.0) == (np.inf, np.inf)
 
 
+def load_system(folder):
+    """The car with a shock on every corner, from the folder of their FMUs."""
+    files = {"car": folder / "car.fmu"} | dict.fromkeys(CORNERS, folder / "shock.fmu")
+    return cosim.System.load(files, [cosim.Bond.between(f"car.{c}", c) for c in CORNERS])
+
+
 def linear_curve(rate):
     """F_s = rate * v in every piece of the curve."""
     v = 0.4
@@ -137,7 +144,7 @@ def linear_errors(bench, drive, law, damper, folder, steps):
     errors = {"velocity": [], "tire_force": []}
     for step in steps:
         scenario = cosim.Scenario(4.0, drive, record=channels, record_step=0.002)
-        found = cosim.run(bench.load_system(folder), scenario, step=step).series
+        found = cosim.run(load_system(folder), scenario, step=step).series
         for quantity, rows in errors.items():
             names = [f"{c}.{quantity}" for c in CORNERS]
             rows.append(max(100 * np.std(found[f"car.{n}"] - expected[n]) / np.std(expected[n]) for n in names))
@@ -172,8 +179,8 @@ def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(benc
     """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=500.0, gas_stiffness=700.0))
     bench.build_fmus(law, tmp_path)
-    system = bench.load_system(tmp_path)
-    loads = {f"car.{name}": 0.0 for name in (*bench.LOADS, *(f"{c}.road" for c in CORNERS))}
+    system = load_system(tmp_path)
+    loads = {f"car.{name}": 0.0 for name in (*LOADS, *(f"{c}.road" for c in CORNERS))}
     system = cosim.System(system.components, system.bonds, constants=loads)
     record = tuple(f"car.{c}.{name}" for c in CORNERS for name in ("displacement", "velocity", "tire_force"))
     series = cosim.run(system, cosim.Scenario(0.5, record=record), step=1e-3).series

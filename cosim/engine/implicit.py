@@ -1,0 +1,249 @@
+"""A step that is repeated until what parts assumed of each other is what they give: implicit coupling.
+
+The unknowns g are the signals at the end of the step that are needed before their part has stepped (for a car and its
+shocks: the shock forces). A sweep from the same start gives G(g); the step is found where f(g) = g - G(g) = 0.
+    Broyden's method updates an inverse Jacobian of f, which is kept from step to step; it is made anew by differences
+    at the beginning and where the iteration fails (Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995,
+    chapter 7; for whole steps of a co-simulation: Sicklinger et al., Interface Jacobian-based co-simulation, 2014).
+"""
+
+from __future__ import annotations
+
+from cosim.engine import calls
+from cosim.engine.compiled import shared
+from cosim.engine.plan import (
+    GUESSED,
+    IMPLICIT,
+    ITERATIONS,
+    JACOBIANS,
+    LOOSE,
+    RESTORE,
+    SAVE,
+    Memory,
+    Mode,
+    Plan,
+    Reals,
+)
+from cosim.engine.sweep import failed, on_parabola, sweep
+
+#: What the last sweep of an implicit step was, besides its first one.
+_MOVED, _DIFFERENCED = 1, 2
+
+#: Which of a part's two saved states an implicit step uses.
+_OWN_STATE = 1
+
+#: Where a part's answer jumps by a little, there may be no better agreement than this many times the tolerance.
+_JUMP = 100.0
+
+#: Change of an unknown for a difference, of its size.
+_DIFFERENCE = 1e-5
+
+
+@shared
+def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
+    """Save the states of the parts order[first:last]; 1 where one refused."""
+    for k in range(first, last):
+        c = plan.order[k]
+        index = slot * plan.parts.instance.size + c
+        status = calls.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
+        if failed(m, status, c, SAVE):
+            return 1
+    return 0
+
+
+@shared
+def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
+    """Restore the states that were saved; 1 where a part refused."""
+    for k in range(first, last):
+        c = plan.order[k]
+        index = slot * plan.parts.instance.size + c
+        status = calls.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
+        if failed(m, status, c, RESTORE):
+            return 1
+    return 0
+
+
+@shared
+def _disagreement(plan: Plan, m: Memory, g: int, f: Reals) -> None:
+    first = plan.loops.unknowns[g]
+    for i in range(f.size):
+        s = plan.loops.signal[first + i]
+        f[i] = m.guess[s] - m.ahead[s]
+
+
+@shared
+def _size(plan: Plan, m: Memory, u: int) -> float:
+    """How large an unknown is: its largest value so far."""
+    s = plan.loops.signal[u]
+    size: float = max(m.size[u], abs(m.now[s]), abs(m.ahead[s]))
+    m.size[u] = size
+    return size
+
+
+@shared
+def _agrees(plan: Plan, m: Memory, g: int, f: Reals, tolerance: float) -> bool:
+    for i in range(f.size):  # noqa: SIM110 -- the loop is compiled, a generator cannot be
+        if not abs(f[i]) <= tolerance * _size(plan, m, plan.loops.unknowns[g] + i):
+            return False
+    return True
+
+
+@shared
+def _invert(a: Reals, n: int, inverse: Reals) -> None:
+    """Gauss and Jordan with row pivots; a and inverse are (n*n,), row by row, a is destroyed."""
+    for k in range(n * n):
+        inverse[k] = 1.0 if k // n == k % n else 0.0
+    for p in range(n):
+        best = p
+        for i in range(p + 1, n):
+            if abs(a[i * n + p]) > abs(a[best * n + p]):
+                best = i
+        if a[best * n + p] == 0.0:
+            continue
+        pivot = 1.0 / a[best * n + p]
+        for j in range(n):
+            x, y = a[best * n + j], inverse[best * n + j]
+            a[best * n + j], inverse[best * n + j] = a[p * n + j], inverse[p * n + j]
+            a[p * n + j], inverse[p * n + j] = x * pivot, y * pivot
+        for i in range(n):
+            factor = a[i * n + p]
+            if i != p and factor != 0.0:
+                for j in range(n):
+                    a[i * n + j] -= factor * a[p * n + j]
+                    inverse[i * n + j] -= factor * inverse[p * n + j]
+
+
+@shared
+def _disturb(plan: Plan, m: Memory, g: int, j: int) -> None:
+    """Change unknown j of group g for a difference."""
+    u = plan.loops.unknowns[g] + j
+    s = plan.loops.signal[u]
+    m.kept[0] = m.guess[s]
+    m.kept[1] = _DIFFERENCE * _size(plan, m, u)
+    m.guess[s] += m.kept[1]
+
+
+@shared
+def _take_difference(plan: Plan, m: Memory, g: int, j: int) -> None:
+    """Column j of the Jacobian from a sweep with unknown j disturbed; undo that."""
+    first, last, at = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g]
+    f, moved = m.missed[first:last], m.after[first:last]
+    _disagreement(plan, m, g, moved)
+    m.guess[plan.loops.signal[first + j]] = m.kept[0]
+    for i in range(f.size):
+        m.jacobian[at + i * f.size + j] = (moved[i] - f[i]) / m.kept[1]
+
+
+@shared
+def _broyden(plan: Plan, m: Memory, g: int) -> None:
+    """Update the inverse H for a move s that changed f by y: H += (s - H y) s'H / s'Hy (Sherman and Morrison)."""
+    first, last, at = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g]
+    move, change, left, right = m.move[first:last], m.change[first:last], m.left[first:last], m.right[first:last]
+    n, denominator = move.size, 0.0
+    for i in range(n):
+        left[i] = right[i] = 0.0
+        for j in range(n):
+            left[i] += m.inverse[at + i * n + j] * change[j]
+            right[i] += move[j] * m.inverse[at + j * n + i]
+        denominator += move[i] * left[i]
+    if denominator != 0.0:
+        for i in range(n):
+            missing = (move[i] - left[i]) / denominator
+            for j in range(n):
+                m.inverse[at + i * n + j] += missing * right[j]
+
+
+@shared
+def _move(plan: Plan, m: Memory, g: int) -> None:
+    """A quasi-Newton move of the guess."""
+    first, last, at = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g]
+    f, move = m.missed[first:last], m.move[first:last]
+    for i in range(f.size):
+        move[i] = 0.0
+        for j in range(f.size):
+            move[i] -= m.inverse[at + i * f.size + j] * f[j]
+        m.guess[plan.loops.signal[first + i]] += move[i]
+
+
+@shared
+def _learn(plan: Plan, m: Memory, g: int) -> None:
+    """The disagreement after a move, and the inverse Jacobian brought up to date."""
+    first, last = plan.loops.unknowns[g], plan.loops.unknowns[g + 1]
+    f, after, change = m.missed[first:last], m.after[first:last], m.change[first:last]
+    _disagreement(plan, m, g, after)
+    for i in range(f.size):
+        change[i] = after[i] - f[i]
+        f[i] = after[i]
+    _broyden(plan, m, g)
+
+
+@shared
+def _begin(plan: Plan, m: Memory, g: int, h: float) -> int:
+    """Guess on along the last steps, and save the states; 1 where a part refused."""
+    for u in range(plan.loops.unknowns[g], plan.loops.unknowns[g + 1]):
+        s = plan.loops.signal[u]
+        m.guess[s] = on_parabola(m, s, h)
+    return save_parts(plan, m, plan.loops.parts[g], plan.loops.parts[g + 1], _OWN_STATE)
+
+
+@shared
+def _next_guess(plan: Plan, m: Memory, g: int, tolerance: float, most: int) -> int:
+    """Look at a sweep; 1 with the guess for the next one, 0 where the step is found or given up.
+
+    `m.turn`: what the sweep was (FIRST, DIFFERENCE, MOVED), its column, moves since the Jacobian was made, whether it
+    was made anew in this step.
+    """
+    first, last, at, turn = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g], m.turn
+    f = m.missed[first:last]
+    if turn[0] == _DIFFERENCED:
+        _take_difference(plan, m, g, turn[1])
+        turn[1] += 1
+        if turn[1] < f.size:
+            _disturb(plan, m, g, turn[1])
+            return 1
+        _invert(m.jacobian[at : at + f.size * f.size], f.size, m.inverse[at : at + f.size * f.size])
+        m.known[g] = turn[3] = 1
+        turn[2] = 0
+    elif turn[0] == _MOVED:
+        _learn(plan, m, g)
+    else:
+        _disagreement(plan, m, g, f)
+    if turn[0] != _DIFFERENCED and _agrees(plan, m, g, f, tolerance):
+        return 0
+    if m.known[g] == 0 or (turn[2] == most and turn[3] == 0):
+        m.counts[JACOBIANS] += 1
+        turn[0], turn[1] = _DIFFERENCED, 0
+        _disturb(plan, m, g, 0)
+        return 1
+    if turn[2] == most:
+        m.counts[LOOSE] += 0 if _agrees(plan, m, g, f, _JUMP * tolerance) else 1
+        m.known[g] = 0
+        return 0
+    _move(plan, m, g)
+    turn[0] = _MOVED
+    turn[2] += 1
+    return 1
+
+
+@shared
+def step_group(plan: Plan, m: Memory, g: int, samples: Reals, means: Reals, time: float, h: float, mode: Mode) -> int:
+    """Step group g: once, or, where the scheme is implicit, until its unknowns agree; 1 where a part refused.
+
+    A step that did not converge is counted, and its last iterate kept.
+    """
+    first, last = plan.loops.parts[g], plan.loops.parts[g + 1]
+    repeats = mode.kind == IMPLICIT and plan.loops.unknowns[g + 1] > plan.loops.unknowns[g]
+    sequential, values = min(mode.kind, 1), GUESSED if mode.kind == IMPLICIT else mode.values
+    if repeats and _begin(plan, m, g, h):
+        return 1
+    m.turn[0] = m.turn[2] = m.turn[3] = 0
+    while True:
+        if sweep(plan, m, first, last, samples, means, time, h, sequential, values, mode.final):
+            return 1
+        if not repeats:
+            return 0
+        m.counts[ITERATIONS] += 1
+        if _next_guess(plan, m, g, mode.tolerance, mode.most) == 0:
+            return 0
+        if restore_parts(plan, m, first, last, _OWN_STATE):
+            return 1

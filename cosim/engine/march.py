@@ -1,0 +1,303 @@
+"""The loop over coupling steps: of one size, or chosen by an error estimate."""
+
+from __future__ import annotations
+
+from math import isnan
+from typing import NamedTuple
+
+from cosim.engine import calls
+from cosim.engine.compiled import shared
+from cosim.engine.implicit import restore_parts, save_parts, step_group
+from cosim.engine.meters import accept, add_defects, add_energy, add_limits
+from cosim.engine.plan import (
+    DIVERGED,
+    DONE,
+    GET,
+    LOOSE,
+    REFUSED,
+    REJECTED,
+    STEPS,
+    STOPPED,
+    STUCK,
+    Integers,
+    Memory,
+    Mode,
+    Plan,
+    Reals,
+)
+from cosim.engine.sweep import failed
+
+
+class Tape(NamedTuple):
+    """What is recorded: rows (R, M), times (R,), and per column the signal (>= 0), or -1 - the extra.
+
+    `position` (1,) is the next row.
+    """
+
+    rows: Reals
+    times: Reals
+    columns: Integers
+    position: Integers
+
+
+class Grid(NamedTuple):
+    """Coupling points of one size of step (K+1,) [s], and which are recorded (K+1,).
+
+    `samples` (K*J+1, D) is the drive at every sub-step's end, `means` (K*J, D) its mean over each, J `parts` a step.
+    """
+
+    times: Reals
+    recorded: Integers
+    samples: Reals
+    means: Reals
+    parts: int
+
+
+class Knots(NamedTuple):
+    """The drive's own points (Q,) [s] and values (Q, D), straight between them.
+
+    Times to land on, and which are recorded.
+    """
+
+    times: Reals
+    values: Reals
+    events: Reals
+    recorded: Integers
+
+
+class Control(NamedTuple):
+    """Of an adaptive run: per bond signal its tolerances, the scheme's order, the least and the largest step [s]."""
+
+    signal: Integers
+    absolute: Reals
+    relative: float
+    order: int
+    least: float
+    largest: float
+
+
+class Progress(NamedTuple):
+    """Of an adaptive run, (1,) each: time, step to try, last error, next event, the drive's interval, extreme steps.
+
+    `scale`: the largest value so far of each coupled signal; `once`: the signals after a whole step (S,); `drive`: at
+    both ends of a step and its mean (3, D).
+    """
+
+    time: Reals
+    step: Reals
+    error: Reals
+    event: Integers
+    knot: Integers
+    smallest: Reals
+    greatest: Reals
+    scale: Reals
+    once: Reals
+    drive: Reals
+
+
+@shared
+def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
+    """Read the extras and keep a row; 1 where a part refused."""
+    parts, at = plan.parts, m.at
+    for c in range(parts.instance.size):
+        if parts.extra_count[c] > 0:
+            status = calls.exchange(
+                parts.get_real[c], parts.instance[c], at.extra_references[c], parts.extra_count[c], at.extras[c]
+            )
+            if failed(m, status, c, GET):
+                return 1
+    row = tape.position[0]
+    for k in range(tape.columns.size):
+        column = tape.columns[k]
+        tape.rows[row, k] = m.now[column] if column >= 0 else m.extra[-1 - column]
+    tape.times[row] = time
+    tape.position[0] = row + 1
+    return 0
+
+
+@shared
+def one_step(plan: Plan, m: Memory, samples: Reals, means: Reals, time: float, h: float, mode: Mode) -> int:
+    """Step every part from `time` by `h` [s]; 1 where one refused."""
+    for g in range(plan.loops.parts.size - 1):
+        if step_group(plan, m, g, samples, means, time, h, mode):
+            return 1
+    return 0
+
+
+@shared
+def _end_step(plan: Plan, m: Memory, time: float, h: float, mode: Mode) -> int:
+    """Add the step to what is added up; return the first signal that is no sensible number, or -1."""
+    add_energy(plan, m, h)
+    add_defects(plan, m, h)
+    if time + h > mode.settling:
+        add_limits(plan, m, h)
+    m.counts[STEPS] += 1
+    return accept(m, h)
+
+
+def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int, last: int) -> int:
+    """Make the steps first to last - 1 of a grid; failure[3] is where it ended. Returns why it did."""
+    for k in range(first, last):
+        m.failure[3] = k
+        if m.stop[0] != 0:
+            return STOPPED
+        time = grid.times[k]
+        h = grid.times[k + 1] - time
+        samples = grid.samples[k * grid.parts : (k + 1) * grid.parts + 1]
+        means = grid.means[k * grid.parts : (k + 1) * grid.parts]
+        if one_step(plan, m, samples, means, time, h, mode):
+            return REFUSED
+        bad = _end_step(plan, m, time, h, mode)
+        if bad >= 0:
+            m.failure[1] = bad
+            return DIVERGED
+        if grid.recorded[k + 1] == 1 and record(plan, m, tape, grid.times[k + 1]):
+            return REFUSED
+    m.failure[3] = last
+    return DONE
+
+
+@shared
+def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
+    """The drive at a time within its interval k."""
+    if knots.times.size < 2:
+        for d in range(row.size):
+            row[d] = knots.values[0, d] if knots.times.size == 1 else 0.0
+        return
+    share = (time - knots.times[k]) / (knots.times[k + 1] - knots.times[k])
+    for d in range(row.size):
+        row[d] = knots.values[k, d] + share * (knots.values[k + 1, d] - knots.values[k, d])
+
+
+@shared
+def _driven_step(plan: Plan, m: Memory, knots: Knots, k: int, drive: Reals, time: float, h: float, mode: Mode) -> int:
+    """One step within an interval of the drive."""
+    _drive_at(knots, k, time, drive[0])
+    _drive_at(knots, k, time + h, drive[1])
+    for d in range(drive.shape[1]):
+        drive[2, d] = 0.5 * (drive[0, d] + drive[1, d])
+    return one_step(plan, m, drive[0:2], drive[2:3], time, h, mode)
+
+
+@shared
+def _assign(to: Reals, values: Reals) -> None:
+    for k in range(to.size):
+        to[k] = values[k]
+
+
+@shared
+def _copy(m: Memory, kept: Memory) -> None:
+    """Copy what a step changes and a rejected one must leave as it was."""
+    _assign(kept.now, m.now)
+    _assign(kept.slope, m.slope)
+    _assign(kept.steep, m.steep)
+    _assign(kept.past, m.past)
+    _assign(kept.residual, m.residual)
+    _assign(kept.transferred, m.transferred)
+    _assign(kept.defect, m.defect)
+    _assign(kept.total, m.total)
+    _assign(kept.squares, m.squares)
+    _assign(kept.watched, m.watched)
+    _assign(kept.duration, m.duration)
+    _assign(kept.last, m.last)
+    _assign(kept.size, m.size)
+    kept.counts[LOOSE] = m.counts[LOOSE]
+    kept.counts[STEPS] = m.counts[STEPS]
+
+
+@shared
+def _difference(m: Memory, once: Reals, control: Control, scale: Reals) -> float:
+    """How far one step ended from two halves, of what is allowed."""
+    worst = 0.0
+    for i in range(control.signal.size):
+        s = control.signal[i]
+        allowed = control.absolute[i] + control.relative * max(scale[i], abs(m.now[s]))
+        error = abs(m.now[s] - once[s]) / ((2.0**control.order - 1.0) * allowed)
+        # What is not a number stays: it is no agreement.
+        worst = error if error > worst or isnan(error) else worst
+    return worst
+
+
+@shared
+def _grow(m: Memory, control: Control, scale: Reals) -> None:
+    """The largest values so far, of steps that stay."""
+    for i in range(control.signal.size):
+        scale[i] = max(scale[i], abs(m.now[control.signal[i]]))
+
+
+@shared
+def _next_step(control: Control, h: float, error: float, before: float) -> float:
+    """A proportional-integral controller (Gustafsson, 1991): smoother than the error of the last step alone."""
+    exponent = 1.0 / (control.order + 1.0)
+    factor = 0.9 * max(error, 1e-8) ** (-0.7 * exponent) * max(before, 1e-8) ** (0.4 * exponent)
+    chosen: float = min(max(h * min(max(factor, 0.2), 4.0), control.least), control.largest)
+    return chosen
+
+
+@shared
+def _try_step(
+    plan: Plan, m: Memory, kept: Memory, knots: Knots, mode: Mode, control: Control, p: Progress, time: float, h: float
+) -> float:
+    """Make one step, then the same as two halves, which stay; return the error, -1 where a part refused."""
+    count = plan.order.size
+    _copy(m, kept)
+    if save_parts(plan, m, 0, count, 0):
+        return -1.0
+    for half in range(3):
+        at, part = (time, h) if half == 0 else (time + (half - 1) * (0.5 * h), 0.5 * h)
+        if _driven_step(plan, m, knots, p.knot[0], p.drive, at, part, mode):
+            return -1.0
+        if half == 0:
+            _assign(p.once, m.ahead)
+            if restore_parts(plan, m, 0, count, 0):
+                return -1.0
+        else:
+            _end_step(plan, m, at, part, mode)
+    return _difference(m, p.once, control, p.scale)
+
+
+def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
+    plan: Plan, m: Memory, kept: Memory, tape: Tape, knots: Knots, mode: Mode, control: Control, p: Progress, last: int
+) -> int:
+    """Make at most `last` accepted steps, landing on every event; failure[3] is 1 at the end.
+
+    Returns why it stopped.
+    """
+    m.failure[3] = 0
+    for _ in range(last):
+        if p.event[0] == knots.events.size:
+            m.failure[3] = 1
+            return DONE
+        if m.stop[0] != 0:
+            return STOPPED
+        time, event = p.time[0], knots.events[p.event[0]]
+        while p.knot[0] < knots.times.size - 2 and time >= knots.times[p.knot[0] + 1]:
+            p.knot[0] += 1
+        wanted, left = p.step[0], event - time
+        lands = left <= 1.1 * wanted
+        h = left if lands else min(wanted, 0.5 * left)  # no sliver is left before the event
+        error = _try_step(plan, m, kept, knots, mode, control, p, time, h)
+        if error < 0.0:
+            return REFUSED
+        if not error <= 1.0:
+            m.counts[REJECTED] += 1
+            if restore_parts(plan, m, 0, plan.order.size, 0):
+                return REFUSED
+            _copy(kept, m)
+            if h <= control.least * 1.0000001:
+                return STUCK
+            shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if error < 1e9 else 0.2
+            p.step[0] = max(control.least, h * shrink)
+            continue
+        _grow(m, control, p.scale)
+        chosen = _next_step(control, h, error, p.error[0])
+        p.step[0] = max(chosen, wanted) if lands and chosen >= h else chosen
+        p.error[0] = error
+        p.smallest[0] = min(p.smallest[0], h)
+        p.greatest[0] = max(p.greatest[0], h)
+        p.time[0] = event if lands else time + h
+        if lands:
+            p.event[0] += 1
+            if knots.recorded[p.event[0] - 1] == 1 and record(plan, m, tape, event):
+                return REFUSED
+    return DONE

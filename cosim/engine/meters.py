@@ -1,0 +1,66 @@
+"""What is added up over a run, step by step: energy per bond, defects of coupled values, time beyond limits."""
+
+from __future__ import annotations
+
+from cosim.engine.compiled import hot
+from cosim.engine.plan import Memory, Plan
+
+_DIVERGED = 1e15
+
+
+@hot
+def add_energy(plan: Plan, m: Memory, h: float) -> None:
+    """Add the energy given at the velocity end less the energy taken at the force end of every bond [J]."""
+    bonds = plan.bonds
+    for b in range(bonds.velocity.size):
+        v, f = bonds.velocity[b], bonds.force[b]
+        moved, pushed = plan.terms.source[v], plan.terms.source[f]
+        given = bonds.given[b] * (m.now[moved] + m.ahead[moved]) * m.fed[f] * h
+        taken = bonds.taken[b] * (m.now[pushed] + m.ahead[pushed]) * m.fed[v] * h
+        m.residual[b] += given - taken
+        m.transferred[b] += abs(taken)
+
+
+@hot
+def add_defects(plan: Plan, m: Memory, h: float) -> None:
+    """Add the squares of what each term had assumed for the end of the step less what came, and the term's own."""
+    terms = plan.terms
+    m.duration[0] += h
+    for k in range(terms.source.size):
+        came = terms.weight[k] * m.ahead[terms.source[k]] + terms.offset[k]
+        missed = m.assumed[k] - came
+        m.defect[k] += missed * missed * h
+        m.total[k] += came * h
+        m.squares[k] += came * came * h
+
+
+@hot
+def add_limits(plan: Plan, m: Memory, h: float) -> None:
+    """Add the step to the time of every limit that is exceeded at its end."""
+    watch = plan.watch
+    m.watched[watch.signal.size] += h
+    for w in range(watch.signal.size):
+        value = m.ahead[watch.signal[w]]
+        if (watch.above[w] == 1 and value > 0.5) or (watch.above[w] == 0 and value < 0.0):
+            m.watched[w] += h
+
+
+@hot
+def accept(m: Memory, h: float) -> int:
+    """Take the end of the step for the start of the next one.
+
+    Return the first signal that is no sensible number, or -1.
+    """
+    m.last[1] = m.last[0]
+    m.last[0] = h
+    bad = -1
+    per_second = 1.0 / h
+    for s in range(m.now.size):
+        value, before = m.ahead[s], m.now[s]
+        m.steep[s] = m.slope[s]
+        m.slope[s] = (value - before) * per_second
+        m.past[s] = before
+        m.now[s] = value
+        if bad < 0 and not (-_DIVERGED < value < _DIVERGED):
+            bad = s
+    return bad

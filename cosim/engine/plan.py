@@ -1,0 +1,285 @@
+"""A resolved system as flat arrays: what the loop reads (Plan) and what it writes (Memory).
+
+Everything that belongs to one part (a component) is contiguous: `inputs[c]` to `inputs[c + 1]` are the inputs of part
+c. A *term* is a share of an input, `weight * signal + offset`; a *signal* is an output that is read after every step,
+an *extra* one that is read at recorded points only.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+#: Unsigned, so that compiled code need not look whether an index counts from the end.
+Indices = NDArray[np.uint32]
+References = NDArray[np.uint32]
+
+#: What coupling values do over a step where the end is not known yet.
+HELD, INTERPOLATED, EXTRAPOLATED, PARABOLIC, GUESSED = 0, 1, 2, 3, 4
+
+#: Kinds of schemes.
+JACOBI, GAUSS_SEIDEL, IMPLICIT = 0, 1, 2
+
+#: Why the loop stopped.
+DONE, STOPPED, REFUSED, DIVERGED, STUCK = 0, 1, 2, 3, 4
+
+#: Which call was refused.
+SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
+
+
+class Mode(NamedTuple):
+    """How a step is made.
+
+    Args:
+        kind: JACOBI, GAUSS_SEIDEL or IMPLICIT.
+        values: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end is not known yet.
+        tolerance: Implicit: largest disagreement, of an unknown's size.
+        most: Implicit: iterations with one Jacobian.
+        settling: Limits are watched after this time [s].
+        final: 1 where no earlier state will be restored.
+    """
+
+    kind: int
+    values: int
+    tolerance: float
+    most: int
+    settling: float
+    final: int
+
+
+class Parts(NamedTuple):
+    """Per part: addresses of its functions, its instance, where its rows are in the other tables, (C,) or (C+1,)."""
+
+    set_real: Integers
+    set_slopes: Integers
+    do_step: Integers
+    get_real: Integers
+    save: Integers
+    restore: Integers
+    instance: Integers
+    ramps: Integers
+    substeps: Integers
+    inputs: Indices
+    signals: Indices
+    extras: Indices
+    input_count: Integers
+    signal_count: Integers
+    extra_count: Integers
+
+
+class Inputs(NamedTuple):
+    """Per input, (N,): its reference, what does not change, its terms, its channel of the drive (-1: none).
+
+    `direct` is 1 where a coupled output of the part follows the input without delay.
+    """
+
+    reference: References
+    order: NDArray[np.int32]
+    constant: Reals
+    terms: Indices
+    column: Integers
+    factor: Reals
+    offset: Reals
+    direct: Integers
+
+
+class Terms(NamedTuple):
+    """Per term, (T,). `early` is 1 where the source's part comes before the input's in the order of stepping."""
+
+    source: Indices
+    early: Integers
+    weight: Reals
+    offset: Reals
+
+
+class Signals(NamedTuple):
+    """References of the signals (S,) and of the extras (E,)."""
+
+    reference: References
+    extra_reference: References
+
+
+class Bonds(NamedTuple):
+    """Per bond, (B,): its terms, and what twice the mean of the sent times the mean of the received is in joules."""
+
+    velocity: Indices
+    force: Indices
+    given: Reals
+    taken: Reals
+
+
+class Watch(NamedTuple):
+    """Signals whose time beyond a limit is counted, (W,): above 0.5 where `above` is 1, else below 0."""
+
+    signal: Indices
+    above: Integers
+
+
+class Loops(NamedTuple):
+    """What an implicit step solves for: signals that are needed before their part has stepped.
+
+    Groups are parts that are connected with each other: `parts[g]` to `parts[g + 1]` of `order`, and `unknowns[g]` to
+    `unknowns[g + 1]` of `signal` (G+1,); `matrix[g]` is where the group's inverse Jacobian begins; `least` is the size
+    below which an unknown counts as this large.
+    """
+
+    parts: Indices
+    unknowns: Indices
+    signal: Indices
+    matrix: Indices
+    least: Reals
+
+
+class Plan(NamedTuple):
+    """A resolved system."""
+
+    parts: Parts
+    inputs: Inputs
+    terms: Terms
+    signals: Signals
+    bonds: Bonds
+    watch: Watch
+    loops: Loops
+    order: Indices
+
+
+class Addresses(NamedTuple):
+    """Per part, (C,): where in memory its references and its values are, for calls."""
+
+    input_references: Integers
+    orders: Integers
+    starts: Integers
+    values: Integers
+    rates: Integers
+    signal_references: Integers
+    signals: Integers
+    extra_references: Integers
+    extras: Integers
+
+
+class Memory(NamedTuple):
+    """What a run changes.
+
+    `now`, `ahead`, `slope`, `past`: signals at the start and at the end of the step, their change over the last step
+    [1/s], and at its start. `fed`: the mean over the step of what each term gave; `assumed`: its end. `defect`: what it
+    had assumed for the end less what came, squared and summed; `total`, `squares`: the term itself. `states`: two saved
+    states of each part. From `size` to `turn`: of an implicit step.
+    """
+
+    now: Reals
+    ahead: Reals
+    slope: Reals
+    steep: Reals
+    past: Reals
+    guess: Reals
+    start: Reals
+    end: Reals
+    held: Reals
+    value: Reals
+    rate: Reals
+    fed: Reals
+    assumed: Reals
+    extra: Reals
+    residual: Reals
+    transferred: Reals
+    defect: Reals
+    total: Reals
+    squares: Reals
+    watched: Reals
+    duration: Reals
+    last: Reals
+    states: Integers
+    size: Reals
+    known: Integers
+    missed: Reals
+    after: Reals
+    move: Reals
+    change: Reals
+    left: Reals
+    right: Reals
+    inverse: Reals
+    jacobian: Reals
+    kept: Reals
+    turn: Integers
+    counts: Integers
+    failure: Integers
+    stop: Integers
+    at: Addresses
+
+
+#: Memory.counts: iterations, Jacobians, steps that did not converge, rejected steps, steps done.
+ITERATIONS, JACOBIANS, LOOSE, REJECTED, STEPS = 0, 1, 2, 3, 4
+
+
+def memory(plan: Plan) -> Memory:
+    """Return zeroed memory for a plan."""
+    signals, inputs, terms = plan.signals.reference.size, plan.inputs.reference.size, plan.terms.source.size
+    parts, bonds, watch = plan.parts.instance.size, plan.bonds.velocity.size, plan.watch.signal.size
+    unknowns, matrices = plan.loops.signal.size, int(plan.loops.matrix[-1])
+    ahead, start, value, rate = np.zeros(signals), np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
+    extra = np.zeros(plan.signals.extra_reference.size)
+    return Memory(
+        now=np.zeros(signals),
+        ahead=ahead,
+        slope=np.zeros(signals),
+        steep=np.zeros(signals),
+        past=np.zeros(signals),
+        guess=np.zeros(signals),
+        start=start,
+        end=np.zeros(inputs),
+        held=np.zeros(inputs),
+        value=value,
+        rate=rate,
+        fed=np.zeros(terms),
+        assumed=np.zeros(terms),
+        extra=extra,
+        residual=np.zeros(bonds),
+        transferred=np.zeros(bonds),
+        defect=np.zeros(terms),
+        total=np.zeros(terms),
+        squares=np.zeros(terms),
+        watched=np.zeros(watch + 1),
+        duration=np.zeros(1),
+        last=np.full(2, 1e300),
+        states=np.zeros(2 * parts, np.int64),
+        size=plan.loops.least.copy(),
+        known=np.zeros(plan.loops.parts.size - 1, np.int64),
+        missed=np.zeros(unknowns),
+        after=np.zeros(unknowns),
+        move=np.zeros(unknowns),
+        change=np.zeros(unknowns),
+        left=np.zeros(unknowns),
+        right=np.zeros(unknowns),
+        inverse=np.zeros(matrices),
+        jacobian=np.zeros(matrices),
+        kept=np.zeros(2),
+        turn=np.zeros(4, np.int64),
+        counts=np.zeros(5, np.int64),
+        failure=np.zeros(4, np.int64),
+        stop=np.zeros(1, np.int64),
+        at=_addresses(plan, start, value, rate, ahead, extra),
+    )
+
+
+def _addresses(plan: Plan, start: Reals, value: Reals, rate: Reals, ahead: Reals, extra: Reals) -> Addresses:
+    parts, inputs, signals = plan.parts, plan.inputs, plan.signals
+    return Addresses(
+        input_references=_places(inputs.reference, parts.inputs),
+        orders=_places(inputs.order, parts.inputs),
+        starts=_places(start, parts.inputs),
+        values=_places(value, parts.inputs),
+        rates=_places(rate, parts.inputs),
+        signal_references=_places(signals.reference, parts.signals),
+        signals=_places(ahead, parts.signals),
+        extra_references=_places(signals.extra_reference, parts.extras),
+        extras=_places(extra, parts.extras),
+    )
+
+
+def _places(array: NDArray[np.generic], begins: Indices) -> Integers:
+    """Where the first of each part's elements is."""
+    return array.ctypes.data + array.itemsize * begins[:-1].astype(np.int64)

@@ -1,0 +1,112 @@
+"""What the reader of a result should know, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from cosim.algorithm import Algorithm
+from cosim.coupling import Coupling
+from cosim.energy import DOUBTFUL, BondEnergy
+from cosim.equilibrium import Equilibrium
+from cosim.result import Coupled
+from cosim.system import System
+
+#: Local error of a bond that is said [% of the standard deviation].
+_COARSE = 5.0
+
+
+def notes_of(
+    system: System,
+    coupling: Coupling,
+    algorithm: Algorithm,
+    equilibrium: Equilibrium,
+    energy: Mapping[str, BondEnergy],
+    coupled: Mapping[str, Coupled],
+    troubles: Iterable[str],
+) -> tuple[str, ...]:
+    """Return all notes of a run, those that matter most first."""
+    return (
+        *troubles,
+        *_equilibrium_notes(equilibrium),
+        *_energy_notes(energy),
+        *_local_notes(coupled),
+        *_order_notes(coupling, algorithm),
+        *_held_notes(system, algorithm),
+        *_unit_notes(system),
+        *_gas_notes(system),
+        *(f"{name} said: {said}" for name, c in system.components.items() for said in c.messages),
+    )
+
+
+def _equilibrium_notes(equilibrium: Equilibrium) -> Iterator[str]:
+    if not equilibrium.converged:
+        yield (
+            f"the start is not an equilibrium: a connection still changes by {equilibrium.residual:.1e} of its size; "
+            "the beginning of the result rings"
+        )
+
+
+def _energy_notes(energy: Mapping[str, BondEnergy]) -> Iterator[str]:
+    for name, bond in energy.items():
+        if not bond.acceptable:
+            yield (
+                f"bond {name}: {abs(bond.relative):.0%} of the energy through it is lost or made by the coupling: take "
+                "a smaller coupling step, and do not use this result"
+            )
+        elif abs(bond.relative) > DOUBTFUL:
+            yield (
+                f"bond {name}: {abs(bond.relative):.2%} of the energy through it is lost or made by the coupling; "
+                "sound runs stay under 1 %: halve the coupling step and compare"
+            )
+
+
+def _local_notes(coupled: Mapping[str, Coupled]) -> Iterator[str]:
+    for name, bond in coupled.items():
+        if bond.percent > _COARSE:
+            yield (
+                f"bond {name}: what its ends assume of each other is wrong by {bond.percent:.2g} % of its "
+                "standard deviation in every step: take a smaller coupling step, or see how it adds up (--verify)"
+            )
+
+
+def _order_notes(coupling: Coupling, algorithm: Algorithm) -> Iterator[str]:
+    if not coupling.order()[1]:
+        yield (
+            "the declared direct terms form a loop between components: "
+            f"{algorithm.name} steps through it with a lag of one step"
+        )
+
+
+def _unit_notes(system: System) -> Iterator[str]:
+    unstated = sorted(
+        f"{name}.{v.name}"
+        for name, component in system.components.items()
+        for v in component.variables.values()
+        if v.unit is None and v.type == "Real" and v.causality in ("input", "output")
+    )
+    if unstated:
+        yield f"no unit stated, values taken as they are: {', '.join(unstated)}"
+
+
+def _gas_notes(system: System) -> Iterator[str]:
+    """Static loads hold the car up with the gas force in them; a shock's own preload then counts it again."""
+    values = {
+        f"{name}.{v.name}": system.parameters.get(name, {}).get(v.name, v.start)
+        for name, component in system.components.items()
+        for v in component.variables.values()
+        if v.name == "gas_preload" or v.name.endswith("static_tire_force")
+    }
+    given = [name for name, value in values.items() if float(value or 0.0) != 0.0]
+    shocks = [name.partition(".")[0] for name in given if name.endswith("gas_preload")]
+    if shocks and len(shocks) < len(given):
+        yield (
+            f"the car has static tire forces and {', '.join(shocks)} a gas preload of their own: if the static state "
+            "was taken with the gas in the shocks, it counts twice (fit with --gas included, or set gas_preload = 0)"
+        )
+
+
+def _held_notes(system: System, algorithm: Algorithm) -> Iterator[str]:
+    """Components that could not do what the algorithm would have liked."""
+    held = sorted(name for name, c in system.components.items() if not c.capabilities.interpolates_inputs)
+    if held and getattr(algorithm, "values", "") != "held":
+        yield f"{', '.join(held)} cannot interpolate inputs (canInterpolateInputs): they are held over each step"

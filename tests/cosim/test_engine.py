@@ -1,0 +1,282 @@
+"""The loop, compiled and interpreted: the same bits; it lets other threads run, and can be interrupted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time as clock
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim import (
+    Adaptive,
+    Algorithm,
+    Automatic,
+    Capabilities,
+    GaussSeidel,
+    Implicit,
+    Jacobi,
+    Result,
+    RunInterrupted,
+    Scenario,
+    System,
+    run,
+)
+from cosim.algorithm import VALUES
+from cosim.engine import loop
+from cosim.fmu_instance import FmuInstance
+from eightpost.errors import StepError
+from eightpost.signals import Drivefile
+
+Join = Callable[..., System]
+
+#: Of quarter car a: an adaptive run allows nothing besides the relative error.
+NOTHING = dict.fromkeys(("car_a.velocity", "car_a.displacement", "shock_a.force"), 1e-12)
+
+EXPLICIT = [scheme(values=values) for scheme in (Jacobi, GaussSeidel) for values in VALUES]
+REPEATING = [
+    Implicit(),
+    Adaptive(relative=1e-3),
+    Adaptive(Jacobi(), relative=1e-2),
+    Adaptive(Jacobi("extrapolated"), relative=1e-3),
+    Adaptive(Implicit(), relative=1e-3),
+]
+
+#: Everything of a result but the series, the wall times, and what is the same by construction.
+FIELDS = (
+    "converged", "notes", "order", "step", "steps", "iterations", "rejected_steps", "largest_step", "partial", "energy",
+    "coupled", "share_beyond_fit", "share_tire_off", "stated_error", "scheme", "held_direct", "equilibrium_sweeps",
+)  # fmt: skip
+
+
+def named(algorithm: Any) -> str:
+    scheme = getattr(algorithm, "scheme", None)
+    return " ".join(filter(None, (algorithm.name, named(scheme) if scheme else getattr(algorithm, "values", ""))))
+
+
+def series_bits(result: Result) -> tuple[tuple[str, ...], bytes, bytes]:
+    return result.series.names, result.series.time.tobytes(), result.series.values.tobytes()
+
+
+def check_equal(one: Result, other: Result) -> None:
+    """Equal to the bit in all that is computed."""
+    for name in FIELDS:
+        assert getattr(one, name) == getattr(other, name), name
+    assert np.isfinite(one.series.values).all()
+    assert series_bits(one) == series_bits(other)
+
+
+def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, step: float | None = None) -> Result:
+    """Run in both loops; they must agree to the bit."""
+    compiled, plain = (run(system, scenario, algorithm=algorithm, step=step, engine=e) for e in ("compiled", "python"))
+    check_equal(compiled, plain)
+    return compiled
+
+
+@pytest.mark.parametrize("algorithm", [*EXPLICIT, *REPEATING], ids=named)
+def test_the_compiled_and_the_readable_loop_give_the_same_bits(
+    seven_dof: Join, track: Drivefile, algorithm: Algorithm
+) -> None:
+    """At 4 ms the car takes two steps for one of its shocks: the drive has 500 points a second."""
+    system = seven_dof(compression_scale=0.3, rebound_scale=0.3)
+    result = both(system, Scenario(0.12, track, drive_start=2.0, settling=0.02), algorithm, 0.004)
+    assert np.ptp(result.series["car.lf.velocity"]) > 0.01
+
+
+@pytest.mark.parametrize("ramps", [False, True], ids=["holds", "ramps"])
+@pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
+def test_python_components_among_native_ones_give_the_same_bits(
+    seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, ramps: bool
+) -> None:
+    ports = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+    can = Capabilities(interpolates_inputs=ramps)
+    damper = make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=can)
+    system = seven_dof(parts={"rr": damper}, compression_scale=0.3, rebound_scale=0.3)
+    result = both(system, Scenario(0.12, track, drive_start=2.0), algorithm, 0.004)
+    assert np.ptp(result.series["rr.force"]) > 10.0
+
+
+def test_the_default_gives_the_same_bits_in_both_loops(quarter_cars: Join, bumps: Drivefile) -> None:
+    both(quarter_cars(), Scenario(0.2, bumps, {"a": "car_a.road"}), Automatic())
+
+
+WITHOUT_NUMBA = """
+import sys
+sys.modules["numba"] = None
+import numpy as np
+from cosim import *
+from eightpost.signals import Drivefile
+car, shock, drive, folder = sys.argv[1:]
+system = System.load(
+    {"car_a": car, "shock_a": shock}, [Bond.between("car_a", "shock_a")], constants={"car_a.aero_force": 0.0}
+)
+scenario = Scenario(0.4, Drivefile.read(drive), {"a": "car_a.road"})
+for algorithm, engine in ((GaussSeidel(), "auto"), (Implicit(), "python"), (Adaptive(), "python")):
+    series = run(system, scenario, algorithm=algorithm, step=2e-3, engine=engine).series
+    np.savez(f"{folder}/{algorithm.name}.npz", time=series.time, values=series.values)
+assert "llvmlite" not in sys.modules
+"""
+
+
+def test_without_numba_the_same_runs_give_the_same_bits(
+    quarter_cars: Join, bumps: Drivefile, fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    bumps.write(tmp_path / "drive.parquet")
+    arguments = [fmus["quarter_car"], fmus["lpnl2"], tmp_path / "drive.parquet", tmp_path]
+    subprocess.run([sys.executable, "-c", WITHOUT_NUMBA, *map(str, arguments)], check=True)
+    system, scenario = quarter_cars(), Scenario(0.4, bumps, {"a": "car_a.road"})
+    algorithms: tuple[Algorithm, ...] = (GaussSeidel(), Implicit(), Adaptive())
+    for algorithm in algorithms:
+        here = run(system, scenario, algorithm=algorithm, step=2e-3, engine="compiled").series
+        with np.load(tmp_path / f"{algorithm.name}.npz") as there:
+            assert there["time"].tobytes() == here.time.tobytes()
+            assert there["values"].tobytes() == here.values.tobytes()
+
+
+@pytest.mark.parametrize("algorithm", [GaussSeidel(), Implicit(), Adaptive()], ids=named)
+def test_a_system_runs_again_from_the_start_without_being_made_anew(
+    quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm
+) -> None:
+    """Between both runs the same components run elsewhere, with other parameters and another scheme."""
+    made: list[str] = []
+    new = FmuInstance._new
+
+    def counted(instance: FmuInstance) -> Any:
+        made.append(instance.name)
+        return new(instance)
+
+    monkeypatch.setattr(FmuInstance, "_new", counted)
+    system, scenario = quarter_cars(), Scenario(0.5, bumps, {"a": "car_a.road"})
+    first = run(system, scenario, algorithm=algorithm, step=2e-3)
+    assert sorted(made) == ["car_a", "shock_a"]
+    run(quarter_cars("a", dict(system.components), time_constant=0.004, gas_preload=900.0), scenario, step=5e-4)
+    check_equal(first, run(system, scenario, algorithm=algorithm, step=2e-3))
+    assert len(made) == 2
+
+
+def test_two_systems_in_two_threads_give_the_bits_of_runs_one_after_the_other(
+    quarter_cars: Join, bumps: Drivefile
+) -> None:
+    algorithms: list[Algorithm] = [Implicit(), Adaptive(relative=1e-5), GaussSeidel(), Jacobi("extrapolated")]
+    systems = [quarter_cars(time_constant=1e-3 * (k + 1)) for k in range(4)]
+
+    def go(k: int) -> Result:
+        return run(systems[k], Scenario(5.0, bumps, {"a": "car_a.road"}), algorithm=algorithms[k], step=5e-4)
+
+    alone = [go(k) for k in range(4)]
+    with ThreadPoolExecutor(2) as threads:
+        for one, other in zip(alone, threads.map(go, range(4)), strict=True):
+            check_equal(one, other)
+
+
+def test_the_compiled_loop_lets_other_threads_run(
+    quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one call of the loop, which would stop a counting thread for all its time if it kept the GIL."""
+    monkeypatch.setattr(loop, "COMPILED_CHUNK", 10**9)
+    system, scenario = (
+        quarter_cars(),
+        Scenario(30.0, bumps, {"a": "car_a.road"}, record=("car_a.velocity",), record_step=1.0),
+    )
+    seen, ended = [clock.perf_counter()], threading.Event()
+
+    def count() -> None:
+        while not ended.is_set():
+            seen.append(clock.perf_counter())
+            clock.sleep(1e-3)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    result = run(system, scenario, step=2e-5, engine="compiled")
+    ended.set()
+    thread.join()
+    assert result.stepping_seconds > 0.1
+    assert max(after - before for before, after in pairwise(seen)) < 0.5 * result.stepping_seconds
+
+
+@pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive(relative=1e-9, absolute=NOTHING)], ids=named)
+def test_ctrl_c_in_a_long_compiled_run_leaves_what_was_computed_within_a_second(
+    quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm
+) -> None:
+    system, scenario = quarter_cars(), Scenario(30.0, bumps, {"a": "car_a.road"}, record_step=0.01)
+    running, pressed = threading.Event(), [0.0]
+
+    def press() -> None:
+        assert running.wait(60.0)
+        clock.sleep(2e-3)
+        pressed[0] = clock.perf_counter()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    with pytest.raises(RunInterrupted) as raised:
+        run(system, scenario, algorithm=algorithm, step=1e-5, engine="compiled", progress=lambda _: running.set())
+    seconds = clock.perf_counter() - pressed[0]
+    thread.join()
+    found = raised.value.result
+    assert pressed[0] > 0.0
+    assert seconds < 1.0
+    assert found.partial
+    assert not found.acceptable
+    assert any("interrupted" in note for note in found.notes)
+    reached = float(found.series.time[-1])
+    assert 0.0 < reached < 30.0
+    until = Scenario(reached, bumps, {"a": "car_a.road"}, record_step=0.01)
+    assert series_bits(run(system, until, algorithm=algorithm, step=1e-5)) == series_bits(found)
+
+
+@pytest.fixture(scope="module")
+def shared_parts() -> dict[str, Any]:
+    """Components that the examples of a property take turns with."""
+    return {}
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    algorithm=st.sampled_from([Jacobi("extrapolated"), GaussSeidel(), GaussSeidel(values="held"), Implicit()]),
+    step=st.sampled_from([2.5e-4, 1e-3, 1.7e-3, 4e-3, 8e-3]),
+    steps=st.floats(1.0, 60.0),
+    every=st.integers(1, 5),
+    other=st.floats(5e-4, 5e-3),
+)
+def test_systems_without_a_connection_give_the_bits_of_each_alone(
+    quarter_cars: Join,
+    bumps: Drivefile,
+    shared_parts: dict[str, Any],
+    algorithm: Algorithm,
+    step: float,
+    steps: float,
+    every: int,
+    other: float,
+) -> None:
+    roads = {name: f"car_{name}.road" for name in "ab"}
+    soft = {"compression_scale": 0.2, "rebound_scale": 0.2, "time_constant": other}
+
+    def go(names: str) -> Result:
+        scenario = Scenario(steps * step, bumps, {n: roads[n] for n in names}, record_step=every * step)
+        return run(quarter_cars(names, shared_parts, **soft), scenario, algorithm=algorithm, step=step)
+
+    try:
+        alone = [go(name) for name in "ab"]
+    except StepError:  # too large a step diverges in company too
+        with pytest.raises(StepError, match="diverged"):
+            go("ab")
+        return
+    together = go("ab")
+    for one in alone:
+        assert one.series.time.tobytes() == together.series.time.tobytes()
+        assert all(one.series[name].tobytes() == together.series[name].tobytes() for name in one.series.names)
+        assert all(together.energy[bond] == energy for bond, energy in one.energy.items())
+        assert all(together.coupled[bond] == coupled for bond, coupled in one.coupled.items())
+    assert together.iterations == sum(one.iterations for one in alone)

@@ -1,0 +1,186 @@
+"""What a run says of itself: local errors, energies, iterations, rejected steps, steps that did not converge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import Adaptive, Algorithm, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from eightpost.errors import StepError
+from eightpost.signals import Drivefile
+
+Join = Callable[..., System]
+
+ROAD = {"a": "car_a.road"}
+#: Nothing is allowed besides the relative error.
+NOTHING = dict.fromkeys(("car_a.velocity", "car_a.displacement", "shock_a.force"), 1e-12)
+STEPS = (5e-4, 2.5e-4, 1.25e-4, 6.25e-5)
+
+
+def orders(values: Sequence[float]) -> Any:
+    return -np.diff(np.log2(np.abs(values)))
+
+
+def refined(join: Join, bumps: Drivefile, algorithm: Algorithm) -> list[Result]:
+    system, scenario = join(), Scenario(1.0, bumps, ROAD, record_step=5e-4)
+    return [run(system, scenario, algorithm=algorithm, step=step) for step in STEPS]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "order"),
+    [
+        (Jacobi(), 1),
+        (GaussSeidel(values="held"), 1),
+        (Jacobi("interpolated"), 1),
+        (Jacobi("extrapolated"), 2),
+        (GaussSeidel(), 2),
+    ],
+    ids=lambda value: f"{value.name} {value.values}" if hasattr(value, "name") else "",
+)
+def test_the_local_error_of_a_bond_falls_with_the_order_of_what_its_ends_assume(
+    quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
+) -> None:
+    """A value that is held is wrong by its slope times the step at its end; one that goes on straight, by its bend."""
+    coupled = [result.coupled["car_a"] for result in refined(quarter_cars, bumps, algorithm)]
+    assert orders([bond.force_error for bond in coupled]) == pytest.approx(order, abs=0.15)
+    assert all(bond.force_spread == pytest.approx(coupled[-1].force_spread, rel=0.02) for bond in coupled)
+    if isinstance(algorithm, Jacobi):
+        assert orders([bond.velocity_error for bond in coupled]) == pytest.approx(order, abs=0.15)
+    else:  # the car has stepped: its velocity at the end is known
+        assert [bond.velocity_error for bond in coupled] == [0.0] * len(STEPS)
+
+
+def test_local_errors_are_what_a_shock_of_a_known_force_shows(make: Any) -> None:
+    """F = sin w t, held: wrong at the step's end by F(t + h) - F(t), of mean square 2 sin(w h/2)^2; its mean, half."""
+    omega, h = 2.0 * np.pi, 1e-2
+    moving = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
+    shock = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N"))
+    giver = make.component(shock, lambda t, _: {"force": np.sin(omega * t)}, lambda t, _a, _b, step: t + step)
+    taker = make.component(moving, lambda _t, _u: {"velocity": 0.0})
+    system = System({"car": taker, "shock": giver}, (Bond.between("car", "shock", displacement=False),))
+    bond = run(system, Scenario(5.0), algorithm=Jacobi(), step=h).coupled["car"]
+    assert bond.force_error == pytest.approx(0.5 * np.sqrt(2.0) * np.sin(omega * h / 2.0), rel=1e-6)
+    assert bond.force_spread == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    assert bond.percent == pytest.approx(100.0 * bond.force_error / bond.force_spread)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "order"),
+    [(Jacobi(), 1), (GaussSeidel(), 2)],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_the_energy_residual_of_a_bond_falls_with_the_order_of_the_scheme(
+    quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
+) -> None:
+    energy = [result.energy["car_a"] for result in refined(quarter_cars, bumps, algorithm)]
+    assert (orders([bond.residual for bond in energy]) > order - 0.2).all()
+    assert all(bond.transferred == pytest.approx(energy[-1].transferred, rel=0.05) for bond in energy)
+
+
+def test_an_implicit_bond_makes_hardly_any_energy(quarter_cars: Join, bumps: Drivefile) -> None:
+    system, scenario = quarter_cars(), Scenario(1.0, bumps, ROAD)
+    bonds = [
+        run(system, scenario, algorithm=algorithm, step=2e-3).energy["car_a"]
+        for algorithm in (Implicit(tolerance=1e-9), GaussSeidel())
+    ]
+    assert abs(bonds[0].relative) < min(1e-4, 0.1 * abs(bonds[1].relative))
+
+
+def test_transferred_energy_is_the_integral_of_the_shocks_power(quarter_cars: Join, bumps: Drivefile) -> None:
+    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), step=1e-4)
+    power = np.abs(result.series["car_a.velocity"] * result.series["shock_a.force"])
+    assert result.energy["car_a"].transferred == pytest.approx(np.trapezoid(power, result.series.time), rel=1e-3)
+
+
+def test_iterations_rejected_steps_and_the_largest_step_are_counted(quarter_cars: Join, bumps: Drivefile) -> None:
+    system, scenario = quarter_cars(), Scenario(1.0, bumps, ROAD, record_step=0.004)
+    once = run(system, scenario, step=1e-3)
+    assert (once.steps, once.iterations, once.rejected_steps, once.largest_step) == (1000, 0, 0, 1e-3)
+    repeated = run(system, scenario, algorithm=Implicit(), step=1e-3)
+    assert 2 * repeated.steps <= repeated.iterations < 10 * repeated.steps
+    chosen = run(system, scenario, algorithm=Adaptive(relative=1e-3), step=4e-3)
+    assert chosen.rejected_steps > 0
+    assert 0.0 < chosen.step < chosen.largest_step <= 0.004
+    assert 2 * 250 <= chosen.steps < 2000  # in halves, at least one for each interval of the drive
+
+
+def test_steps_that_did_not_converge_are_counted_and_the_result_says_so(quarter_cars: Join, bumps: Drivefile) -> None:
+    hasty = Implicit(tolerance=1e-13, iterations=1)
+    result = run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=hasty, step=4e-3)
+    assert not result.converged
+    assert not result.acceptable
+    assert not result.partial
+    assert any(
+        note.endswith(
+            f"of {result.steps} steps did not converge: take a smaller coupling step, and do not use this result"
+        )
+        for note in result.notes
+    )
+    assert run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=Implicit(), step=4e-3).converged
+
+
+def test_adaptive_that_comes_to_its_least_step_ends_there_and_says_so(quarter_cars: Join, bumps: Drivefile) -> None:
+    strict = Adaptive(relative=1e-9, absolute=NOTHING, least=5e-4)
+    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=strict, step=1e-3)
+    assert result.partial
+    assert not result.converged
+    assert result.series.time[-1] < 1.0
+    assert any("went down to its least" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated")], ids=lambda s: str(s.name))
+def test_a_rejected_step_leaves_no_trace(quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi) -> None:
+    """A first step that is far too large is made again at a fifth: beginning with that gives the same bits."""
+    system, adaptive = (
+        quarter_cars(compression_scale=5.0, rebound_scale=5.0),
+        Adaptive(scheme, relative=1e-6, absolute=NOTHING),
+    )
+    scenario = Scenario(0.4, bumps, ROAD, record_step=0.4)
+    late, soon = (run(system, scenario, algorithm=adaptive, step=first) for first in (0.004, 0.2 * 0.004))
+    assert late.rejected_steps == soon.rejected_steps + 1
+    assert late.series.values.tobytes() == soon.series.values.tobytes()
+    for name in ("energy", "coupled", "largest_step", "step", "steps", "share_beyond_fit"):
+        assert getattr(late, name) == getattr(soon, name), name
+
+
+def test_a_step_that_is_made_again_does_not_count_as_one_that_did_not_converge(
+    quarter_cars: Join, bumps: Drivefile
+) -> None:
+    """One iteration does at the steps that the tolerance asks for, not at 4 ms."""
+    system, scenario = quarter_cars(), Scenario(0.4, bumps, ROAD, record_step=0.4)
+    few = Implicit(tolerance=1e-8, iterations=1)
+    assert not run(system, scenario, algorithm=few, step=0.004).converged
+    result = run(system, scenario, algorithm=Adaptive(few, relative=1e-6, absolute=NOTHING), step=0.004)
+    assert result.rejected_steps > 0
+    assert result.converged
+    assert result.notes == ()
+
+
+@pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: str(s.name))
+def test_a_run_with_rejected_steps_equals_one_of_small_steps(
+    quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi | Implicit
+) -> None:
+    system, scenario = quarter_cars(), Scenario(0.5, bumps, ROAD, record_step=0.004)
+    chosen = run(system, scenario, algorithm=Adaptive(scheme, relative=1e-7, absolute=NOTHING), step=0.004)
+    fine = run(system, scenario, algorithm=GaussSeidel(), step=2e-6)
+    assert chosen.rejected_steps > 3
+    for name in ("car_a.velocity", "car_a.tire_force", "shock_a.force"):
+        apart = np.abs(chosen.series[name] - fine.series[name]).max()
+        assert apart < 2e-5 * np.abs(fine.series[name]).max()
+
+
+def test_a_diverging_coupling_is_refused_with_advice(quarter_cars: Join, bumps: Drivefile) -> None:
+    system = quarter_cars(compression_scale=10.0, rebound_scale=10.0)
+    with pytest.raises(StepError, match=r"diverged.*smaller coupling step.*implicit"):
+        run(system, Scenario(30.0, bumps, ROAD), algorithm=Jacobi("extrapolated"), step=8e-3)
+
+
+def test_a_component_without_state_is_refused_where_steps_repeat_and_said_where_it_only_holds(make: Any) -> None:
+    system = System({"a": make.integrator(capabilities=Capabilities())}, constants={"a.u": 1.0})
+    for algorithm in (Implicit(), Adaptive()):
+        with pytest.raises(Exception, match="cannot save and restore its state"):
+            run(system, Scenario(0.1), algorithm=algorithm, step=0.01)
+    assert any("held over each step" in note for note in run(system, Scenario(0.1), step=0.01).notes)

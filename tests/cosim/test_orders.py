@@ -1,0 +1,173 @@
+"""The order of every scheme at full damping in the shocks, by refinement, against answers of the whole car at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from cosim import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from eightpost.shock import Lpnl2, Shock
+from eightpost.signals import Drivefile, TimeSeries
+
+Join = Callable[..., System]
+Signals = Mapping[str, np.ndarray[Any, Any]]
+
+CORNERS = ("lf", "rf", "lr", "rr")
+LOADS = ("heave_force", "roll_moment", "pitch_moment")
+#: Within the asymptotic range of every scheme: an eighth and less of what a wheel's fastest motion takes [s].
+STEPS = (0.0005, 0.00025, 0.000125, 0.0000625)
+STOP, SETTLING, RECORD_STEP = 0.5, 0.1, 0.004
+#: 30 lbf/(in/s), as in Table 5.1 [N.s/m]; the lag of the linear shocks [s].
+RATE, LAG = 30.0 * 175.12683524647636, 0.0013
+
+#: Schemes, and their orders with linear lagged shocks and with LPNL2 ones; 0: kinks of the curve leave no clean order.
+#: A shock that follows its velocity with a lag only, and a car that follows its force so, are staggered by held values
+#: like leapfrog's.
+ORDERS: dict[str, tuple[Algorithm, int, int]] = {
+    "jacobi held": (Jacobi(), 1, 1),
+    "jacobi interpolated": (Jacobi("interpolated"), 1, 1),
+    "jacobi extrapolated": (Jacobi("extrapolated"), 2, 2),
+    "gauss-seidel held": (GaussSeidel(values="held"), 2, 1),
+    "gauss-seidel interpolated": (GaussSeidel(values="interpolated"), 1, 1),
+    "gauss-seidel extrapolated": (GaussSeidel(), 2, 2),
+    "gauss-seidel, shocks first": (GaussSeidel(("lf", "rf", "lr", "rr", "car")), 2, 2),
+    "jacobi parabolic": (Jacobi("parabolic"), 3, 0),
+    "gauss-seidel parabolic": (GaussSeidel(values="parabolic"), 3, 0),
+    "implicit": (Implicit(tolerance=1e-9), 3, 2),
+}
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Drivefile:
+    """Roads and loads of 2 to 15 Hz, 250 points a second, straight between them."""
+    time = 0.004 * np.arange(int(STOP / 0.004) + 1)
+    rows = {
+        f"{corner}.road": ("m", (0.012 - 0.001 * k) * np.sin(2 * np.pi * (2.0 + 3.7 * k) * time + k))
+        for k, corner in enumerate(CORNERS)
+    }
+    rows["heave_force"] = ("N", 800.0 * np.cos(2 * np.pi * 4.0 * time))
+    rows["roll_moment"] = ("N.m", 300.0 * np.sin(2 * np.pi * 6.0 * time))
+    rows["pitch_moment"] = ("N.m", 500.0 * np.sin(2 * np.pi * 3.0 * time))
+    return Drivefile(TimeSeries.from_channels(time, rows))
+
+
+def inputs(drive: Drivefile) -> np.ndarray[Any, Any]:
+    return np.stack([drive.series[name] for name in (*(f"{c}.road" for c in CORNERS), *LOADS)])
+
+
+def by_name(velocity: Any, tire_force: Any) -> Signals:
+    pairs = (("velocity", velocity), ("tire_force", tire_force))
+    return {f"car.{c}.{what}": row for what, rows in pairs for c, row in zip(CORNERS, rows, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def closed_form(monolithic: Any, smooth: Drivefile) -> Signals:
+    """The car with linear lagged dampers, x' = A x + B u, exactly from point to point of the drive.
+
+    tau F' = R v - F; from an interval's start, z = (x, u, u') obeys z' = (A x + B u, u', 0): a matrix exponential.
+    """
+    car, u = monolithic.Car(), inputs(smooth)
+    system = monolithic._Coupled(car, monolithic.Shock(lambda v: RATE * v, monolithic.full_lag, LAG))
+    a = system.A.copy()
+    a[:, 14:] += system.G
+    a[14:, 7:14] += RATE / LAG * system.S
+    big = np.zeros((32, 32))
+    big[:18, :18], big[:18, 18:25], big[18:25, 25:] = a, system.B, np.eye(7)
+    advance = expm(big * 0.004)
+    states = [system.equilibrium(u[:, 0])]
+    for k in range(u.shape[1] - 1):
+        z = np.concatenate([states[-1], u[:, k], (u[:, k + 1] - u[:, k]) / 0.004])
+        states.append((advance @ z)[:18])
+    x = np.stack(states, axis=1)
+    return by_name(system.S @ x[7:14], np.array(car.tire_stiffness)[:, None] * (u[:4] - x[3:7]))
+
+
+@pytest.fixture(scope="module")
+def nonlinear(monolithic: Any, smooth: Drivefile, shocks: dict[str, Shock]) -> Signals:
+    """The car with LPNL2 shocks as one set of equations, by scipy."""
+    law = shocks["lpnl2"].law
+    assert isinstance(law, Lpnl2)
+    shock = monolithic.Shock(
+        lambda v: np.array([law.curve.force(float(w)) for w in v]),
+        lambda f: np.clip((1600.0 - np.abs(f)) / 800.0, 0.0, 1.0),
+        law.time_constant,
+        law.port.gas_stiffness,
+        law.port.gas_preload,
+    )
+    u = inputs(smooth)
+    found = monolithic.coupled_run(monolithic.Car(), shock, smooth.series.time, u[:4], u[4:], rtol=1e-10)
+    return by_name(found.shock_velocity, found.tire_force)
+
+
+@pytest.fixture
+def linear_car(seven_dof: Join) -> System:
+    """F_s = R v in every piece of the curve, behind a lag."""
+    at = 0.4
+    curve = {f"curve.inner[{k}]": 0.0 for k in range(2, 16)} | {"curve.inner[1]": RATE * at}
+    curve |= {"curve.transition_speed": at, "curve.transition_width": 0.01}
+    for side, sign in (("compression", 1.0), ("rebound", -1.0)):
+        curve |= {f"curve.{side}[1]": sign * RATE * at, f"curve.{side}[2]": sign * RATE * at}
+        curve |= {f"curve.{side}[3]": 0.0, f"curve.{side}[4]": 0.0}
+        curve |= {f"curve.{side}_slope": RATE, f"curve.{side}_speed": 9.0}
+    return seven_dof("lpf1", time_constant=LAG, **curve)
+
+
+def errors(system: System, drive: Drivefile, truth: Signals, algorithm: Algorithm, step: float) -> Any:
+    """Worst corner's error of velocity and of tire force [%]."""
+    scenario = Scenario(STOP, drive, record=tuple(truth), record_step=RECORD_STEP)
+    series = run(system, scenario, algorithm=algorithm, step=step).series
+    after = series.time >= SETTLING - 1e-9
+    found = {
+        n: 100 * np.sqrt(np.mean((series[n] - true)[after] ** 2)) / np.std(true[after]) for n, true in truth.items()
+    }
+    return [max(value for n, value in found.items() if n.endswith(what)) for what in ("velocity", "tire_force")]
+
+
+def order(rows: Sequence[Any]) -> Any:
+    """Slope of the errors over the steps, for each quantity."""
+    return np.polyfit(np.log2(STEPS), np.log2(np.array(rows)), 1)[0]
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_with_linear_shocks_a_scheme_is_of_its_order(
+    linear_car: System, smooth: Drivefile, closed_form: Signals, name: str
+) -> None:
+    algorithm, expected, _ = ORDERS[name]
+    rows = [errors(linear_car, smooth, closed_form, algorithm, step) for step in STEPS]
+    assert order(rows) == pytest.approx([expected] * 2, abs=0.15)
+
+
+@pytest.mark.parametrize("name", [name for name, (_, _, order) in ORDERS.items() if order])
+def test_with_nonlinear_shocks_a_scheme_is_of_its_order(
+    seven_dof: Join, smooth: Drivefile, nonlinear: Signals, name: str
+) -> None:
+    algorithm, _, expected = ORDERS[name]
+    system = seven_dof(seal_friction=0.0)
+    rows = [errors(system, smooth, nonlinear, algorithm, step) for step in STEPS]
+    assert order(rows) == pytest.approx([expected] * 2, abs=0.15)
+
+
+def test_at_equal_steps_extrapolated_gauss_seidel_is_far_better_than_held_jacobi(
+    linear_car: System, smooth: Drivefile, closed_form: Signals
+) -> None:
+    for step in STEPS:
+        better, usual = (errors(linear_car, smooth, closed_form, a, step) for a in (GaussSeidel(), Jacobi()))
+        assert 10.0 * max(better) < min(usual)
+
+
+def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
+    linear_car: System, smooth: Drivefile, closed_form: Signals
+) -> None:
+    """Of an order p + 1 = 3 locally: the error goes with the tolerance to the power of 2/3."""
+    coupled = [
+        f"{p}{c}.{v}" for c in CORNERS for p, v in (("car.", "velocity"), ("car.", "displacement"), ("", "force"))
+    ]
+    wishes = [Adaptive(relative=r, absolute=dict.fromkeys(coupled, 1e-12)) for r in (1e-4, 1e-5, 1e-6, 1e-7)]
+    rows = [errors(linear_car, smooth, closed_form, wish, 0.001) for wish in wishes]
+    slopes = np.polyfit(np.arange(4), np.log10(np.array(rows)), 1)[0]
+    assert slopes == pytest.approx([-2.0 / 3.0] * 2, abs=0.15)
+    assert max(rows[0]) < 0.2

@@ -1,0 +1,193 @@
+"""Cars that are hard to couple: the default is within its tolerance of the truth, or says that it is not.
+
+The truth is the same car and shocks as one set of equations (tests/monolithic.py), on the start of the demo's track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from builder.build import build
+from cosim import Automatic, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from eightpost.errors import StepError
+from eightpost.shock import Lpnl2, Shock
+from eightpost.signals import Drivefile
+from eightpost.vehicle import shipped
+
+Join = Callable[..., System]
+
+CORNERS = ("lf", "rf", "lr", "rr")
+LOADS = ("heave_force", "roll_moment", "pitch_moment")
+#: Percentages are of what is left of the run after this time [s].
+SETTLING = 0.04
+STOP = 0.3
+RECORD_STEP = 0.002
+
+
+@dataclass(frozen=True)
+class Hard:
+    """A car and shocks, and why they are hard.
+
+    Args:
+        parameters: Of every shock.
+        unsprung: Factor on all unsprung masses.
+    """
+
+    parameters: Mapping[str, float]
+    unsprung: float = 1.0
+
+
+HARD = {
+    "as it is": Hard({}),
+    "shocks ten times as stiff": Hard({"compression_scale": 10.0, "rebound_scale": 10.0}),
+    "a lag of 0.05 ms": Hard({"time_constant": 5e-5}),
+    "a tenth of the unsprung mass": Hard({}, unsprung=0.1),
+    "all at once": Hard({"compression_scale": 10.0, "rebound_scale": 10.0, "time_constant": 5e-5}, unsprung=0.1),
+}
+
+
+@pytest.fixture(scope="session")
+def light_car(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The seven-DOF car with a tenth of its unsprung masses."""
+    text = shipped("seven_dof").read_text(encoding="utf-8")
+    light = text.replace('front = "101 lbm", rear = "124 lbm"', 'front = "10.1 lbm", rear = "12.4 lbm"')
+    assert light != text
+    folder = tmp_path_factory.mktemp("light")
+    (folder / "light.toml").write_text(light, encoding="utf-8")
+    return build([folder / "light.toml"], folder)[0].path
+
+
+@pytest.fixture(scope="session")
+def truths(
+    monolithic: ModuleType, track: Drivefile, shocks: dict[str, Shock]
+) -> Callable[[str], Mapping[str, np.ndarray[Any, Any]]]:
+    """Channels of the reference by name, for a hard case by name; solved once."""
+    law = shocks["lpnl2"].law
+    assert isinstance(law, Lpnl2)
+    series = track.series.window(0.0, STOP)
+    time = np.arange(0.0, STOP + 0.5 * RECORD_STEP, RECORD_STEP)
+    roads, loads = (np.stack([series[n] for n in names]) for names in ([f"{c}.road" for c in CORNERS], LOADS))
+    known: dict[str, Mapping[str, np.ndarray[Any, Any]]] = {}
+
+    def truth(name: str) -> Mapping[str, np.ndarray[Any, Any]]:
+        if name not in known:
+            car = monolithic.Car()
+            car = replace(car, unsprung_mass=tuple(HARD[name].unsprung * m for m in car.unsprung_mass))
+            shock = reference_shock(monolithic, law, HARD[name].parameters)
+            found = monolithic.coupled_run(car, shock, series.time, roads, loads, at=time, rtol=1e-8)
+            signals = {"car.{}.velocity": found.shock_velocity, "car.{}.tire_force": found.tire_force}
+            signals["{}.force"] = found.shock_force
+            known[name] = {
+                p.format(c): row for p, rows in signals.items() for c, row in zip(CORNERS, rows, strict=True)
+            }
+        return known[name]
+
+    return truth
+
+
+def reference_shock(monolithic: ModuleType, law: Lpnl2, parameters: Mapping[str, float]) -> Any:
+    """Table of the law's curve and weight in the reference's form; both shocks scale alike in both directions."""
+    scale = parameters.get("compression_scale", 1.0)
+
+    def static_force(v: Any) -> Any:
+        return np.array([scale * law.curve.force(float(w)) for w in v])
+
+    def weight(force: Any) -> Any:
+        """alpha falls linearly from 1 at F_1 to 0 at F_0."""
+        return np.clip((law.lag_zero_force - np.abs(force)) / (law.lag_zero_force - law.lag_full_force), 0.0, 1.0)
+
+    tau = parameters.get("time_constant", law.time_constant)
+    return monolithic.Shock(static_force, weight, tau, law.port.gas_stiffness, law.port.gas_preload)
+
+
+def true_errors(result: Result, truth: Mapping[str, np.ndarray[Any, Any]]) -> dict[str, float]:
+    """Errors [%] of each channel's standard deviation after settling."""
+    at = np.rint(result.series.time / RECORD_STEP).astype(int)
+    after = at * RECORD_STEP >= SETTLING - 1e-9
+    rows = {name: (result.series[name][after], true[at[after]]) for name, true in truth.items()}
+    return {name: float(100.0 * np.sqrt(np.mean((a - b) ** 2)) / np.std(b)) for name, (a, b) in rows.items()}
+
+
+@pytest.fixture
+def hard_run(seven_dof: Join, light_car: Path, track: Drivefile) -> Callable[..., Result]:
+    def go(name: str, algorithm: Any = None, step: float | None = None, record_step: float = RECORD_STEP) -> Result:
+        case = HARD[name]
+        car = light_car if case.unsprung != 1.0 else None
+        system = seven_dof(car=car, seal_friction=0.0, **case.parameters)
+        record = tuple(p.format(c) for p in ("car.{}.velocity", "car.{}.tire_force", "{}.force") for c in CORNERS)
+        scenario = Scenario(STOP, track, record=record, record_step=record_step, settling=SETTLING)
+        return run(system, scenario, algorithm=algorithm, step=step)
+
+    return go
+
+
+def is_marked(result: Result) -> bool:
+    return not result.converged or any("above the tolerance" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_the_default_is_within_its_tolerance_of_the_truth_or_says_that_it_is_not(
+    hard_run: Callable[..., Result], truths: Any, name: str
+) -> None:
+    result = hard_run(name)
+    worst = max(true_errors(result, truths(name)).values())
+    assert worst <= Automatic().tolerance or is_marked(result)
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_the_default_states_its_error_within_a_factor_of_three(
+    hard_run: Callable[..., Result], truths: Any, name: str
+) -> None:
+    result = hard_run(name)
+    true = true_errors(result, truths(name))
+    assert set(result.stated_error) == set(true)
+    worst, stated = max(true.values()), max(result.stated_error.values())
+    assert worst <= 3.0 * max(stated, 1e-5)  # the truth itself is no better
+    assert stated <= 3.0 * worst or stated < 1e-3 * Automatic().tolerance  # so little may be overstated
+
+
+def test_a_tolerance_that_is_not_met_is_said(seven_dof: Join, track: Drivefile) -> None:
+    scenario = Scenario(0.1, track, record_step=RECORD_STEP)
+    assert is_marked(run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=1e-4)))
+
+
+def test_no_smaller_step_is_tried_than_the_least(seven_dof: Join, track: Drivefile) -> None:
+    scenario = Scenario(0.1, track, record_step=RECORD_STEP)
+    assert run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=4e-4)).step >= 4e-4
+
+
+def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof: Join, track: Drivefile) -> None:
+    """And implicit has the spread of the right answer, its error being what the drive's own points and 8 ms leave."""
+    system, scenario = seven_dof(seal_friction=0.0), Scenario(8.0, track, settling=1.0)
+    with pytest.raises(StepError, match=r"diverged.*smaller coupling step, gauss-seidel.*implicit"):
+        run(system, scenario, algorithm=Jacobi(), step=0.008)
+    stable = run(system, scenario, algorithm=Implicit(), step=0.008)
+    fine = run(system, replace(scenario, record_step=0.008), algorithm=GaussSeidel(), step=0.00025)
+    assert stable.converged
+    for corner in CORNERS:
+        for channel, percent in (("velocity", 4.0), ("tire_force", 2.0)):
+            one, other = (r.settled()[f"car.{corner}.{channel}"] for r in (stable, fine))
+            assert 100.0 * np.sqrt(np.mean((one - other) ** 2)) < percent * np.std(other)
+
+
+@pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
+@pytest.mark.parametrize("algorithm", [Jacobi(), GaussSeidel(), Implicit()], ids=lambda a: str(a.name))
+@pytest.mark.parametrize("step", [0.008, 0.004])
+def test_at_too_large_steps_a_hard_case_diverges_or_warns_or_is_nearly_right(
+    hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
+) -> None:
+    """Never silently wrong: a result without any note is within 2 % of the truth."""
+    try:
+        result = hard_run(name, algorithm, step, record_step=step)
+    except StepError as error:
+        assert "diverged" in str(error)
+        return
+    errors = {n: e for n, e in true_errors(result, truths(name)).items() if n.startswith("car")}
+    assert result.notes or max(errors.values()) < 2.0

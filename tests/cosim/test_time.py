@@ -1,0 +1,162 @@
+"""Time without drift: steps, records and the drive are where they are said to be, to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from cosim import Adaptive, Algorithm, Capabilities, Connection, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from eightpost.signals import Drivefile, TimeSeries
+
+Join = Callable[..., System]
+
+RAMPS = Capabilities(interpolates_inputs=True)
+EXPLICIT = [Jacobi(), Jacobi("extrapolated"), GaussSeidel(), GaussSeidel(values="held")]
+same_make = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def clock(make: Any) -> Any:
+    """A component whose output is the time that it was stepped to; it keeps no sum that could drift."""
+    part = make.component(make.table(make.variable("y", "output", "s")), lambda t, _: {"y": t})
+    step = part.step
+
+    def follow(time: float, size: float) -> None:
+        step(time, size)
+        part.state = time + size
+
+    part.step = follow
+    return part
+
+
+def steps_of(part: Any) -> list[tuple[float, float]]:
+    """Start and size of each step since the run began."""
+    started = max(k for k, entry in enumerate(part.log) if entry == ("started",))
+    return [entry[:2] for entry in part.log[started:] if len(entry) == 4]
+
+
+@same_make
+@given(step=st.floats(1e-4, 0.05), steps=st.floats(1.0, 400.0), every=st.integers(1, 7))
+@example(step=0.1, steps=3.0, every=1)  # 3 * 0.1 is not 0.3
+@example(step=1e-3, steps=300.0, every=7)
+def test_steps_begin_at_whole_multiples_records_are_among_them_and_the_last_lands_on_the_stop(
+    make: Any, step: float, steps: float, every: int
+) -> None:
+    part, stop = clock(make), steps * step
+    result = run(System({"a": part}), Scenario(stop, record_step=every * step), step=step)
+    made = steps_of(part)
+    assert [time for time, _ in made] == [k * step for k in range(len(made))]
+    time, size = made[-1]
+    assert time < stop
+    assert 0.0 < size <= step * (1.0 + 1e-9)
+    times = result.series.time
+    assert times[-1] == stop
+    assert times[:-1].tolist() == [k * step for k in range(0, len(made), every)]
+    assert times[:-1] == pytest.approx(np.arange(len(times) - 1) * (every * step), rel=4e-16)
+    assert np.abs(result.series["a.y"] - times).max() <= np.spacing(stop)
+
+
+@pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
+def test_an_output_at_a_recorded_time_is_that_of_this_time(make: Any, algorithm: Algorithm) -> None:
+    """Whether it is on a connection, read in every step, or read at recorded times only."""
+    parts = {"follower": make.gain(unit_in="s", unit_out="s"), "source": clock(make), "alone": clock(make)}
+    system = System(parts, connections=(Connection("source.y", "follower.u"),))
+    series = run(system, Scenario(30.0, record_step=0.1), algorithm=algorithm, step=1e-2).series
+    assert series.time == pytest.approx(0.1 * np.arange(301), rel=4e-16)
+    for name in ("source.y", "alone.y"):
+        assert series[name] == pytest.approx(series.time, rel=4e-16)
+
+
+@pytest.mark.parametrize(
+    "algorithm",
+    [Jacobi("extrapolated"), GaussSeidel(), Implicit(), Adaptive(relative=1e-3)],
+    ids=lambda a: str(a.name),
+)
+@pytest.mark.parametrize("record_step", [0.002, 0.006, 0.01])
+def test_tire_forces_of_native_cars_fit_the_road_of_the_recorded_time(
+    quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, record_step: float
+) -> None:
+    """F = k (z_R - z_2) with 1300 lbf/in, whether a knot of the drive, 4 ms apart, lies there or not."""
+    scenario = Scenario(0.3, bumps, {"a": "car_a.road"}, record_step=record_step)
+    series = run(
+        quarter_cars(compression_scale=0.3, rebound_scale=0.3), scenario, algorithm=algorithm, step=0.002
+    ).series
+    assert series.time.tolist() == pytest.approx((record_step * np.arange(len(series))).tolist(), rel=4e-16)
+    road = np.interp(series.time, bumps.series.time, bumps.series["a"])
+    expected = 1300.0 * 4.4482216152605 / 0.0254 * (road - series["car_a.wheel_position"])
+    assert series["car_a.tire_force"] == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("record_step", [1e-3, 2.5e-3, 7e-3])
+def test_adaptive_lands_on_records_on_the_drives_points_and_on_the_stop(
+    quarter_cars: Join, bumps: Drivefile, record_step: float
+) -> None:
+    stop = 0.1
+    scenario = Scenario(stop, bumps, {"a": "car_a.road"}, record_step=record_step)
+    result = run(quarter_cars(), scenario, algorithm=Adaptive(relative=1e-2, largest=1.0), step=record_step)
+    count = int(np.ceil(stop / record_step - 1e-9))
+    assert result.series.time.tolist() == [*(k * record_step for k in range(count)), stop]
+    assert result.largest_step <= 0.004 * (1.0 + 1e-12)
+
+
+def rough(seed: int, spacing: Sequence[float]) -> Drivefile:
+    time = np.concatenate([[0.0], np.cumsum(spacing)])
+    values = np.random.default_rng(seed).normal(size=time.size)
+    return Drivefile(TimeSeries.from_channels(time, {"u": ("N", values)}))
+
+
+def integral_errors(make: Any, drive: Drivefile, algorithm: Algorithm, step: float, can: Capabilities) -> float:
+    """Largest error of x' = u, y = x at the coupling points."""
+    part = make.integrator(capabilities=can)
+    series = run(System({"a": part}), Scenario(drive.duration, drive), algorithm=algorithm, step=step).series
+    exact = [0.0, *(end * drive.mean(0.0, end)[0] for end in series.time[1:])]
+    return float(np.abs(series["a.y"] - exact).max())
+
+
+@same_make
+@given(
+    seed=st.integers(0, 1000),
+    parts=st.sampled_from([0.125, 0.2, 0.5, 1.0, 2.0, 3.0, 7.0]),
+    algorithm=st.sampled_from(EXPLICIT),
+)
+def test_a_component_that_ramps_follows_the_drive_between_its_own_points(
+    make: Any, seed: int, parts: float, algorithm: Algorithm
+) -> None:
+    """Where coupling steps hold whole intervals of the drive, or intervals whole steps: in sub-steps, or in parts."""
+    drive = rough(seed, [0.002] * 84)
+    assert integral_errors(make, drive, algorithm, parts * 0.002, RAMPS) < 1e-14
+
+
+@same_make
+@given(
+    seed=st.integers(0, 1000),
+    parts=st.floats(0.1, 9.0),
+    spacing=st.lists(st.floats(5e-4, 5e-3), min_size=40, max_size=60),
+    algorithm=st.sampled_from(EXPLICIT),
+    can=st.sampled_from([Capabilities(), Capabilities(variable_step=False)]),
+)
+def test_a_component_that_holds_gets_the_exact_mean_of_any_drive_at_any_step(
+    make: Any, seed: int, parts: float, spacing: list[float], algorithm: Algorithm, can: Capabilities
+) -> None:
+    drive = rough(seed, spacing)
+    whole = np.ceil(drive.duration / (parts * 0.002))
+    assert integral_errors(make, drive, algorithm, drive.duration / whole, can) < 1e-13
+
+
+@pytest.mark.xfail(
+    strict=True, reason="ramps are straight over equal sub-steps: points of the drive within one are cut off"
+)
+@pytest.mark.parametrize("step", [0.003, 0.0013])
+def test_a_component_that_ramps_follows_a_drive_whose_points_lie_within_its_steps(make: Any, step: float) -> None:
+    assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
+
+
+def test_a_drive_that_starts_later_is_read_from_there(make: Any, bumps: Drivefile) -> None:
+    part = make.gain(unit_in="m", unit_out="m", capabilities=RAMPS)
+    series = run(System({"a": part}), Scenario(1.0, bumps, {"a": "a.u"}, drive_start=7.012), step=0.002).series
+    road = np.interp(series.time + 7.012, bumps.series.time, bumps.series["a"])
+    assert series["a.y"] == pytest.approx(road, abs=1e-15)
