@@ -3,82 +3,124 @@
 from __future__ import annotations
 
 import ctypes
-import logging
-import shutil
-import tempfile
+import os
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import fmpy
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 
-from cosim.component import Capabilities, UnitDefinition, Variable
-from eightpost.archive import extract_archive
-from eightpost.errors import FmuError, StepError
+from cosim.component import Capabilities, Variable
+from cosim.fmu_failure import (
+    DISCARD,
+    ERROR,
+    FATAL,
+    PENDING,
+    Place,
+    advice,
+    failure_text,
+    no_state,
+    not_begun,
+    returned,
+    unknown_state,
+)
+from cosim.fmu_file import FmuFile, SharedFmu
+from cosim.fmu_instance import FmuInstance, State
+from cosim.fmu_log import FmuLog
+from cosim.functions import FunctionTable
+from eightpost.errors import EightpostError, StepError
 
-logger = logging.getLogger(__name__)
-
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
-_ERROR = 3  # fmi2Error
-_LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL)
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
 class FmuComponent:
-    """One instance of an FMU; names are resolved once per set of names, so that stepping costs little.
+    """One instance of an FMU in this process; names are resolved once per set of names, so that stepping costs little.
+
+    The instance is kept after a run and reset for the next one; it is freed with the component. An FMU that crashes
+    ends this process, one that hangs holds it up: see IsolatedComponent.
+
+    Args:
+        path: The .fmu file.
+        name: Of the component.
+        compile_missing: Whether to compile the FMU's sources where it has no binary for this platform.
+        folder: Where the FMU is unpacked already; None unpacks it into a temporary folder, once for all components.
 
     Raises:
         FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
             this platform.
     """
 
-    def __init__(self, path: str | Path, name: str) -> None:
-        self._path, self._name = Path(path), name
-        self._folder = tempfile.mkdtemp(prefix="fmu_")
-        # With the component, or with the interpreter: a component may begin more than once.
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        extract_archive(path, self._folder)
-        self._description = _read_description(self._path, Path(self._folder))
-        _check_platform(self._path, Path(self._folder))
-        self._variables = _variables(self._description)
-        self._capabilities = _capabilities(self._description)
-        self._references = {v.name: v.valueReference for v in self._description.modelVariables}
+    def __init__(
+        self, path: str | Path, name: str, *, compile_missing: bool = False, folder: str | Path | None = None
+    ) -> None:
+        self._name = name
+        shared = None
+        if folder is None:
+            shared = SharedFmu.of(path, compile_missing=compile_missing)
+            self._fmu = shared.fmu
+        else:
+            self._fmu = FmuFile.unpacked(path, folder)
+        self._log = FmuLog(name, self._fmu.names_in_log, self._fmu.folder)
+        self._instance = FmuInstance(self._fmu, name, self._log, shared)
+        # Frees all: with the component, with the interpreter, or on call; a component may begin more than once.
+        self.close = weakref.finalize(self, self._instance.release, os.getpid())
+        self._references = self._fmu.references
         self._arrays: dict[tuple[str, ...], tuple[Any, Any]] = {}
+        self._inputs: dict[str, float] = {}
+        self._time = 0.0
         self._slave: Any = None
-        self._messages: list[str] = []
-        self._errors = 0
+        self._steps = False
 
     @property
     def variables(self) -> Mapping[str, Variable]:
         """All variables by name."""
-        return self._variables
+        return self._fmu.variables
 
     @property
     def capabilities(self) -> Capabilities:
         """What modelDescription.xml says it can do."""
-        return self._capabilities
+        return self._fmu.capabilities
 
     @property
     def identity(self) -> str:
         """The FMU's GUID."""
-        return str(self._description.guid)
+        return str(self._fmu.description.guid)
 
     @property
     def source(self) -> str:
         """The FMU's file name."""
-        return self._path.name
+        return self._fmu.path.name
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What it logged as warnings or worse since it began, each once."""
-        return tuple(dict.fromkeys(self._messages))
+        """What it logged as warnings or worse since it began, each once, and what its results hang on."""
+        return (*self._fmu.conditions, *self._log.messages.all)
+
+    @property
+    def usable(self) -> bool:
+        """False after fmi2Fatal: then nothing of the FMU in this process may be called any more."""
+        return not self._instance.dead
+
+    def functions(self) -> FunctionTable:
+        """Return the addresses of the running instance's functions, for the loop."""
+        self._running()
+        return self._instance.functions(self._references)
+
+    def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
+        """Return the error for a call that the loop made and the FMU refused, and treat the instance accordingly."""
+        self._time = time
+        self._inputs |= inputs
+        return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Instantiate, set parameters, set up the experiment and enter initialization."""
-        self._messages.clear()
-        self._call("instantiate", self._instantiate)
+        """Reset the last run's instance or make one, set parameters, set up and enter initialization."""
+        self.finish()
+        self._inputs, self._time = {}, start
+        self._slave = self._ready()
+        self._log.messages.clear()
         for name, value in parameters.items():
             self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
         self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=stop)
@@ -86,78 +128,108 @@ class FmuComponent:
 
     def end_initialization(self) -> None:
         """Leave initialization mode."""
-        self._call_without_error("leave initialization", self._slave.exitInitializationMode)
+        self._call_without_error("leave initialization", self._running().exitInitializationMode)
+        self._steps = True
         self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set real inputs."""
+        slave = self._running()
         references, buffer = self._buffers(names)
         buffer[:] = values
-        self._call("set inputs", self._slave.fmi2SetReal, self._slave.component, references, len(buffer), buffer)
+        self._inputs.update(zip(names, values, strict=True))
+        self._call("set inputs", slave.fmi2SetReal, slave.component, references, len(buffer), buffer)
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set first derivatives of real inputs."""
+        slave = self._running()
         references, _ = self._buffers(names)
         count = len(names)
         orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
-        arguments = (self._slave.component, references, count, orders, slopes)
-        self._call("set input derivatives", self._slave.fmi2SetRealInputDerivatives, *arguments)
+        arguments = (slave.component, references, count, orders, slopes)
+        self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
         """Return real variables."""
+        slave = self._running()
         references, buffer = self._buffers(names)
-        self._call("get outputs", self._slave.fmi2GetReal, self._slave.component, references, len(buffer), buffer)
+        self._call("get outputs", slave.fmi2GetReal, slave.component, references, len(buffer), buffer)
         return list(buffer)
 
     def step(self, time: float, step: float) -> None:
-        """Do one step; its end is a point of no return."""
-        self._call(
-            f"step from {time:g} s by {step:g} s",
-            self._slave.fmi2DoStep,
-            self._slave.component,
-            time,
-            step,
-            1,
-        )
+        """Do one step; where no state is saved, its end is a point of no return."""
+        slave = self._running()
+        self._time = time
+        final = 0 if self._instance.states else 1
+        self._call(f"step from {time:g} s by {step:g} s", slave.fmi2DoStep, slave.component, time, step, final)
+        self._time = time + step
+
+    def save(self) -> object:
+        """Return its state now, for `restore`; `free` it, or it is freed with the end of the run.
+
+        Raises:
+            StepError: It cannot save its state (`capabilities.state`), or fails to.
+        """
+        slave = self._running()
+        if not self.capabilities.state:
+            raise StepError(no_state(self._name, self.source))
+        pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
+        self._call("save its state", slave.fmi2GetFMUstate, slave.component, ctypes.byref(pointer))
+        state = State(pointer, self._time, dict(self._inputs))
+        self._instance.states.append(state)
+        return state
+
+    def restore(self, state: object) -> None:
+        """Go back to a state that `save` returned; it stays good for more.
+
+        Raises:
+            StepError: The state is not one of this run, or it fails to.
+        """
+        slave, known = self._running(), self._known(state)
+        self._call("restore a state", slave.fmi2SetFMUstate, slave.component, known.pointer)
+        self._time, self._inputs = known.time, dict(known.inputs)
+
+    def free(self, state: object) -> None:
+        """Give a state back; its memory serves the next `save`."""
+        known = self._known(state)
+        self._instance.states.remove(known)
+        self._instance.spare.append(known.pointer)
 
     def finish(self) -> None:
-        """Terminate and free the instance; the component may begin again."""
+        """Terminate; the instance waits for the next `begin`, or for the end of the component."""
         slave, self._slave = self._slave, None
+        steps, self._steps = self._steps, False
         if slave is not None:
-            try:
-                slave.terminate()
-            except Exception as error:  # an FMU that failed may refuse to terminate; it is freed all the same
-                logger.debug("%s: terminate: %s", self._name, error)
-            slave.freeInstance()
+            self._instance.finish(terminate=steps)
 
-    def _instantiate(self) -> None:
-        self._slave = fmi2.FMU2Slave(
-            guid=self._description.guid,
-            unzipDirectory=self._folder,
-            modelIdentifier=self._description.coSimulation.modelIdentifier,
-            instanceName=self._name,
-        )
-        self._callbacks = fmi2.fmi2CallbackFunctions()
-        self._callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
-        self._callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
-        self._callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        self._slave.instantiate(callbacks=self._callbacks, loggingOn=True)
+    def _known(self, state: object) -> State:
+        if not isinstance(state, State) or state not in self._instance.states:
+            raise StepError(unknown_state(self._name, self.source))
+        return state
+
+    def _running(self) -> Any:
+        # fmi2Fatal of another instance of this FMU ends this one too.
+        if self._slave is None or self._instance.slave is None:
+            raise StepError(not_begun(self._name, self.source))
+        return self._slave
+
+    def _ready(self) -> Any:
+        try:
+            return self._instance.ready()
+        except EightpostError:
+            raise
+        except Exception as error:  # fmpy raises bare Exceptions where it cannot load or instantiate
+            needed = "install the tool that made it: it cannot run without (needsExecutionTool)"
+            raise self._failure("instantiate", f"{error}.", needed if self._fmu.needs_tool else "") from error
 
     def _limit_log(self) -> None:
         """From here on log only what goes wrong: a debug message in every step would cost more than the step."""
-        declared = {category.name for category in self._description.logCategories}
-        wanted = sorted(declared & _REASONS)
-        self._slave.setDebugLogging(bool(wanted), wanted)
-
-    def _log(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
-        text = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
-        logger.log(_LEVELS[min(max(status, 0), 4)], "%s: %s", self._name, text)
-        self._errors += status >= _ERROR
-        if status > 0:
-            self._messages.append(text.strip())
+        wanted = sorted(self._fmu.log_categories & _REASONS)
+        with suppress(fmi1.FMICallException):  # an FMU without such a switch runs on
+            self._slave.setDebugLogging(bool(wanted), wanted)
 
     def _set_parameter(self, name: str, value: float | bool | str) -> None:
-        kind, references = self._variables[name].type, [self._references[name]]
+        kind, references = self.variables[name].type, [self._references[name]]
         if kind == "Real":
             self._slave.setReal(references, [value])
         elif kind == "Boolean":
@@ -174,91 +246,53 @@ class FmuComponent:
             self._arrays[key] = references, (ctypes.c_double * len(key))()
         return self._arrays[key]
 
-    def _call(self, what: str, function: Any, *arguments: Any, **options: Any) -> None:
+    def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
         try:
             function(*arguments, **options)
-        except (fmpy.fmi1.FMICallException, OSError, AttributeError) as error:
-            raise self._failure(what, str(error)) from error
+        except fmi1.FMICallException as error:
+            raise self._refusal(what, error.status, error.function) from error
+        except (OSError, AttributeError) as error:  # Windows raises OSError where an FMU touches memory it must not
+            raise self._failure(what, f"{error}.") from error
 
-    def _failure(self, what: str, error: str) -> StepError:
-        said = "; ".join(dict.fromkeys(self._messages[-3:])) or "it gave no reason"
-        return StepError(f"component {self._name!r} ({self._path.name}) failed to {what}: {error} It said: {said}")
-
-    def _call_without_error(self, what: str, function: Any, *arguments: Any) -> None:
+    def _call_without_error(self, what: str, function: Callable[..., Any], *arguments: Any) -> None:
         """Call where an error in the log counts too: some FMUs (PythonFMU's) can say it nowhere else."""
-        errors = self._errors
+        errors = self._log.errors
         self._call(what, function, *arguments)
-        if self._errors > errors:
+        if self._log.errors > errors:
             raise self._failure(what, "it logged an error.")
 
+    def _refusal(self, what: str, status: int, function: str) -> StepError:
+        """What an FMI status above a warning means, and what may still be called after it."""
+        why, to_do = returned(status, function), advice(status)
+        if status == DISCARD:
+            more, to_do = self._discarded() if what.startswith("step") else ("", "its inputs may be out of its range")
+            why += more
+        failure = self._failure(what, why, to_do)
+        if status == FATAL:
+            self._instance.abandon()
+            self._slave = None
+        elif status == PENDING:
+            with suppress(Exception):
+                self._slave.cancelStep()
+        self._instance.failed = status >= ERROR or status < 0
+        return failure
 
-def _read_description(path: Path, folder: Path) -> Any:
-    if not (folder / "modelDescription.xml").is_file():
-        raise FmuError(f"{path}: is not an FMU: there is no modelDescription.xml at its top")
-    try:
-        description = fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # fmpy lets through whatever its XML reader raises
-        raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
-    if not str(description.fmiVersion).startswith("2."):
-        raise FmuError(f"{path}: is an FMI {description.fmiVersion} FMU; export it as FMI 2.0 for co-simulation")
-    if description.coSimulation is None:
-        raise FmuError(f"{path}: is for model exchange only; export it for co-simulation")
-    return description
+    def _discarded(self) -> tuple[str, str]:
+        """Return how far a step came and what to do; or that the FMU wants no more steps."""
+        reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
+        slave = self._slave
+        with suppress(Exception):
+            slave.fmi2GetRealStatus(slave.component, _LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
+        with suppress(Exception):
+            slave.fmi2GetBooleanStatus(slave.component, _TERMINATED, ctypes.byref(ended))
+        until = f" It came to {reached.value:g} s." if reached.value == reached.value else ""
+        if ended.value:
+            return f"{until} It wants to end the simulation (fmi2Terminated).", "end the run before, or see why it ends"
+        return until, "take a smaller coupling step"
 
-
-def _check_platform(path: Path, folder: Path) -> None:
-    binaries = folder / "binaries"
-    platforms = sorted(p.name for p in binaries.iterdir() if p.is_dir()) if binaries.is_dir() else []
-    if fmpy.platform not in platforms:
-        raise FmuError(
-            f"{path}: has no binary for this platform ({fmpy.platform}), only for: {', '.join(platforms) or 'none'}; "
-            "ask for one that does or compile it from its sources"
+    def _failure(self, what: str, why: str, to_do: str = "") -> StepError:
+        place = Place(self._name, self.source, self._time, self._inputs)
+        said = self._log.messages.last
+        return StepError(
+            failure_text(place, self.variables, failed=f"failed to {what}", why=why, said=said, to_do=to_do)
         )
-
-
-def _capabilities(description: Any) -> Capabilities:
-    flags = description.coSimulation
-    return Capabilities(
-        interpolates_inputs=bool(flags.canInterpolateInputs),
-        variable_step=bool(flags.canHandleVariableCommunicationStepSize),
-        state=bool(flags.canGetAndSetFMUstate),
-    )
-
-
-def _variables(description: Any) -> dict[str, Variable]:
-    units = {unit.name: _unit(unit) for unit in description.unitDefinitions}
-    direct = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
-    inputs = frozenset(v.name for v in description.modelVariables if v.causality == "input")
-    return {v.name: _variable(v, units, direct, inputs) for v in description.modelVariables}
-
-
-def _variable(
-    v: Any, units: Mapping[str, UnitDefinition], direct: Mapping[str, Any], inputs: frozenset[str]
-) -> Variable:
-    declared = v.unit or (v.declaredType.unit if v.declaredType is not None else None)
-    depends = direct.get(v.name)
-    # Where a model states no dependencies, FMI lets it depend on everything.
-    known = inputs if depends is None else frozenset(other.name for other in depends)
-    return Variable(
-        name=v.name,
-        causality=v.causality or "local",
-        variability=v.variability or "continuous",
-        type=v.type,
-        unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
-        start=v.start,
-        minimum=_limit(v, v.min),
-        maximum=_limit(v, v.max),
-        direct=known & inputs if v.causality == "output" else frozenset(),
-    )
-
-
-def _limit(v: Any, text: Any) -> float | None:
-    return float(text) if text is not None and v.type in ("Real", "Integer") else None
-
-
-def _unit(unit: Any) -> UnitDefinition:
-    base = unit.baseUnit
-    if base is None:
-        return UnitDefinition(unit.name, {"?": 1})
-    exponents = {name: getattr(base, name) for name in _EXPONENTS if getattr(base, name)}
-    return UnitDefinition(unit.name, exponents, base.factor, base.offset)

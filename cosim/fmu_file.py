@@ -1,0 +1,276 @@
+"""An FMU file unpacked into a folder, and what its modelDescription.xml says."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import fmpy
+
+from cosim.component import Capabilities, UnitDefinition, Variable
+from cosim.rebuild import compile_sources
+from eightpost.archive import extract_archive
+from eightpost.errors import FmuError
+
+_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+#: The letter that stands for a type in "#r12#", by which a log message may name a variable (FMI 2.0.4, 2.1.5).
+_LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "String": "s"}
+
+
+@dataclass(frozen=True)
+class FmuFile:
+    """An FMI 2.0 co-simulation FMU in a folder.
+
+    Args:
+        path: The .fmu file that it came from.
+        folder: Where it is unpacked.
+        description: Its modelDescription.xml as fmpy reads it.
+    """
+
+    path: Path
+    folder: Path
+    description: Any
+
+    @classmethod
+    def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
+        """Unpack a file into a folder.
+
+        Args:
+            path: The .fmu file.
+            folder: Where to.
+            compile_missing: Whether to compile its sources where it has no binary for this platform.
+
+        Raises:
+            FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary
+                for this platform.
+        """
+        extract_archive(path, folder)
+        fmu = cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+        if compile_missing and not fmu.has_binary:
+            compile_sources(fmu.path, fmu.folder, fmu.identifier, fmu.sources)
+        fmu._check_platform()
+        return fmu
+
+    @classmethod
+    def unpacked(cls, path: str | Path, folder: str | Path) -> FmuFile:
+        """Read what `unpack` left in a folder."""
+        return cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+
+    @property
+    def identifier(self) -> str:
+        """What its library is called."""
+        return str(self.description.coSimulation.modelIdentifier)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Its C files in sources/: as it lists them, else all.c where there is one, else all that lie there."""
+        builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
+        if listed := tuple(name for build in builds for files in build.sourceFileSets for name in files.sourceFiles):
+            return listed
+        found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
+        return ("all.c",) if "all.c" in found else found
+
+    @property
+    def once(self) -> bool:
+        """Whether a process may hold one instance of it only."""
+        return bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+
+    @property
+    def needs_tool(self) -> bool:
+        """Whether it runs only where the tool that made it is installed."""
+        return bool(self.description.coSimulation.needsExecutionTool)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What its results hang on beside the file itself."""
+        if not self.needs_tool:
+            return ()
+        return (
+            "it needs the tool that made it (needsExecutionTool): the results are those of the version installed here",
+        )
+
+    @property
+    def log_categories(self) -> frozenset[str]:
+        """What it can be asked to log."""
+        return frozenset(category.name for category in self.description.logCategories)
+
+    @cached_property
+    def references(self) -> Mapping[str, int]:
+        """Value references by variable."""
+        return {v.name: v.valueReference for v in self.description.modelVariables}
+
+    @cached_property
+    def names_in_log(self) -> Mapping[str, str]:
+        """Variables by the way in which a log message may name them: "r12". Of aliases, the first."""
+        variables = reversed(self.description.modelVariables)
+        return {f"{_LETTERS.get(v.type, 'r')}{v.valueReference}": v.name for v in variables}
+
+    @cached_property
+    def variables(self) -> Mapping[str, Variable]:
+        """All variables by name."""
+        return _variables(self.description)
+
+    @cached_property
+    def capabilities(self) -> Capabilities:
+        """What it says it can do."""
+        flags = self.description.coSimulation
+        return Capabilities(
+            interpolates_inputs=bool(flags.canInterpolateInputs),
+            variable_step=bool(flags.canHandleVariableCommunicationStepSize),
+            state=bool(flags.canGetAndSetFMUstate),
+        )
+
+    @property
+    def has_binary(self) -> bool:
+        """Whether there is a folder of binaries for this platform."""
+        return fmpy.platform in self._platforms()
+
+    def _platforms(self) -> list[str]:
+        binaries = self.folder / "binaries"
+        return sorted(p.name for p in binaries.iterdir() if p.is_dir()) if binaries.is_dir() else []
+
+    def _check_platform(self) -> None:
+        if self.has_binary:
+            return
+        advice = (
+            "it has its sources, let them be compiled: --compile, compile_missing=True"
+            if self.sources
+            else "ask for one that does, or for one with sources"
+        )
+        has = ", ".join(self._platforms()) or "none"
+        raise FmuError(f"{self.path}: has no binary for this platform ({fmpy.platform}), only for: {has}; {advice}")
+
+
+class SharedFmu:
+    """An FMU that is unpacked once for all who use it in this process; the folder goes with the last of them.
+
+    Instances of one library share its code, as FMI means them to: four shocks then fit in the processor's cache.
+    """
+
+    def __init__(self, fmu: FmuFile) -> None:
+        self.fmu = fmu
+        weakref.finalize(self, _remove_own, fmu.folder, os.getpid())
+
+    @classmethod
+    def of(cls, path: str | Path, *, compile_missing: bool = False) -> SharedFmu:
+        """Return the file as it is unpacked already, else unpack it; a file that changed since is another one.
+
+        Raises:
+            FmuError: As `FmuFile.unpack`.
+        """
+        with _sharing:
+            key = _identity(Path(path))
+            shared = None if key is None else _shared.get(key)
+            if shared is None:
+                shared = cls(_unpack_apart(path, compile_missing))
+                if key is not None:
+                    _shared[key] = shared
+            return shared
+
+    def forget(self) -> None:
+        """Let whoever asks next unpack the file anew: nothing of this library may be called any more."""
+        with _sharing:
+            for key in [key for key, shared in _shared.items() if shared is self]:
+                del _shared[key]
+
+
+_shared: weakref.WeakValueDictionary[tuple[str, int, int], SharedFmu] = weakref.WeakValueDictionary()
+_sharing = Lock()
+
+
+def _identity(path: Path) -> tuple[str, int, int] | None:
+    """None for a file that cannot be looked at, which unpacking it will say better."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return str(path.resolve()), status.st_mtime_ns, status.st_size
+
+
+def _unpack_apart(path: str | Path, compile_missing: bool) -> FmuFile:
+    folder = temporary_folder()
+    try:
+        return FmuFile.unpack(path, folder, compile_missing=compile_missing)
+    except BaseException:
+        remove(folder)
+        raise
+
+
+def _remove_own(folder: Path, owner: int) -> None:
+    """Not in a process that was forked off the owner, which would take it away from that."""
+    if os.getpid() == owner:
+        remove(folder)
+
+
+def temporary_folder() -> str:
+    """Return a new folder to unpack into; whoever asked removes it."""
+    return tempfile.mkdtemp(prefix="fmu_")
+
+
+def remove(folder: str | Path) -> None:
+    """Remove a folder with all that is in it, as far as that goes."""
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _read_description(path: Path, folder: Path) -> Any:
+    if not (folder / "modelDescription.xml").is_file():
+        raise FmuError(f"{path}: is not an FMU: there is no modelDescription.xml at its top")
+    try:
+        description = fmpy.read_model_description(str(folder), validate=False)
+    except Exception as error:  # fmpy lets through whatever its XML reader raises
+        raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
+    if not str(description.fmiVersion).startswith("2."):
+        raise FmuError(f"{path}: is an FMI {description.fmiVersion} FMU; export it as FMI 2.0 for co-simulation")
+    if description.coSimulation is None:
+        raise FmuError(
+            f"{path}: is for model exchange only: it has no solver in it; export it again as FMI 2.0 for co-simulation "
+            "(tools call it CS, or co-simulation with a solver)"
+        )
+    return description
+
+
+def _variables(description: Any) -> dict[str, Variable]:
+    units = {unit.name: _unit(unit) for unit in description.unitDefinitions}
+    direct = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
+    inputs = frozenset(v.name for v in description.modelVariables if v.causality == "input")
+    return {v.name: _variable(v, units, direct, inputs) for v in description.modelVariables}
+
+
+def _variable(
+    v: Any, units: Mapping[str, UnitDefinition], direct: Mapping[str, Any], inputs: frozenset[str]
+) -> Variable:
+    declared = v.unit or (v.declaredType.unit if v.declaredType is not None else None)
+    depends = direct.get(v.name)
+    # Where a model states no dependencies, FMI lets it depend on everything.
+    known = inputs if depends is None else frozenset(other.name for other in depends)
+    return Variable(
+        name=v.name,
+        causality=v.causality or "local",
+        variability=v.variability or "continuous",
+        type=v.type,
+        unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
+        start=v.start,
+        minimum=_limit(v, v.min),
+        maximum=_limit(v, v.max),
+        direct=known & inputs if v.causality == "output" else frozenset(),
+    )
+
+
+def _limit(v: Any, text: Any) -> float | None:
+    return float(text) if text is not None and v.type in ("Real", "Integer") else None
+
+
+def _unit(unit: Any) -> UnitDefinition:
+    base = unit.baseUnit
+    if base is None:
+        return UnitDefinition(unit.name, {"?": 1})
+    exponents = {name: getattr(base, name) for name in _EXPONENTS if getattr(base, name)}
+    return UnitDefinition(unit.name, exponents, base.factor, base.offset)

@@ -1,0 +1,247 @@
+"""The instance of an FMU in this process: made, reset, freed in order, or, after fmi2Fatal, never touched again."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fmpy import fmi2
+
+from cosim.engine import calls
+from cosim.fmu_file import FmuFile, SharedFmu
+from cosim.fmu_log import FmuLog
+from cosim.functions import FunctionTable
+from eightpost.errors import StepError
+
+#: All there are in this process: an FMU may be held once only, and fmi2Fatal is for all instances of an FMU.
+_instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
+
+#: What no FMU can run without.
+_NEEDED = (
+    "Instantiate", "FreeInstance", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode", "DoStep",
+    "GetReal", "SetReal", "Terminate",
+)  # fmt: skip
+_FMI_ERROR = 3
+
+
+@dataclass(eq=False)
+class State:
+    """A saved state, and where the run stood."""
+
+    pointer: Any
+    time: float
+    inputs: Mapping[str, float]
+
+
+@dataclass(eq=False)
+class FmuInstance:
+    """What outlives a run and must be freed in order: states, the instance, libraries, the folder.
+
+    Args:
+        fmu: The unpacked file.
+        name: Of the component.
+        log: Takes what it says.
+        shared: Kept until the end, so that the folder is; None leaves the FMU where it is unpacked.
+    """
+
+    fmu: FmuFile
+    name: str
+    log: FmuLog
+    shared: SharedFmu | None = None
+    slave: Any = None
+    states: list[State] = field(default_factory=list)
+    spare: list[Any] = field(default_factory=list)
+    failed: bool = False
+    dead: bool = False
+
+    def __post_init__(self) -> None:
+        _instances.add(self)
+
+    def ready(self) -> Any:
+        """Return the instance as new: reset where there is one and it can be, else made.
+
+        Raises:
+            StepError: Another component holds an FMU that allows one instance, or an instance of it failed fatally.
+            Exception: It cannot be loaded or instantiated.
+        """
+        if self.dead:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi2Fatal): nothing of it may "
+                "be called any more in this process; load it anew, or run it in a process of its own: --isolate, "
+                "IsolatedComponent"
+            )
+        return self._reset() or self._new()
+
+    def functions(self, references: Mapping[str, int]) -> FunctionTable:
+        """Return the addresses of its functions, for the loop, which may free states after fmi2Fatal: it must not."""
+        slave = self.slave
+        free = calls.SAVE(self._free_for_the_loop)
+        return FunctionTable(
+            set_real=_address(slave, "SetReal"),
+            set_slopes=_address(slave, "SetRealInputDerivatives"),
+            do_step=_address(slave, "DoStep"),
+            get_real=_address(slave, "GetReal"),
+            save=_address(slave, "GetFMUstate"),
+            restore=_address(slave, "SetFMUstate"),
+            free=int(ctypes.cast(free, ctypes.c_void_p).value or 0) if _address(slave, "FreeFMUstate") else 0,
+            instance=int(getattr(slave.component, "value", slave.component)),
+            references=references,
+            keep=free,
+        )
+
+    def finish(self, *, terminate: bool) -> None:
+        """Terminate it where it stepped without error; free it where it cannot be reset from where it is."""
+        if self.slave is None:
+            return
+        self.free_states()
+        terminate = (
+            terminate and not self.failed
+        )  # after fmi2Error only freeing or a reset is allowed (FMI 2.0.4, 4.2.4)
+        if terminate:
+            with suppress(Exception):
+                self.slave.terminate()
+        if self.fmu.once or not terminate:
+            self.free_instance()
+
+    def free_states(self) -> None:
+        """Free all states, whether in use or spare."""
+        pointers = [*(state.pointer for state in self.states), *self.spare]
+        self.states.clear()
+        self.spare.clear()
+        for pointer in pointers:
+            with suppress(Exception):
+                self.slave.fmi2FreeFMUstate(self.slave.component, ctypes.byref(pointer))
+
+    def free_instance(self) -> None:
+        """Free the instance, which terminated or failed, and unload its library."""
+        slave, self.slave, self.failed = self.slave, None, False
+        if slave is None:
+            return
+        with suppress(Exception):
+            if slave.component:
+                slave.freeInstance()
+            else:
+                slave.freeLibrary()
+
+    def abandon(self) -> None:
+        """Never call this FMU again, not even to free it: fmi2Fatal is for all its instances (FMI 2.0.4, 2.1.3)."""
+        for other in self._alike():
+            other.slave, other.dead = None, True
+            if other.shared is not None:
+                other.shared.forget()
+            other.states.clear()
+            other.spare.clear()
+
+    def release(self, owner: int) -> None:
+        """Free everything; not in a process that was forked off the owner, which would take it away from that."""
+        if os.getpid() != owner:
+            return
+        self.free_states()
+        self.free_instance()
+        if not self.dead:
+            self.log.close()
+        self.shared = None
+
+    def _alike(self) -> Iterator[FmuInstance]:
+        """All instances of this FMU, this one among them."""
+        mine = self.fmu.description.guid
+        yield from [
+            i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)
+        ]
+
+    def _free_for_the_loop(self, instance: int, pointer: int) -> int:
+        if self.dead or self.slave is None:
+            return 0
+        state = ctypes.cast(pointer, ctypes.POINTER(ctypes.c_void_p))
+        status: int = self.slave.dll.fmi2FreeFMUstate(instance, state)
+        return status
+
+    def _reset(self) -> Any:
+        """Return the last run's instance as new; None where there is none or it cannot be reset."""
+        slave = self.slave
+        if slave is None:
+            return None
+        errors = self.log.errors
+        with suppress(Exception):
+            slave.reset()
+            slave.setDebugLogging(True, [])
+            if self.log.errors == errors:
+                return slave
+        self.free_instance()
+        return None
+
+    def _new(self) -> Any:
+        self._check_not_held()
+        place = Path.cwd()
+        try:
+            self.slave = slave = FMU2Lenient(
+                guid=self.fmu.description.guid,
+                unzipDirectory=str(self.fmu.folder),
+                modelIdentifier=self.fmu.identifier,
+                instanceName=self.name,
+            )
+            self._check_functions(slave)
+            slave.instantiate(callbacks=self.log.callbacks, loggingOn=True)
+        except BaseException:
+            self.free_instance()
+            raise
+        finally:
+            os.chdir(place)  # fmpy stays in the library's folder where that cannot be loaded
+        return slave
+
+    def _check_functions(self, slave: Any) -> None:
+        can = self.fmu.capabilities
+        needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
+        needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
+        if missing := [f"fmi2{name}" for name in needed if not _address(slave, name)]:
+            raise LookupError(f"its library has no {', '.join(missing)}")
+
+    def _check_not_held(self) -> None:
+        holder = next((i for i in self._alike() if i is not self), None)
+        if self.fmu.once and holder is not None:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) allows one instance per process, and component "
+                f"{holder.name!r} has it; run them in processes of their own: --isolate, IsolatedComponent"
+            )
+
+
+class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types, and reads FMI 2 off the class name
+    """fmpy's, for libraries that lack functions, too: many lack what they do not support."""
+
+    def _loadFunctions(self) -> None:  # noqa: N802
+        self.dll: Any = _Library(self.dll, self.modelIdentifier)
+        super()._loadFunctions()
+
+
+class _Library:
+    """A library in which a function that is not there is one that returns fmi2Error.
+
+    Sources for static linking put the model's identifier before each name (FMI 2.0.4, 2.1.1).
+    """
+
+    def __init__(self, dll: Any, identifier: str) -> None:
+        self._dll, self._identifier = dll, identifier
+
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("fmi2"):
+            return getattr(self._dll, name)
+        plain = getattr(self._dll, name, None)
+        return plain or getattr(self._dll, f"{self._identifier}_{name}", None) or _Missing()
+
+
+class _Missing:
+    """A function that is not there."""
+
+    def __call__(self, *_arguments: Any) -> int:
+        return _FMI_ERROR
+
+
+def _address(slave: Any, name: str) -> int:
+    function = getattr(slave.dll, f"fmi2{name}")
+    return 0 if isinstance(function, _Missing) else int(ctypes.cast(function, ctypes.c_void_p).value or 0)

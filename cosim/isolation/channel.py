@@ -1,0 +1,68 @@
+"""The two ends of what parent and child say to each other, and how a child gets hold of its own."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+
+def open_channel() -> tuple[Any, Any]:
+    """Return the parent's end and the child's."""
+    return Pipe(duplex=True)
+
+
+def inheritance(end: Any) -> dict[str, Any]:
+    """Return what `subprocess.Popen` needs so that the child, in a group of its own, gets the end and nothing else.
+
+    In a group of its own it does not see Ctrl-C, and can be ended with all that the FMU started.
+    """
+    if sys.platform == "win32":
+        handle = end.fileno()
+        os.set_handle_inheritable(handle, True)
+        start = subprocess.STARTUPINFO(lpAttributeList={"handle_list": [handle]})
+        return {"startupinfo": start, "creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"pass_fds": (end.fileno(),), "start_new_session": True}
+
+
+def waiter(end: Any) -> Callable[[float], bool]:
+    """Return a function that waits so many seconds at most for something to read and says whether there is."""
+    if sys.platform == "win32":
+        return lambda seconds: bool(end.poll(seconds))
+    # Connection.poll builds a selector at each call, which takes longer than the answer of a fast FMU.
+    poll = select.poll()
+    poll.register(end.fileno(), select.POLLIN)
+    return lambda seconds: bool(poll.poll(seconds * 1e3))
+
+
+def take_channel(number: int) -> Any:
+    """Return the end of which the parent gave `fileno()`."""
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection  # noqa: PLC0415
+
+        return PipeConnection(number)
+    return Connection(number)
+
+
+def child_command(arguments: Mapping[str, Any]) -> list[str]:
+    """Return the command of a child; what it imports is found where this process finds it.
+
+    A child needs little of `cosim`, so it does not run the package's own imports, which take seconds (scipy, pint).
+    """
+    package = __package__.partition(".")[0]
+    folder = str(Path(__file__).parents[1])
+    code = (
+        "import sys, types\n"
+        f"sys.path[:] = {sys.path!r}\n"
+        f"package = sys.modules[{package!r}] = types.ModuleType({package!r})\n"
+        f"package.__path__ = [{folder!r}]\n"
+        f"from {__package__}.child import serve\n"
+        f"serve(**{dict(arguments)!r})\n"
+    )
+    return [sys.executable, "-c", code]

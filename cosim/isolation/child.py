@@ -1,0 +1,145 @@
+"""The child's side: an FMU, the calls that come for it, and its end with the parent's."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import mmap
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from cosim.fmu_component import FmuComponent
+from cosim.fmu_file import remove
+from cosim.isolation.channel import take_channel
+from eightpost.errors import EightpostError
+
+_LINE_BUFFERED = 1  # glibc's _IOLBF
+_PATIENCE = 1.0  # s that an FMU has to end in when the parent has ended
+
+
+def serve(*, channel: int, path: str, name: str, folder: str) -> None:
+    """Run an FMU for the parent until that closes the channel or ends.
+
+    Args:
+        channel: The channel's number.
+        path: The .fmu file.
+        name: The component's.
+        folder: Holds the FMU unpacked in `fmu`, the working folder `work` and the counter of calls `call`.
+    """
+    lifeline = _take_standard_streams()
+    connection = take_channel(channel)
+    ended = threading.Event()
+    watch = threading.Thread(target=_end_with_parent, args=(lifeline, ended, folder), daemon=True)
+    watch.start()
+    os.chdir(Path(folder, "work"))
+    with Path(folder, "call").open("r+b") as counter:
+        component = FmuComponent(path, name, folder=Path(folder, "fmu"))
+        _Service(connection, component, name, counter).run()
+        component.close()
+    _flush()
+    ended.set()
+    watch.join()
+
+
+class _Service:
+    """Answers batches of calls in order; each state that is saved has the number that the parent gave it."""
+
+    def __init__(self, connection: Any, component: FmuComponent, name: str, counter: Any) -> None:
+        self._connection, self._component = connection, component
+        self._states: dict[int, object] = {}
+        self._counter = mmap.mmap(counter.fileno(), 1)
+        logger = logging.getLogger(f"cosim.fmu.{name}")
+        logger.setLevel(logging.DEBUG)
+        logger.propagate = False
+        logger.addHandler(_Forward(connection))
+
+    def run(self) -> None:
+        """Answer until the parent closes the channel."""
+        while True:
+            try:
+                batch = pickle.loads(self._connection.recv_bytes())
+                _send(self._connection, self._answer(batch))
+            except (EOFError, OSError):
+                self._component.finish()
+                return
+
+    def _answer(self, batch: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+        results = []
+        for index, (what, *arguments) in enumerate(batch):
+            self._counter[0] = min(index, 255)  # a crash leaves it as it is
+            try:
+                results.append(self._call(what, arguments))
+            except EightpostError as error:
+                return "failed", type(error).__name__, str(error), self._component.usable
+        return "done", results
+
+    def _call(self, what: str, arguments: Sequence[Any]) -> Any:
+        if what == "save":
+            self._states[arguments[0]] = self._component.save()
+        elif what == "restore":
+            self._component.restore(self._states[arguments[0]])
+        elif what == "free":
+            self._component.free(self._states.pop(arguments[0]))
+        else:
+            if what == "begin":
+                self._states.clear()
+            result = getattr(self._component, what)(*arguments)
+            if what == "finish":
+                _flush()
+            return result
+        return None
+
+
+class _Forward(logging.Handler):
+    """Sends what the FMU says at once: the last words before a crash must arrive."""
+
+    def __init__(self, connection: Any) -> None:
+        super().__init__()
+        self._connection = connection
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one message."""
+        _send(self._connection, ("log", record.levelno, record.getMessage()))
+
+
+def _send(connection: Any, message: tuple[Any, ...]) -> None:
+    connection.send_bytes(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
+
+
+def _take_standard_streams() -> int:
+    """Take stdin, which ends with the parent, for ourselves: the FMU reads nothing. What it prints is kept by lines."""
+    lifeline = os.dup(0)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    with suppress(Exception):  # glibc's; elsewhere the last lines before a crash may stay in the library's buffer
+        library = ctypes.CDLL(None)
+        library.setvbuf(ctypes.c_void_p.in_dll(library, "stdout"), None, _LINE_BUFFERED, 0)
+    if sys.platform != "win32":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return lifeline
+
+
+def _flush() -> None:
+    """Write what the C library still holds of what the FMU printed, where this process shares that library."""
+    with suppress(Exception):
+        ctypes.CDLL(None).fflush(None)
+
+
+def _end_with_parent(lifeline: int, ended: threading.Event, folder: str) -> None:
+    """Wait for the parent's end, then remove the folder and end, with all that the FMU started."""
+    while os.read(lifeline, 1):
+        pass
+    ended.wait(_PATIENCE)
+    os.chdir(Path(folder).parent)
+    remove(folder)
+    if sys.platform != "win32":
+        os.killpg(0, signal.SIGKILL)
+    os._exit(0)

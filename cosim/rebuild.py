@@ -1,0 +1,116 @@
+"""The library of an FMU compiled from the sources that it carries, for a platform that it has no binary for."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import fmpy
+import platformdirs
+
+from eightpost.errors import FmuError
+from eightpost.files import atomic_path, sha256_of
+
+#: Doubles as written, no fused operations; a foreign source's warnings are not ours to judge.
+#: The definition keeps the functions' plain names (FMI 2.0.2 and later).
+_FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX")
+_TIMEOUT = 600.0  # s
+_CPP = {".cc", ".cpp", ".cxx"}
+
+
+def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[str]) -> None:
+    """Compile an FMU's sources into the library for this platform, or take it from the cache.
+
+    The cache is the folder `rebuilt` in EIGHTPOST_CACHE, or in the user's cache folder; its key is the digest of the
+    FMU file, the compiler and its options.
+
+    Args:
+        path: The .fmu file.
+        folder: Where it is unpacked; the library goes to binaries/ there.
+        identifier: What the library is called.
+        files: Its source files, relative to sources/.
+
+    Raises:
+        FmuError: It has no sources, there is no compiler, or the compiler refuses them.
+    """
+    if missing := [name for name in files if not (folder / "sources" / name).is_file()]:
+        raise FmuError(f"{path}: lists the source {missing[0]!r}, which is not in its sources/; ask for a whole one")
+    if not files:
+        return  # the caller says that there is neither a binary nor a source
+    command = [*find_compiler(), *_options(files)]
+    library = _cache_folder() / f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
+    if not library.is_file():
+        _compile(path, folder / "sources", [*command, *files], library)
+    target = folder / "binaries" / fmpy.platform / f"{identifier}{fmpy.sharedLibraryExtension}"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(library, target)
+
+
+def find_compiler() -> list[str]:
+    """Return the command of the system's C compiler, else of zig's as PyPI's ziglang carries it.
+
+    Raises:
+        FmuError: There is neither.
+    """
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return [found]
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise FmuError("there is no C compiler here to compile an FMU's sources: pip install 'eightpost[build]' brings one")
+
+
+def _options(files: Sequence[str]) -> list[str]:
+    headers = Path(fmpy.__file__).with_name("c-code")
+    position = [] if os.name == "nt" else ["-fPIC"]
+    # The FMU's own headers come first: it may carry changed ones.
+    return [*_FLAGS, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
+
+
+def _has_cpp(files: Sequence[str]) -> bool:
+    return any(Path(name).suffix in _CPP for name in files)
+
+
+def _cache_folder() -> Path:
+    return Path(os.environ.get("EIGHTPOST_CACHE") or platformdirs.user_cache_path("eightpost")) / "rebuilt"
+
+
+def _key(path: Path, command: Sequence[str]) -> str:
+    version = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
+    parts = (sha256_of(path).encode(), fmpy.platform.encode(), version, "\0".join(command).encode())
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+
+
+def _compile(path: Path, sources: Path, command: Sequence[str], library: Path) -> None:
+    with tempfile.TemporaryDirectory(prefix="fmu_build_") as build:
+        made = Path(build) / library.name
+        # The mathematics library last: what needs it comes before it.
+        said = _run([*command, "-o", str(made), *([] if os.name == "nt" else ["-lm"])], sources)
+        if said or not made.is_file():
+            raise FmuError(
+                f"{path}: its sources do not compile with {Path(command[0]).name}: {said or 'it made no library'}; ask "
+                f"for a binary for this platform ({fmpy.platform})"
+            )
+        with atomic_path(library) as kept:
+            shutil.copyfile(made, kept)
+
+
+def _run(command: Sequence[str], folder: Path) -> str:
+    """Run a compiler; return what it has against the sources, or nothing."""
+    try:
+        ran = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    if ran.returncode == 0:
+        return ""
+    lines = [line.strip() for line in (ran.stderr + ran.stdout).splitlines()]
+    return next((line for line in lines if "error" in line.lower()), f"it ended with code {ran.returncode}")

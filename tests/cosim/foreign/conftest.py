@@ -1,0 +1,243 @@
+"""An FMU unlike ours (foreign_fmu.c), with what its description shall declare, alone and in a system."""
+
+import contextlib
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from cosim import FmuComponent, IsolatedComponent, Scenario, System
+from cosim.rebuild import find_compiler
+from eightpost.archive import write_archive
+from eightpost.errors import FmuError
+from eightpost.signals import Drivefile
+
+SOURCE = Path(__file__).with_name("foreign_fmu.c")
+
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="foreign" guid="{guid}" variableNamingConvention="structured">
+  <{kind} modelIdentifier="foreign" {flags}>{sources}</{kind}>
+  <UnitDefinitions>
+    <Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit>
+    <Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit>
+    <Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>
+  </UnitDefinitions>
+  <ModelVariables>
+{variables}
+  </ModelVariables>
+  <ModelStructure><Outputs>
+    <Unknown index="2" dependencies="1"/><Unknown index="3" dependencies="1"/><Unknown index="4" dependencies=""/>
+    <Unknown index="5" dependencies=""/><Unknown index="6" dependencies=""/><Unknown index="7" dependencies="9"/>
+    <Unknown index="8" dependencies=""/>
+  </Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+#: name, value reference, causality, type with its attributes
+VARIABLES = (
+    ("piston.u", 1000, "input", 'Real unit="mm/s" start="0"'),
+    ("piston.y", 7, "output", 'Real unit="kN"'),
+    ("alias", 7, "output", 'Real unit="kN"'),
+    ("angle", 400000, "output", 'Real unit="deg"'),
+    ("late", 12, "output", "Real"),
+    ("length", 20, "output", "Real"),
+    ("seen", 21, "output", "Real"),
+    ("made", 22, "output", "Real"),
+    ("gear", 3, 'input" variability="discrete', 'Integer start="4"'),
+    ("flag", 4, 'parameter" variability="fixed', 'Boolean start="false"'),
+    ("manner", 5, 'parameter" variability="fixed', 'String start="polite"'),
+)
+
+
+def description(*, guid="{foreign}", flags="", sources="", kind="CoSimulation"):
+    lines = (
+        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><{kept}/></ScalarVariable>'
+        for name, number, causality, kept in VARIABLES
+    )
+    text = DESCRIPTION.format(guid=guid, flags=flags, sources=sources, kind=kind, variables="\n".join(lines))
+    return text.encode()
+
+
+def write_fmu(path, library, **declared):
+    members = {
+        "modelDescription.xml": description(**declared),
+        f"binaries/{fmpy.platform}/foreign{fmpy.sharedLibraryExtension}": library,
+        "resources/note.txt": b"seven b",
+    }
+    write_archive(path, members)
+
+
+def compiled(target, *definitions):
+    if os.name == "nt":
+        pytest.skip("the C file is for POSIX")
+    try:
+        compiler = find_compiler()
+    except FmuError:
+        pytest.skip("there is no C compiler here")
+    headers = Path(fmpy.__file__).with_name("c-code")
+    options = ["-shared", "-fPIC", "-O1", "-w", *definitions, "-I", str(headers)]
+    subprocess.run([*compiler, *options, str(SOURCE), "-o", str(target), "-lm"], check=True)
+    return target.read_bytes()
+
+
+@pytest.fixture(scope="session")
+def foreign_library(tmp_path_factory):
+    """The C file compiled."""
+    return compiled(tmp_path_factory.mktemp("foreign") / "foreign.so")
+
+
+@pytest.fixture(scope="session")
+def sparse_library(tmp_path_factory):
+    """The C file without the functions that it does not support."""
+    return compiled(tmp_path_factory.mktemp("sparse") / "sparse.so", "-DSPARSE")
+
+
+@pytest.fixture
+def source_fmu(tmp_path):
+    """Write an FMU that carries its sources only."""
+
+    def make(*, listed="", **sources):
+        files = "".join(f'<File name="{name}"/>' for name in listed.split())
+        xml = description(guid="{sources}", sources=f"<SourceFiles>{files}</SourceFiles>" if files else "")
+        members = {"modelDescription.xml": xml, "sources/foreign_fmu.h": SOURCE.read_bytes()}
+        members |= {f"sources/{name}.c": text.encode() for name, text in sources.items()}
+        write_archive(tmp_path / "sources.fmu", members)
+        return tmp_path / "sources.fmu"
+
+    return make
+
+
+@pytest.fixture
+def foreign(foreign_library, tmp_path):
+    """Write the FMU, with what its description shall declare."""
+
+    def make(name="foreign.fmu", *, library=foreign_library, **declared):
+        write_fmu(tmp_path / name, library, **declared)
+        return tmp_path / name
+
+    return make
+
+
+@pytest.fixture(params=[FmuComponent, IsolatedComponent])
+def kind(request):
+    """In this process, and in one of its own."""
+    return request.param
+
+
+@pytest.fixture(scope="session", params=[FmuComponent, IsolatedComponent], ids=["direct", "isolated"])
+def odd(request, foreign_library, tmp_path_factory):
+    """The FMU as a component that many tests begin one after the other: what one does must not be seen in the next."""
+    path = tmp_path_factory.mktemp("odd") / "foreign.fmu"
+    write_fmu(path, foreign_library)
+    component = request.param(path, "odd")
+    yield component
+    component.close()
+
+
+@pytest.fixture
+def begun():
+    """Begin a component and leave initialization."""
+
+    def begin(component, manner="polite", **parameters):
+        component.begin(0.0, 2.0, {"manner": manner, **parameters})
+        component.end_initialization()
+        return component
+
+    return begin
+
+
+@pytest.fixture
+def march():
+    """Step with a constant input, reading as the master does."""
+
+    def steps(component, count=600):
+        for k in range(count):
+            component.set(("piston.u",), (250.0,))
+            component.step(k * 1e-3, 1e-3)
+            component.get(("angle",))
+
+    return steps
+
+
+@pytest.fixture
+def drive(tmp_path):
+    """A drivefile whose one channel `speed` is a constant in m/s."""
+
+    def write(value, seconds=1.0):
+        path = tmp_path / "drive.csv"
+        times = np.arange(0.0, seconds + 0.05, 0.01)
+        path.write_text("time [s],speed [m/s]\n" + "".join(f"{t:.6g},{value}\n" for t in times))
+        return Drivefile.read(path)
+
+    return write
+
+
+@pytest.fixture
+def road(tmp_path):
+    """A drivefile of a road that goes up and down by 5 mm, 4 times a second."""
+    path = tmp_path / "road.csv"
+    times = np.arange(0.0, 0.5, 2e-3)
+    rows = (f"{t:.6g},{0.005 * np.sin(8.0 * np.pi * t):.9g}\n" for t in times)
+    path.write_text("time [s],road [m]\n" + "".join(rows))
+    return Drivefile.read(path)
+
+
+@pytest.fixture
+def pair(drive, fmus):
+    """A system of the foreign FMU and one of our shocks, and its scenario."""
+
+    def build(part, manner="polite", *, stop=1.0):
+        system = System(
+            {"odd": part, "shock": FmuComponent(fmus["lpf1"], "shock")},
+            constants={"shock.velocity": 0.1, "shock.displacement": 0.0},
+            parameters={"odd": {"manner": manner}},
+        )
+        targets = {"speed": "odd.piston.u"}
+        record = ("odd.piston.y", "odd.alias", "odd.angle", "shock.force")
+        return system, Scenario(stop=stop, drive=drive(0.25, stop), targets=targets, record=record)
+
+    return build
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """Where components put their temporary files."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def eventually():
+    """Whether a claim becomes true within some seconds."""
+
+    def wait(claim, seconds=6.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if claim():
+                return True
+            time.sleep(0.02)
+        return claim()
+
+    return wait
+
+
+@pytest.fixture
+def alive():
+    """Whether a process group has a process that runs."""
+
+    def look(group):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return False
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            return "Z" not in Path(f"/proc/{group}/stat").read_text().rpartition(")")[2].split()[0]
+        return True
+
+    return look

@@ -1,0 +1,167 @@
+"""What an FMU does wrong ends the step with which, when, why, with what inputs and what to do; never more is called
+than FMI allows."""
+
+import gc
+import logging
+
+import pytest
+
+from cosim import Adaptive, FmuComponent, GaussSeidel, IsolatedComponent, run
+from eightpost.errors import FmuError, InputError, StepError
+
+STATES = 'canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="true"'
+
+
+@pytest.mark.parametrize(
+    ("manner", "why"),
+    [
+        (
+            "fatal",
+            r"fmi2DoStep returned fmi2Fatal. It said: matrix 3 of piston.u is singular, pivot 0. "
+            r"Its inputs: piston.u = 250 mm/s. What to do: it is not called again in this process; load it anew",
+        ),
+        (
+            "error",
+            r"fmi2DoStep returned fmi2Error. It said: matrix 3 of piston.u is singular, pivot 0. "
+            r"Its inputs: piston.u = 250 mm/s. What to do: its inputs may be out of its range",
+        ),
+        (
+            "end",
+            r"fmi2DoStep returned fmi2Discard. It came to 0.5 s. It wants to end the simulation \(fmi2Terminated\).*"
+            r"piston.u = 250 mm/s. What to do: end the run before",
+        ),
+        (
+            "pending",
+            r"fmi2DoStep returned fmi2Pending.*piston.u = 250 mm/s. What to do: it steps in the background "
+            r"\(canRunAsynchronuously\), and this master waits for each step",
+        ),
+        ("unknown status", r"fmi2DoStep returned 17, which is no status of FMI.*What to do: tell its maker"),
+    ],
+)
+def test_a_failed_step_says_which_when_why_with_what_inputs_and_what_to_do(odd, manner, why, foreign, pair):
+    part = odd if manner != "fatal" else type(odd)(foreign(guid="{fatal}"), "odd")
+    system, scenario = pair(part, manner)
+    with pytest.raises(StepError, match=rf"^component 'odd' \(foreign.fmu\) failed to step (at|from) 0.5 s.*: {why}"):
+        run(system, scenario, step=1e-3, engine="python")
+    with pytest.raises(StepError, match="does not run"):
+        system.components["shock"].get(("force",))
+
+
+def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march):
+    part = begun(odd, "discard")
+    march(part, 3)
+    with pytest.raises(StepError, match=r"step from 0.003 s by 0.002 s: .*fmi2Discard. It came to 0.004 s.*smaller"):
+        part.step(3e-3, 2e-3)
+    part.finish()
+
+
+@pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive()], ids=["gauss-seidel", "adaptive"])
+def test_after_fatal_nothing_is_called_whatever_the_algorithm_holds(algorithm, foreign, pair):
+    """The FMU ends the process at any call after fmi2Fatal, that of freeing a state among them."""
+    system, scenario = pair(FmuComponent(foreign(guid="{fatal}", flags=STATES), "odd"), "fatal")
+    with pytest.raises(StepError, match="fmi2Fatal"):
+        run(system, scenario, algorithm=algorithm, step=1e-3, engine="python")
+    odd = system.components["odd"]
+    assert not odd.usable
+    with pytest.raises(StepError, match=r"failed fatally before.*nothing of it may be called any more.*--isolate"):
+        odd.begin(0.0, 1.0, {})
+    odd.finish()
+    odd.close()
+
+
+def test_fatal_is_for_all_instances_of_the_fmu_in_the_process(foreign, begun, march):
+    path = foreign(guid="{all}")
+    first, second = begun(FmuComponent(path, "first"), "fatal"), begun(FmuComponent(path, "second"))
+    other = begun(FmuComponent(foreign("other.fmu", guid="{other}"), "other"))
+    with pytest.raises(StepError, match="fmi2Fatal"):
+        march(first)
+    with pytest.raises(StepError, match="does not run"):
+        march(second, 1)
+    march(other, 1)
+    assert (first.usable, second.usable, other.usable) == (False, False, True)
+    march(begun(FmuComponent(path, "loaded anew")), 4)
+
+
+def test_what_holds_a_failed_run_can_begin_again(odd, begun, march):
+    for manner in ("error", "end", "pending", *(["fatal"] if type(odd) is IsolatedComponent else [])):
+        part = begun(odd, manner)
+        with pytest.raises(StepError):
+            march(part)
+        part.finish()
+        march(begun(part), 4)
+        assert part.get(("angle",))[0] == pytest.approx(1.0)
+        part.finish()
+
+
+def test_the_level_of_a_message_is_that_of_its_status(foreign, begun, march, caplog):
+    for manner, level in (("fatal", logging.CRITICAL), ("error", logging.ERROR)):
+        with pytest.raises(StepError):
+            march(begun(FmuComponent(foreign(guid="{fatal}"), "odd"), manner))
+        assert (caplog.records[-1].name, caplog.records[-1].levelno) == ("cosim.fmu.odd", level)
+
+
+def test_a_run_that_fails_in_its_initialization_leaves_components_that_can_begin(foreign, pair):
+    """Before the first step an FMU must not be terminated, only reset or freed (FMI 2.0.4, 4.2.4)."""
+    system, scenario = pair(FmuComponent(foreign(), "odd"))
+    system.components["odd"].begin(0.0, 1.0, {})
+    system.components["odd"].finish()
+    assert run(system, scenario, step=1e-2, engine="python").steps == 100
+
+
+@pytest.mark.parametrize(
+    ("manner", "how"),
+    [
+        ("abort", r"crashed \(SIGABRT\)"),
+        ("segfault", r"crashed \(SIGSEGV\)"),
+        ("exit", r"crashed \(its process ended with code 3\)"),
+        ("hang", r"gave no answer within 0.7 s and was ended"),
+    ],
+)
+def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_others_are_finished(manner, how, foreign, pair):
+    system, scenario = pair(IsolatedComponent(foreign(), "odd", time_limit=0.7), manner)
+    with pytest.raises(
+        StepError,
+        match=rf"^component 'odd' \(foreign.fmu\) {how} in: step from 0.5 s by 0.001 s.*piston.u = 250 mm/s. W",
+    ):
+        run(system, scenario, step=1e-3, engine="python")
+    with pytest.raises(StepError, match="does not run"):
+        system.components["shock"].get(("force",))
+
+
+def test_a_crash_is_told_with_the_last_words_and_a_new_process_begins(foreign, begun, march):
+    part = begun(IsolatedComponent(foreign(), "odd"), "abort")
+    with pytest.raises(StepError) as caught:
+        march(part)
+    assert str(caught.value) == (
+        "component 'odd' (foreign.fmu) crashed (SIGABRT) in: step from 0.5 s by 0.001 s: it printed 'solver: assertion "
+        "failed'. It said: pressure 7 is low, 0.25 bar. Its inputs: piston.u = 250 mm/s. What to do: look whether "
+        "these inputs are in its range, try a smaller coupling step, and tell its maker; it may begin again, in a new "
+        "process"
+    )
+    with pytest.raises(StepError, match="does not run"):
+        part.get(("angle",))
+    march(begun(part), 4)
+    assert part.get(("angle",))[0] == pytest.approx(1.0)
+    part.finish()
+
+
+def test_a_time_limit_must_be_positive(foreign):
+    with pytest.raises(InputError, match="time limit must be positive, it is 0"):
+        IsolatedComponent(foreign(), "odd", time_limit=0)
+
+
+def test_a_refused_file_leaves_no_folder(kind, foreign, source_fmu, temporary):
+    for path in (foreign(kind="ModelExchange"), source_fmu(model=""), temporary / "gone.fmu"):
+        with pytest.raises(FmuError):
+            kind(path, "odd")
+    gc.collect()
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_failed_component_leaves_no_folder(kind, foreign, begun, march, temporary):
+    part = begun(kind(foreign(guid="{fatal}"), "odd"), "fatal")
+    with pytest.raises(StepError):
+        march(part)
+    del part
+    gc.collect()
+    assert list(temporary.iterdir()) == []

@@ -1,0 +1,235 @@
+"""FMUs with odd but legal traits run, in this process and in one of their own, and are coupled in SI."""
+
+import logging
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim import Bond, Connection, FmuComponent, IsolatedComponent, Scenario, System, run
+from eightpost.errors import FmuError, StepError, WiringError
+
+FIXED_STEPS = 'canHandleVariableCommunicationStepSize="false"'
+ONCE = 'canBeInstantiatedOnlyOncePerProcess="true"'
+
+
+def test_units_of_mm_per_s_kn_and_deg_are_converted_to_si(odd, pair):
+    system, scenario = pair(odd, stop=0.2)
+    series = run(system, scenario, step=1e-3, engine="python").series
+    np.testing.assert_allclose(series["odd.piston.y"][1:], -3.0 * 0.25 * 1000.0, rtol=1e-12)  # N
+    np.testing.assert_array_equal(series["odd.piston.y"], series["odd.alias"])
+    assert series["odd.angle"][-1] == pytest.approx(math.radians(250.0 * 0.2), rel=1e-9)
+
+
+def test_a_shock_of_other_names_units_and_sign_is_coupled_as_the_damper_that_it_is(foreign, fmus, make, road):
+    """F [kN] = -3 u [mm/s] / 1000 is a damper of 3000 N s/m, positive the other way: a bond with gain -1."""
+
+    def result(shock, velocity, force, gain):
+        bond = Bond(
+            "b", Connection("car.velocity", f"shock.{velocity}"), Connection(f"shock.{force}", "car.force", gain)
+        )
+        car = FmuComponent(fmus["quarter_car"], "car")
+        free = [v.name for v in car.variables.values() if v.causality == "input" and v.name not in ("force", "road")]
+        constants = {f"car.{name}": 0.0 for name in free}
+        recorded = tuple(f"car.{v.name}" for v in car.variables.values() if v.causality == "output")
+        system = System({"car": car, "shock": shock}, (bond,), constants=constants)
+        scenario = Scenario(stop=0.3, drive=road, targets={"road": "car.road"}, record=recorded)
+        return run(system, scenario, step=1e-3, engine="python")
+
+    odd = result(FmuComponent(foreign(), "shock"), "piston.u", "piston.y", -1.0)
+    damper = result(make.gain(3000.0, "m/s", "N"), "u", "y", 1.0)
+    assert np.ptp(damper.series["car.velocity"]) > 0.01
+    for name in damper.series.names:
+        spread = np.ptp(damper.series[name]) + 1e-12
+        np.testing.assert_allclose(odd.series[name], damper.series[name], atol=1e-9 * spread, rtol=0, err_msg=name)
+    assert odd.energy["b"].transferred == pytest.approx(damper.energy["b"].transferred, rel=1e-9)
+
+
+def test_parameters_of_every_type_are_set_and_start_values_kept(odd, begun):
+    part = begun(odd)
+    assert part.get(("seen",)) == [4.0]
+    part.finish()
+    begun(part, gear=2, flag=True)
+    assert part.get(("seen",)) == [102.0]
+    part.finish()
+
+
+def test_a_parameter_of_the_wrong_type_is_refused_with_what_it_takes(foreign):
+    parts = {"odd": FmuComponent(foreign(), "odd")}
+    with pytest.raises(WiringError, match=r"odd.manner = 3: it is a String variable and takes no int"):
+        System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"manner": 3}})
+    with pytest.raises(WiringError, match=r"odd.flag = 1: it is a Boolean variable"):
+        System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"flag": 1}})
+
+
+def test_an_output_that_is_not_a_number_at_the_start_is_read_as_such(odd, begun, march):
+    part = begun(odd)
+    assert math.isnan(part.get(("late",))[0])
+    march(part, 4)
+    assert part.get(("late",))[0] == pytest.approx(1.0)
+    part.finish()
+
+
+def test_steps_of_one_size_only_are_respected(foreign, pair):
+    system, scenario = pair(FmuComponent(foreign(flags=FIXED_STEPS), "odd"), stop=0.1)
+    assert run(system, scenario, step=1e-3, engine="python").steps == 100
+    with pytest.raises(WiringError, match=r"odd takes steps of one size only.*whole number of coupling steps"):
+        run(system, replace(scenario, stop=0.0995), step=1e-3, engine="python")
+
+
+def test_what_it_cannot_do_is_known_and_said(foreign, pair):
+    odd = FmuComponent(foreign(flags=FIXED_STEPS), "odd")
+    assert not (odd.capabilities.variable_step or odd.capabilities.interpolates_inputs or odd.capabilities.state)
+    system, scenario = pair(odd, stop=0.05)
+    notes = run(system, scenario, step=1e-3, engine="python").notes
+    assert any("odd cannot interpolate inputs" in note for note in notes)
+    odd.begin(0.0, 1.0, {})
+    with pytest.raises(StepError, match=r"cannot save its state \(canGetAndSetFMUstate is false"):
+        odd.save()
+
+
+def test_an_fmu_with_memory_of_its_own_runs(foreign, begun, march):
+    part = begun(FmuComponent(foreign(guid="{own memory}", flags='canNotUseMemoryManagementFunctions="true"'), "odd"))
+    march(part, 4)
+    assert part.get(("angle",))[0] == pytest.approx(1.0)
+    part.finish()
+
+
+def test_a_library_that_lacks_functions_that_it_does_not_need_runs(foreign, sparse_library, begun, march):
+    part = begun(FmuComponent(foreign(library=sparse_library), "odd"))
+    march(part, 4)
+    assert part.get(("angle",))[0] == pytest.approx(1.0)
+    part.finish()
+
+
+def test_a_library_that_lacks_what_its_description_promises_is_refused(foreign, sparse_library, begun):
+    path = foreign(library=sparse_library, flags='canInterpolateInputs="true"')
+    with pytest.raises(StepError, match=r"failed to instantiate.*its library has no fmi2SetRealInputDerivatives"):
+        begun(FmuComponent(path, "odd"))
+
+
+def test_an_fmu_that_needs_its_tool_says_so_in_every_result_and_where_the_tool_is_missing(foreign, pair, monkeypatch):
+    system, scenario = pair(FmuComponent(foreign(guid="{tool}", flags='needsExecutionTool="true"'), "odd"), stop=0.01)
+    with pytest.raises(StepError, match=r"'odd'.*failed to instantiate.*What to do: install the tool that made it"):
+        run(system, scenario, step=1e-3, engine="python")
+    monkeypatch.setenv("FOREIGN_TOOL", "1")
+    notes = run(system, scenario, step=1e-3, engine="python").notes
+    assert any(note.startswith("odd said: it needs the tool that made it (needsExecutionTool)") for note in notes)
+
+
+def test_an_fmu_for_model_exchange_only_is_refused_with_advice(kind, foreign):
+    with pytest.raises(FmuError, match=r"model exchange only: it has no solver in it; export it again as FMI 2.0"):
+        kind(foreign(kind="ModelExchange"), "odd")
+
+
+def test_an_fmu_that_a_process_holds_once_is_refused_twice_and_runs_isolated(foreign, begun, march):
+    path = foreign(flags=ONCE, guid="{once}")
+    first, second = begun(FmuComponent(path, "first")), FmuComponent(path, "second")
+    with pytest.raises(StepError, match=r"'second'.*one instance per process, and component 'first' has it.*--isolate"):
+        second.begin(0.0, 1.0, {})
+    first.finish()
+    begun(second).finish()
+    apart = [begun(IsolatedComponent(path, name)) for name in ("first", "second")]
+    for part in apart:
+        march(part, 4)
+        part.finish()
+
+
+def test_the_instance_is_reset_for_the_next_run_or_made_anew_where_it_cannot_be(foreign, begun, march):
+    for manner, kept in (("polite", True), ("no reset", False)):
+        part, instances = FmuComponent(foreign(), "odd"), []
+        for _ in range(2):
+            march(begun(part, manner), 4)
+            assert part.get(("angle",))[0] == pytest.approx(1.0)
+            assert part.get(("made",)) == [1.0]  # a library that is loaded anew counts from the start
+            instances.append(part._instance.slave)
+            part.finish()
+        assert (instances[0] is instances[1]) == kept
+
+
+@pytest.mark.parametrize("manner", ["polite", "no reset"])
+def test_a_second_run_of_a_system_gives_the_same_bits(odd, manner, pair):
+    system, scenario = pair(odd, manner, stop=0.1)
+    first, second = (run(system, scenario, step=1e-3, engine="python").series for _ in range(2))
+    assert first.names == second.names
+    for name in first.names:
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_log_messages_have_their_formats_filled_in_and_variables_by_name(odd, begun, march, caplog):
+    caplog.set_level(logging.DEBUG, logger="cosim.fmu")
+    part = begun(odd, "talk")
+    march(part, 1)
+    part.finish()
+    assert [(r.name, r.levelno, r.message) for r in caplog.records if r.name.startswith("cosim.fmu")] == [
+        ("cosim.fmu.odd", logging.DEBUG, "step 5 of gear is 12.3 % done; #1")
+    ]
+    assert part.messages == ()
+
+
+def test_each_component_has_a_log_of_its_own(foreign, begun, march, caplog):
+    caplog.set_level(logging.DEBUG, logger="cosim.fmu")
+    parts = [begun(FmuComponent(foreign(), name), "talk") for name in ("one", "two")]
+    for part in parts:
+        march(part, 1)
+    assert [r.name for r in caplog.records if r.name.startswith("cosim.fmu")] == ["cosim.fmu.one", "cosim.fmu.two"]
+
+
+def test_what_an_fmu_prints_goes_to_our_output_or_isolated_to_the_log(odd, begun, march, caplog):
+    caplog.set_level(logging.DEBUG, logger="cosim.fmu")
+    part = begun(odd, "print")
+    march(part, 2)
+    part.finish()
+    logged = [r.message for r in caplog.records if r.name == "cosim.fmu.odd"]
+    assert logged == ([] if type(odd) is FmuComponent else ["printed: solved at 0", "printed: solved at 0.001"])
+
+
+def test_what_an_fmu_writes_goes_into_the_working_folder(foreign, begun, march, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    part = begun(FmuComponent(foreign(), "odd"), "write")
+    march(part, 3)
+    assert (tmp_path / "solver.log").read_text() == "0\n0.001\n0.002\n"
+    part.finish()
+
+
+def test_resources_are_found_where_the_path_has_spaces_and_signs(kind, foreign, begun, tmp_path, monkeypatch):
+    folder = tmp_path / "a folder, 100 % ü"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    part = begun(kind(foreign(), "odd"))
+    assert part.get(("length",)) == [7.0]
+    part.finish()
+
+
+@pytest.mark.parametrize(
+    ("listed", "sources"),
+    [
+        ("model.c", {"model": '#include "foreign_fmu.h"\n', "unused": "#error not listed\n"}),
+        ("", {"all": '#include "foreign_fmu.h"\n', "part": "#error a part of all.c\n"}),
+        ("", {"model": '#include "foreign_fmu.h"\n', "more": "double more(void) { return 1.0; }\n"}),
+        ("model.c", {"model": '#define WITH_PREFIX\n#include "foreign_fmu.h"\n'}),
+    ],
+    ids=["listed", "all.c", "not listed", "names with a prefix"],
+)
+def test_sources_are_compiled_on_request_where_there_is_no_binary(
+    listed, sources, source_fmu, begun, march, tmp_path, monkeypatch, foreign_library
+):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
+    path = source_fmu(listed=listed, **sources)
+    with pytest.raises(FmuError, match=r"only for: none; it has its sources.*--compile, compile_missing=True"):
+        FmuComponent(path, "odd")
+    part = begun(FmuComponent(path, "odd", compile_missing=True))
+    march(part, 4)
+    assert part.get(("angle",))[0] == pytest.approx(1.0)
+    part.finish()
+    assert len(list((tmp_path / "cache" / "rebuilt").iterdir())) == 1
+
+
+def test_sources_that_do_not_compile_are_refused_with_the_compilers_first_error(source_fmu, tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
+    path = source_fmu(listed="model.c", model="#error only for dSPACE\n")
+    with pytest.raises(FmuError, match=r"sources do not compile with .*only for dSPACE.*ask for a binary"):
+        FmuComponent(path, "odd", compile_missing=True)
+    with pytest.raises(FmuError, match=r"lists the source 'gone.c', which is not in its sources/"):
+        FmuComponent(source_fmu(listed="gone.c"), "odd", compile_missing=True)
