@@ -18,12 +18,13 @@ from eightpost.errors import WiringError
 class Connection:
     """An output that feeds an input, both as `component.variable`; units are converted, then `gain` applies.
 
-    A component that is positive in extension connects with gain -1.
+    A component that is positive in extension connects with gain -1. `offset` is added last, in the input's own unit.
     """
 
     source: str
     target: str
     gain: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,8 @@ class System:
         connections: Any other connections.
         sums: Inputs that add up what several sources feed them, as `component.variable`.
         constants: Inputs with a constant value, in the component's own unit.
-        parameters: Per component: parameter values in the component's own units.
+        parameters: Per component: values of parameters, and initial values of what else has a start, in the
+            component's own units.
 
     Raises:
         WiringError: An unknown name, two sources for an input that is not declared a sum, incompatible units; the
@@ -163,6 +165,8 @@ class System:
             raise WiringError(f"{what}: {connection.source} is a {source.type}, not a real variable")
         if not (isfinite(connection.gain) and connection.gain != 0.0):
             raise WiringError(f"{what}: the gain must be finite and not zero, it is {connection.gain!r}")
+        if not isfinite(connection.offset):
+            raise WiringError(f"{what}: the offset must be finite, it is {connection.offset!r}")
         convert_between(source.unit, target.unit, what)
 
     def _check_sources(self) -> None:
@@ -182,7 +186,7 @@ class System:
         for component, values in self.parameters.items():
             for name, value in values.items():
                 variable = find_variable(self.components, f"{component}.{name}")
-                if variable.causality != "parameter":
+                if not can_be_set(variable):
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
                 _check_value(f"{component}.{name}", variable, value)
         for name, constant in self.constants.items():
@@ -214,6 +218,17 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     if variable not in variables:
         raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
     return variables[variable]
+
+
+def can_be_set(variable: Variable) -> bool:
+    """Whether a variable takes a value before the start of a run that it keeps: a parameter, or an initial value.
+
+    FMI 2.0 gives a start to the variables that are set from outside before initialization, and to no others (2.2.7,
+    `initial`). Real inputs are not among them here: they are connected, driven or constant.
+    """
+    if variable.causality == "input":
+        return variable.type != "Real"
+    return variable.causality == "parameter" or (variable.start is not None and variable.variability != "constant")
 
 
 _KINDS: Mapping[str, tuple[type, ...]] = {

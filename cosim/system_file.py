@@ -1,20 +1,23 @@
-"""A system and its scenario as a TOML file that a person can write."""
+"""A system and its scenario as a TOML file that a person can write; packages of other tools are read beside it."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel
+from cosim.algorithm import Algorithm, GaussSeidel
+from cosim.automatic import SCHEMES, Automatic
+from cosim.component import Component
 from cosim.conversion import convert_between, named_unit
-from cosim.fmu_component import FmuComponent
-from cosim.master import DEFAULT_STEP
+from cosim.open_component import open_component
 from cosim.scenario import Scenario
+from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.system import Bond, Connection, System, find_variable
 from eightpost import units
 from eightpost.errors import InputError, UnknownUnitError, WiringError
@@ -32,6 +35,17 @@ _WORDS = {
     "missing": "is missing",
     "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
 }
+
+
+#: Options of an algorithm in the file, by the algorithm: what they are called there.
+_FIELDS: Mapping[str, Mapping[str, str]] = {
+    "sequence": {"gauss-seidel": "sequence", "implicit": "sequence"},
+    "values": {"gauss-seidel": "values", "jacobi": "values"},
+    "tolerance": {"default": "tolerance", "adaptive": "relative"},
+}
+
+#: Tolerances are given in percent.
+_PERCENT = 0.01
 
 
 class _Strict(BaseModel):
@@ -64,8 +78,10 @@ class _Scenario(_Strict):
     units: dict[str, str] = Field(default_factory=dict)
     channel_map: str | None = None
     targets: dict[str, str] = Field(default_factory=dict)
-    coupling_step: Value = DEFAULT_STEP
-    algorithm: Literal["jacobi", "gauss-seidel"] = "gauss-seidel"
+    coupling_step: Value | None = None
+    algorithm: Literal["default", "jacobi", "gauss-seidel", "implicit", "adaptive"] | None = None
+    values: Literal["held", "interpolated", "extrapolated", "parabolic"] | None = None
+    tolerance: float | None = None
     sequence: tuple[str, ...] = ()
     record: tuple[str, ...] = ()
     record_step: Value | None = None
@@ -84,7 +100,7 @@ class _File(_Strict):
 
 @dataclass(frozen=True)
 class Case:
-    """What a system file holds, and the files of its FMUs by component.
+    """What a system file or a package holds, the files of its FMUs by component, and what to know of its reading.
 
     `cosim.run(case.system, case.scenario, algorithm=case.algorithm, step=case.step)` runs it.
     """
@@ -92,17 +108,28 @@ class Case:
     name: str
     system: System
     scenario: Scenario
-    algorithm: Algorithm
-    step: float
+    algorithm: Algorithm | Automatic
+    step: float | None
     fmus: Mapping[str, Path] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
-def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None) -> Case:
-    """Read a system file; paths in it are relative to it.
+def read_case(
+    path: str | Path,
+    *,
+    fmus: Mapping[str, str | Path] | None = None,
+    given: Given | None = None,
+    isolate: bool = False,
+    compile_missing: bool = False,
+) -> Case:
+    """Read a system file, or an SSP package (docs/ssp.md); paths in it are relative to it.
 
     Args:
-        path: The TOML file.
+        path: A TOML file, an .ssp archive or an .ssd description.
         fmus: FMUs by component name that take the place of those in the file: to swap a shock.
+        given: What a package lacks for a run; a system file says it itself.
+        isolate: Whether each FMU runs in a process of its own (docs/foreign_fmus.md).
+        compile_missing: Whether to compile the sources of an FMU that has no binary for this platform.
 
     Raises:
         InputError: The file cannot be read, an entry is unknown, missing or of the wrong kind; the message names it.
@@ -110,16 +137,25 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
         FmuError: An FMU cannot be used.
     """
     path = Path(path)
+    load = partial(open_component, isolate=isolate, compile_missing=compile_missing)
+    if path.suffix.lower() in SUFFIXES:
+        return _package(path, fmus, given, load)
+    if given not in (None, Given()):
+        raise InputError(
+            f"{path}: a drivefile, stop time, record step or input is given beside a system file, which says these "
+            "itself: change it there ([scenario], [components.NAME] inputs)"
+        )
     content = _read(path)
     fmus = fmus or {}
     if unknown := sorted(set(fmus) - set(content.components)):
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
     folder = path.parent
     files = {name: Path(fmus.get(name, folder / entry.fmu)) for name, entry in content.components.items()}
-    components = {name: FmuComponent(file, name) for name, file in files.items()}
+    components = {name: load(file, name) for name, file in files.items()}
     try:
         system, scenario = _system(content, components), _scenario(path, content.scenario)
-        step, algorithm = _seconds("coupling_step", content.scenario.coupling_step), _algorithm(content.scenario)
+        step, algorithm = content.scenario.coupling_step, _algorithm(content.scenario)
+        step = None if step is None else _seconds("coupling_step", step)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     return Case(
@@ -129,6 +165,24 @@ def read_case(path: str | Path, *, fmus: Mapping[str, str | Path] | None = None)
         algorithm=algorithm,
         step=step,
         fmus=files,
+    )
+
+
+def _package(
+    path: Path,
+    fmus: Mapping[str, str | Path] | None,
+    given: Given | None,
+    load: Callable[[Path, str], Component],
+) -> Case:
+    found = read_ssp(path, fmus=fmus, given=given, load=load)
+    return Case(
+        name=found.name,
+        system=found.system,
+        scenario=found.scenario,
+        algorithm=Automatic() if found.step is None else GaussSeidel(),
+        step=found.step,
+        fmus=found.fmus,
+        notes=found.notes,
     )
 
 
@@ -148,7 +202,7 @@ def _read(path: Path) -> _File:
         raise InputError(f"{path}: {faults}") from error
 
 
-def _system(content: _File, components: Mapping[str, FmuComponent]) -> System:
+def _system(content: _File, components: Mapping[str, Component]) -> System:
     entries = content.components
     return System(
         components=components,
@@ -170,7 +224,7 @@ def _system(content: _File, components: Mapping[str, FmuComponent]) -> System:
 
 
 def _own_unit(
-    components: Mapping[str, FmuComponent], component: str, name: str, value: bool | float | str
+    components: Mapping[str, Component], component: str, name: str, value: bool | float | str
 ) -> bool | float | str:
     """Return a value in the variable's own unit; numbers are in it already."""
     variable = find_variable(components, f"{component}.{name}")
@@ -205,12 +259,21 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
     )
 
 
-def _algorithm(content: _Scenario) -> Algorithm:
-    if content.sequence and content.algorithm != "gauss-seidel":
-        raise InputError(f"scenario.sequence: {content.algorithm} steps all components at once; remove one of the two")
-    if content.sequence:
-        return GaussSeidel(content.sequence)
-    return ALGORITHMS[content.algorithm]
+def _algorithm(content: _Scenario) -> Algorithm | Automatic:
+    """Return the strategy; a file that gives a coupling step and no algorithm means gauss-seidel at that step."""
+    name = content.algorithm or ("default" if content.coupling_step is None else "gauss-seidel")
+    chosen = SCHEMES[name]
+    if isinstance(chosen, Automatic) and content.coupling_step is not None:
+        raise InputError("scenario.coupling_step: the default chooses it; remove it, or name an algorithm")
+    options: dict[str, Any] = {}
+    for option, fields in _FIELDS.items():
+        if (value := getattr(content, option)) is None or value == ():
+            continue
+        if name not in fields:
+            fitting = ", ".join(fields)
+            raise InputError(f"scenario.{option}: {name} has no such option, only {fitting}; remove one of the two")
+        options[fields[name]] = _PERCENT * value if fields[name] == "relative" else value
+    return type(chosen)(**options)
 
 
 def _seconds(key: str, value: Value) -> float:

@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 
 from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
+from cosim import DEFAULT_STEP
 from cosim.conversion import convert_between
 from cosim.system_file import Case, read_case
 from eightpost.errors import InputError, WiringError
@@ -19,15 +20,17 @@ from eightpost.errors import InputError, WiringError
 def ssp(system: Path, output: Path | None) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
 
-    SYSTEM is a file that `eightpost run` takes. The package holds the FMUs, their connections, and for each component a
-    file of the parameters that can be set, resources/<component>.ssv. A drivefile has no place in it: the tool that
-    imports the package drives the inputs that are left open.
+    SYSTEM is a file that `eightpost run` takes; a package of others is written flat. The package holds the FMUs, their
+    connections, and for each component a file of the parameters that can be set, resources/<component>.ssv. A drivefile
+    has no place in it: the tool that imports the package drives the inputs that are left open.
 
     \b
     Example:
       eightpost ssp examples/seven_dof.toml -o car.ssp
     """
     output = output or system.with_suffix(".ssp")
+    if output.resolve() == system.resolve():
+        raise InputError(f"{output}: is the package itself; name another file (-o)")
     case = read_case(system)
     open_inputs = write_ssp(output, ssp_system(case))
     console = Console()
@@ -58,5 +61,6 @@ def ssp_system(case: Case) -> SspSystem:
     connections = []
     for c in system.all_connections:
         conversion = convert_between(system.output(c.source).unit, system.input(c.target).unit, c.source)
-        connections.append(SspConnection(c.source, c.target, c.gain * conversion.factor, c.gain * conversion.offset))
-    return SspSystem(case.name, tuple(components), tuple(connections), case.step, case.scenario.stop)
+        factor, offset = c.gain * conversion.factor, c.gain * conversion.offset + c.offset
+        connections.append(SspConnection(c.source, c.target, factor, offset))
+    return SspSystem(case.name, tuple(components), tuple(connections), case.step or DEFAULT_STEP, case.scenario.stop)

@@ -1,0 +1,168 @@
+"""What is given beside a package for its open inputs: a drivefile and constants, by variable or by connector."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.component import Variable
+from cosim.conversion import Conversion, convert_between, named_unit, to_si
+from cosim.ssp.flatten import Network, Path, Port, compose
+from cosim.ssp.structure import FmuElement
+from eightpost import units
+from eightpost.errors import UnknownUnitError, WiringError
+from eightpost.signals import Drivefile, TimeSeries
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OpenInputs:
+    """The real inputs that no other FMU feeds.
+
+    Args:
+        network: Of the package.
+        names: Component names by path.
+    """
+
+    network: Network
+    names: Mapping[Path, str]
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        """The inputs in the order of the components."""
+        return tuple(
+            port for port in self.network.inputs() if self._variable(port).type == "Real" and not self._is_fed(port)
+        )
+
+    def full_name(self, port: Port) -> str:
+        """Return `component.variable`."""
+        return f"{self.names[port.path]}.{port.name}"
+
+    def drive(self, given: Drivefile) -> Drivefile:
+        """Return a drivefile with one channel for each input, under its full name.
+
+        Raises:
+            WiringError: A channel has no input, or two have the same.
+        """
+        channels: dict[str, tuple[str, Array]] = {}
+        for name, unit in zip(given.names, given.units, strict=True):
+            for port, start in self._reached(name, f"drivefile channel {name!r}"):
+                if self.full_name(port) in channels:
+                    raise WiringError(f"two channels of the drivefile go to {port}; keep one")
+                channels[self.full_name(port)] = self._channel(given, (name, unit), (port, start))
+        return Drivefile(TimeSeries.from_channels(given.series.time, channels))
+
+    def fixed(self, known: Mapping[Port, float], given: Mapping[str, str], driven: Collection[str]) -> dict[str, float]:
+        """Return the constant values of inputs by full name.
+
+        Args:
+            known: Values that the package gives; the drivefile goes before them.
+            given: Texts by name: a number in the unit of what is named, or a value with its unit; before the package's.
+            driven: Full names of what the drivefile feeds.
+
+        Raises:
+            WiringError: There is no such open input, the drivefile feeds it too, or the text is no value.
+        """
+        found = {self.full_name(port): value for port, value in known.items()}
+        found = {name: value for name, value in found.items() if name not in driven}
+        for name, text in given.items():
+            for port, start in self._reached(name, f"input {name!r}"):
+                if self.full_name(port) in driven:
+                    raise WiringError(f"input {name!r}: the drivefile feeds {port} too; leave one of the two out")
+                found[self.full_name(port)] = self._constant(name, text, (port, start))
+        return found
+
+    def idle(self, fed: Collection[str]) -> dict[str, float]:
+        """Return the start values of the inputs that nothing feeds.
+
+        Raises:
+            WiringError: One has no start value.
+        """
+        left = {self.full_name(port): self._variable(port).start for port in self.ports}
+        left = {name: start for name, start in left.items() if name not in fed}
+        if empty := [name for name, start in left.items() if start is None]:
+            raise WiringError(
+                f"{len(empty)} inputs have no source and no start value: {', '.join(empty)}; give a drivefile with "
+                "channels of these names (--drive), a constant (--input NAME=VALUE), or a value in a parameter set"
+            )
+        return {name: float(start) for name, start in left.items() if start is not None}
+
+    def _variable(self, port: Port) -> Variable:
+        variable = self.network.variable(port)
+        if variable is None:
+            raise WiringError(f"{port}: the FMU has no such variable; correct the name")
+        return variable
+
+    def _is_fed(self, port: Port) -> bool:
+        origin, hops = self.network.chain(port)
+        return bool(hops) and isinstance(self.network.elements[origin.path], FmuElement)
+
+    def _reached(self, name: str, what: str) -> Iterator[tuple[Port, Port]]:
+        """Yield the open inputs that a name means, each with the port that the value comes in at."""
+        start = self._port(name)
+        found = [] if start is None else [port for port in self.ports if start in self._line(port)]
+        if not found:
+            found = [port for port in self.ports if port.name == name]
+            start = None
+        if not found or (start is None and len(found) > 1):
+            which = " and ".join(map(str, found)) or "none"
+            raise WiringError(
+                f"{what}: {which} takes it; call it by a connector of the package or by component and input; open are: "
+                f"{', '.join(map(str, self.ports)) or 'none'}"
+            )
+        yield from ((port, start or port) for port in found)
+
+    def _port(self, name: str) -> Port | None:
+        if (found := self.network.find(name, ())) is not None:
+            return found
+        component, _, variable = name.partition(".")
+        paths = [path for path, flat in self.names.items() if flat == component]
+        return self.network.find(variable, paths[0]) if paths else None
+
+    def _line(self, port: Port) -> list[Port]:
+        origin, hops = self.network.chain(port)
+        return [origin, *(hop.target for hop in hops)]
+
+    def _carried(self, unit: str | None, what: str, way: tuple[Port, Port]) -> Conversion:
+        """Return the conversion from a value at the port where it comes in to the input's own unit."""
+        port, start = way
+        line = self._line(port)
+        at = self.network.unit(start)
+        given = at if unit is None else named_unit(unit)
+        first = convert_between(given, at, what)
+        hops = self.network.chain(port)[1][line.index(start) :]
+        return self.network.carry(at or given, hops, first)[0]
+
+    def _channel(self, given: Drivefile, channel: tuple[str, str], way: tuple[Port, Port]) -> tuple[str, Array]:
+        """Return unit and samples of a channel as they go into the master, which converts to the input's unit."""
+        name, unit = channel
+        what, values = f"drivefile channel {name!r}", given.series[name]
+        total = self._carried(unit, what, way)
+        variable = self._variable(way[0])
+        if way[0] == way[1] and variable.unit is not None:
+            return unit, values
+        back, si = to_si(variable)
+        total = compose(total, back)
+        return si, values if total == Conversion() else total.factor * values + total.offset
+
+    def _constant(self, name: str, text: str, way: tuple[Port, Port]) -> float:
+        what = f"input {name!r}"
+        number, unit = _quantity(text, what)
+        return self._carried(unit, what, way)(number)
+
+
+def _quantity(text: str, what: str) -> tuple[float, str | None]:
+    """Return a number and its unit; None where the text is a bare number."""
+    try:
+        return float(text), None
+    except ValueError:
+        pass
+    try:
+        return units.quantity(text)
+    except UnknownUnitError as error:
+        raise WiringError(f"{what}: {error}") from error

@@ -1,0 +1,187 @@
+"""An SSP package, or a bare description in its folder, as a system and a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from weakref import WeakKeyDictionary
+
+from cosim.component import Component
+from cosim.fmu_component import FmuComponent
+from cosim.scenario import Scenario
+from cosim.ssp import flatten, wiring
+from cosim.ssp.description import read_structure
+from cosim.ssp.drive import OpenInputs
+from cosim.ssp.package import Unpacked, named, open_package
+from cosim.ssp.structure import Experiment, FmuElement, Structure, Value
+from cosim.ssp.values import Values, read_values
+from cosim.system import System
+from eightpost.errors import EightpostError, InputError, WiringError
+from eightpost.signals import Drivefile
+
+SUFFIXES = (".ssp", ".ssd")
+
+#: An unpacked package lives as long as a component that came out of it.
+_PACKAGES: WeakKeyDictionary[Component, Unpacked] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a package may lack for a run.
+
+    Args:
+        drive: A drivefile; each channel goes to the open input, or the connector of the top system, of its name.
+        stop: Length of the run [s], in place of the package's.
+        record_step: Time between recorded samples [s]; None: every step.
+        inputs: Constant values of open inputs as texts: a number in the input's own unit, or a value with its unit.
+    """
+
+    drive: Path | None = None
+    stop: float | None = None
+    record_step: float | None = None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SspCase:
+    """What a package holds, ready to run.
+
+    Args:
+        name: Of the description.
+        system: Components, bonds, connections, values.
+        scenario: Drive and times.
+        step: The coupling step that the package asks for [s]; None where it says nothing.
+        fmus: The files by component.
+        notes: What the reader should know: names that were changed, values that nothing takes.
+    """
+
+    name: str
+    system: System
+    scenario: Scenario
+    step: float | None
+    fmus: Mapping[str, Path]
+    notes: tuple[str, ...]
+
+
+def read_ssp(
+    path: str | Path,
+    *,
+    fmus: Mapping[str, str | Path] | None = None,
+    given: Given | None = None,
+    load: Callable[[Path, str], Component] = FmuComponent,
+) -> SspCase:
+    """Read a package or a bare description.
+
+    Args:
+        path: An .ssp or .ssd file.
+        fmus: FMUs by component name that take the place of those in the package.
+        given: A drivefile, times and inputs that the package lacks.
+        load: Opens an FMU under a component's name.
+
+    Raises:
+        InputError: A file is missing, unsafe or wrong; the message names it.
+        WiringError: It holds what cannot be run; the message names the element.
+        FmuError: An FMU cannot be used.
+    """
+    path, given = Path(path), given or Given()
+    place = open_package(path, str(path))
+    try:
+        structure = read_structure(place)
+        return _case(structure, fmus or {}, given, load)
+    except InputError as error:
+        raise _naming(error, path) from error
+
+
+def _naming(error: InputError, path: Path) -> EightpostError:
+    """Return the error with the package's name before it, where it is not there already."""
+    return error if str(path) in str(error) else type(error)(f"{path}: {error}")
+
+
+def _case(
+    structure: Structure, swaps: Mapping[str, str | Path], given: Given, load: Callable[[Path, str], Component]
+) -> SspCase:
+    elements = dict(flatten.components(structure.system))
+    if not elements:
+        raise WiringError(f"{structure.system.where}: holds no component; there is nothing to run")
+    names = flatten.flat_names(tuple(elements))
+    components, files = _load(elements, names, swaps, load)
+    network = flatten.Network(structure.system, {path: components[names[path]].variables for path in elements})
+    values, inputs = read_values(network), OpenInputs(network, names)
+    drive = None if given.drive is None else inputs.drive(Drivefile.read(given.drive))
+    fixed = inputs.fixed(values.inputs, given.inputs, () if drive is None else drive.names)
+    idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))
+    bonds, connections = wiring.with_bonds(wiring.connections(network, names))
+    parameters = _parameters(values, names)
+    return SspCase(
+        name=structure.name,
+        system=System(components, bonds, connections, constants={**fixed, **idle}, parameters=parameters),
+        scenario=_scenario(structure.experiment, given, drive),
+        step=structure.experiment.step,
+        fmus=files,
+        notes=(*_name_notes(names), *values.notes, *_idle_notes(idle), *_time_notes(structure.experiment)),
+    )
+
+
+def _load(
+    elements: Mapping[flatten.Path, FmuElement],
+    names: Mapping[flatten.Path, str],
+    swaps: Mapping[str, str | Path],
+    load: Callable[[Path, str], Component],
+) -> tuple[dict[str, Component], dict[str, Path]]:
+    """Return the components and their files by name."""
+    if unknown := sorted(set(swaps) - set(names.values())):
+        raise WiringError(f"no component {unknown[0]!r} to swap; there are {', '.join(names.values())}")
+    components: dict[str, Component] = {}
+    files: dict[str, Path] = {}
+    for path, element in elements.items():
+        name = names[path]
+        files[name] = Path(swaps.get(name, element.path))
+        with named(element.path, element.where):
+            components[name] = load(files[name], name)
+        if element.unpacked is not None:
+            _PACKAGES[components[name]] = element.unpacked
+    return components, files
+
+
+def _parameters(values: Values, names: Mapping[flatten.Path, str]) -> dict[str, dict[str, Value]]:
+    found: dict[str, dict[str, Value]] = {}
+    for port, value in values.parameters.items():
+        found.setdefault(names[port.path], {})[port.name] = value
+    return found
+
+
+def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> Scenario:
+    stop = given.stop
+    if stop is None and experiment.stop is not None:
+        stop = experiment.stop - experiment.start
+    if stop is None:
+        raise InputError("the package has no DefaultExperiment with a stopTime; say how long to run (--stop)")
+    return Scenario(
+        stop=stop,
+        drive=drive,
+        drive_start=0.0 if drive is None else experiment.start,
+        targets={} if drive is None else {name: name for name in drive.names},
+        record_step=given.record_step,
+    )
+
+
+def _name_notes(names: Mapping[flatten.Path, str]) -> tuple[str, ...]:
+    changed = [f"{'.'.join(path)} is {name}" for path, name in names.items() if path != (name,)]
+    return (f"component names: {', '.join(changed)}",) if changed else ()
+
+
+def _idle_notes(idle: Mapping[str, float]) -> tuple[str, ...]:
+    if not idle:
+        return ()
+    values = ", ".join(f"{name} = {value:g}" for name, value in idle.items())
+    return (f"nothing feeds these inputs, they stay as the FMUs have them (--drive and --input change that): {values}",)
+
+
+def _time_notes(experiment: Experiment) -> tuple[str, ...]:
+    if experiment.start == 0.0:
+        return ()
+    return (
+        f"the package starts at {experiment.start:g} s: the run takes the drivefile from there, and for the components "
+        "time begins at 0",
+    )

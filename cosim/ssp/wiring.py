@@ -1,0 +1,99 @@
+"""The network's links between FMUs as connections and bonds of a system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isclose
+
+from cosim.component import Variable
+from cosim.conversion import Conversion, convert_between
+from cosim.ssp.flatten import Network, Path, Port
+from cosim.ssp.structure import FmuElement
+from cosim.system import Bond, Connection
+from eightpost.errors import WiringError
+
+
+def connections(network: Network, names: Mapping[Path, str]) -> tuple[Connection, ...]:
+    """Return a connection for every FMU input that another FMU feeds, through whatever systems lie between.
+
+    Raises:
+        WiringError: Values that are not real, or dimensions that differ.
+    """
+    found = []
+    for target in network.fed():
+        origin, hops = network.chain(target)
+        if not isinstance(network.elements[origin.path], FmuElement):
+            continue  # open, or given a value: no other component
+        source, sink = (_real_variable(network, port, hops[-1].link.where) for port in (origin, target))
+        total, _ = network.carry(network.unit(origin), hops)
+        found.append(_connection(_full(origin, names), _full(target, names), (source, sink), total))
+    return tuple(found)
+
+
+def _full(port: Port, names: Mapping[Path, str]) -> str:
+    return f"{names[port.path]}.{port.name}"
+
+
+def _real_variable(network: Network, port: Port, where: str) -> Variable:
+    variable, connector = network.variable(port), network.connector(port)
+    if variable is None:
+        raise WiringError(f"{where}: {port}: the FMU has no such variable; correct the connector's name")
+    if connector is not None and connector.type not in (None, variable.type):
+        raise WiringError(
+            f"{where}: connector {port} is a {connector.type}, the FMU's variable a {variable.type}; correct the type"
+        )
+    if variable.type != "Real":
+        raise WiringError(
+            f"{where}: {port} is a {variable.type}: connections carry Real values only; remove the connection and give "
+            "the input a value in a parameter set"
+        )
+    if variable.causality in ("parameter", "calculatedParameter"):
+        raise WiringError(
+            f"{where}: {port} is a {variable.causality}: parameters are not connected from component to component; "
+            "give a value in a parameter set"
+        )
+    return variable
+
+
+def _connection(source: str, target: str, ends: tuple[Variable, Variable], total: Conversion) -> Connection:
+    """Return the connection that does `total` where a system converts the units of the two FMUs by itself."""
+    what = f"{source} -> {target}"
+    try:
+        own = convert_between(ends[0].unit, ends[1].unit, what)
+    except WiringError as error:
+        raise WiringError(
+            f"{error}; a transformation between dimensions cannot be run, put a component between"
+        ) from error
+    gain = total.factor / own.factor
+    return Connection(source, target, gain, total.offset - gain * own.offset)
+
+
+def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[Connection, ...]]:
+    """Return the bonds among connections, by the names of docs/ports.md, and the other connections.
+
+    A bond is velocity one way and force back between two components, by the same gain: else the one end does not give
+    the power that the other takes, and an energy residual would tell nothing.
+    """
+    known = {(*_ends(c), _last(c.source)): c for c in found if _last(c.source) == _last(c.target)}
+    bonds = []
+    for (vehicle, shock, what), velocity in known.items():
+        force = known.get((shock, vehicle, "force"))
+        if what != "velocity" or force is None or not _alike(velocity, force):
+            continue
+        travel = known.get((vehicle, shock, "displacement"))
+        bonds.append(Bond(vehicle, velocity, force, travel if travel and _alike(velocity, travel) else None))
+    used = {connection for bond in bonds for connection in bond.connections}
+    return tuple(bonds), tuple(c for c in found if c not in used)
+
+
+def _alike(first: Connection, second: Connection) -> bool:
+    return isclose(first.gain, second.gain, rel_tol=1e-9) and first.offset == second.offset == 0.0
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _ends(connection: Connection) -> tuple[str, str]:
+    """Return the ports of a connection: `car.lf` and `lf`."""
+    return connection.source.rpartition(".")[0], connection.target.rpartition(".")[0]
