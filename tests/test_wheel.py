@@ -28,6 +28,7 @@ def test_the_wheel_carries_fmu_sources_examples_types_and_parameters(wheel):
         "eightpost/examples/seven_dof.toml",
         "eightpost/examples/data/dyno_A.csv",
         "eightpost/vehicle/seven_dof.toml",
+        *(f"cosim/report/page.{suffix}" for suffix in ("html", "css", "js")),
         *(f"{package}/py.typed" for package in ("eightpost", "builder", "cosim")),
     ):
         assert name in names

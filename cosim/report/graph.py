@@ -1,0 +1,238 @@
+"""The system as a drawing (SVG): one component in the middle, the others right of it, drive and constants left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from cosim.report.groups import Group
+from cosim.report.svg import Drawing, width
+from cosim.report.wiring import Arrow, middle, order
+
+#: Lengths in pixels: one arrow's lane, a box's heading, what lies between boxes, one below and one beside the other.
+_LANE, _HEADING, _SPACE, _GAP, _EDGE = 24.0, 46.0, 18.0, 150.0, 12.0
+
+#: Width of a heading's letters against those of the ports.
+_TITLE = 1.08
+
+#: How far the first arc between two components on the right reaches, and each further one beyond it [px].
+_ARC, _ARC_STEP = 70.0, 16.0
+
+#: Components that are drawn beside the middle one.
+_SHOWN = 24
+
+#: What stands in a drawing for the component in the middle where it feeds itself.
+_ITSELF = "its own outputs"
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """A rectangle with a heading."""
+
+    name: str
+    x: float
+    y: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        return self.x + self.width
+
+    def lane(self, index: int) -> float:
+        """Return the height of a lane's middle, counted from the heading."""
+        return self.y + _HEADING + _LANE * (index + 0.5)
+
+
+def graph(group: Group, sources: Mapping[str, str]) -> str:
+    """Draw components that are connected.
+
+    Args:
+        group: Components and connections.
+        sources: File of each component, written below its name.
+    """
+    center = middle(group.components, group.arrows)
+    others = order(group.components, group.arrows, center)
+    shown = {"", center, *others[:_SHOWN]}
+    joined = [a for a in group.arrows if a.source.component in shown and a.target.component in shown]
+    return _Sheet(joined, center, others[:_SHOWN], sources).drawn(hidden=len(others[_SHOWN:]))
+
+
+class _Sheet:
+    """Where everything is; drawn from left to right."""
+
+    def __init__(self, joined: Sequence[Arrow], center: str, others: Sequence[str], sources: Mapping[str, str]) -> None:
+        self._sources = sources
+        self._others = others
+        self._inner = {name: [a for a in joined if a.joins(center) and a.joins(name)] for name in others}
+        self._outer = {name: _outer(joined, name, center) for name in others}
+        self._feeding = [a for a in joined if a.target.component == center and a.source.component in ("", center)]
+        self._arcs = [a for a in joined if a.source.component and not a.joins(center)]
+        self._gap = max([_GAP, *(width(a.unit) + 100.0 for a in joined), *(width(a.bond) + 24.0 for a in joined)])
+        self._left = _left_boxes(self._feeding)
+        self._center = self._center_box(center)
+        self._right = dict(self._right_boxes())
+        self._drawing = Drawing()
+
+    def drawn(self, *, hidden: int) -> str:
+        """Return the drawing; `hidden` is how many components it leaves out."""
+        for name, box in self._right.items():
+            self._bonds(name, box)
+        self._boxes()
+        for name, (box, feeding) in self._left.items():
+            for k, arrow in enumerate(feeding):
+                self._flow(arrow, (box, self._center), box.lane(k), note=name)
+        for name, box in self._right.items():
+            for k, arrow in _numbered(self._inner[name]):
+                self._flow(arrow, (self._center, box), box.lane(k))
+            self._stubs(name, box)
+        for k, arrow in enumerate(self._arcs):
+            self._arc(arrow, _ARC + _ARC_STEP * (k % 8))
+        if hidden:
+            bottom = max(box.y + box.height for box in (self._center, *self._right.values()))
+            content = f"and {hidden} more"
+            self._drawing.text(next(iter(self._right.values())).x, bottom + 18.0, content, style="title")
+        return self._drawing.finished("Components and connections of the system", _EDGE)
+
+    def _boxes(self) -> None:
+        for box, _ in self._left.values():
+            self._box(box, "outside")
+        self._box(self._center, "center")
+        for box in self._right.values():
+            self._box(box, "component")
+
+    def _center_box(self, center: str) -> _Box:
+        x = max((box.right for box, _ in self._left.values()), default=_EDGE - self._gap) + self._gap
+        bottom = max((box.y + box.height for box, _ in self._left.values()), default=0.0)
+        height = sum(self._height(name) + _SPACE for name in self._others) - _SPACE
+        lefts = [a.target.text for a in self._feeding]
+        rights = [_at(a, center) for lanes in self._inner.values() for a in lanes]
+        wide = max(
+            _widest(lefts) + _widest(rights) + 40.0, _TITLE * _widest([center, self._sources.get(center, "")]) + 32.0
+        )
+        return _Box(center, x, _EDGE, max(wide, 130.0), max(height, bottom - _EDGE, _HEADING + _EDGE))
+
+    def _height(self, name: str) -> float:
+        lanes = max([k for k, _ in _numbered(self._inner[name])], default=-1) + 1
+        return _HEADING + _LANE * max(lanes, len(self._outer[name])) + 8.0
+
+    def _right_boxes(self) -> Iterable[tuple[str, _Box]]:
+        x, y = self._center.right + self._gap, _EDGE
+        wide = max((self._wide(name) for name in self._others), default=0.0)
+        for name in self._others:
+            yield name, _Box(name, x, y, wide, self._height(name))
+            y += self._height(name) + _SPACE
+
+    def _wide(self, name: str) -> float:
+        lefts = [_at(a, name) for a in self._inner[name]]
+        rights = [text for _, text, _ in self._outer[name]]
+        return max(
+            _widest(lefts) + _widest(rights) + 40.0, _TITLE * _widest([name, self._sources.get(name, "")]) + 32.0, 130.0
+        )
+
+    def _box(self, box: _Box, style: str) -> None:
+        self._drawing.rectangle(box.x, box.y, box.width, box.height, style=f"box {style}")
+        self._drawing.text(box.x + 12.0, box.y + 15.0, box.name, style="title")
+        self._drawing.text(box.x + 12.0, box.y + 31.0, self._sources.get(box.name, ""), style="below")
+
+    def _bonds(self, name: str, box: _Box) -> None:
+        """Shade what belongs to a bond, and write its name above."""
+        lanes: dict[str, list[int]] = {}
+        for k, arrow in _numbered(self._inner[name]):
+            lanes.setdefault(arrow.bond, []).append(k)
+        for bond in filter(None, lanes):
+            top, bottom = box.lane(lanes[bond][0]) - 0.5 * _LANE, box.lane(lanes[bond][-1]) + 0.5 * _LANE
+            self._drawing.rectangle(self._center.right, top - 24.0, self._gap, bottom - top + 28.0, style="bond")
+            self._drawing.text(box.x - 0.5 * self._gap, top - 14.0, bond, style="bondname", anchor="middle")
+
+    def _flow(self, arrow: Arrow, boxes: tuple[_Box, _Box], y: float, *, note: str = "") -> None:
+        """Draw an arrow between a box and the one right of it."""
+        left, right = boxes
+        forward = bool(note) or arrow.source.component == left.name
+        ends = (left.right, right.x) if forward else (right.x, left.right)
+        texts = (arrow.source.text, arrow.target.text) if forward else (arrow.target.text, arrow.source.text)
+        self._drawing.arrow((ends[0], y), (ends[1], y), style=arrow.kind)
+        self._drawing.text(left.right - 8.0, y, texts[0], style="port", anchor="end")
+        self._drawing.text(right.x + 8.0, y, texts[1], style="port")
+        self._drawing.text(0.5 * sum(ends), y - 8.0, arrow.unit, style="unit", anchor="middle")
+        self._sign(arrow, (ends[1], y), -1.0 if forward else 1.0)
+
+    def _sign(self, arrow: Arrow, tip: tuple[float, float], side: float) -> None:
+        """Write an arrow's sign beside its tip: right of it for side 1, left for -1."""
+        self._drawing.badge(tip, side, _sign(arrow), style="minus" if arrow.gain < 0.0 else "plus")
+
+    def _stubs(self, name: str, box: _Box) -> None:
+        """Draw what comes to a component on the right from outside, and the names where arcs meet it."""
+        for k, (arrow, text, _) in enumerate(self._outer[name]):
+            y = box.lane(k)
+            self._drawing.text(box.right - 8.0, y, text, style="port", anchor="end")
+            if not arrow.source.component:
+                self._drawing.arrow((box.right + 60.0, y), (box.right, y), style=arrow.kind)
+                self._sign(arrow, (box.right, y), 1.0)
+                content = f"{arrow.kind} {arrow.source.text} {arrow.unit}"
+                self._drawing.text(box.right + 66.0, y, content, style="port")
+
+    def _arc(self, arrow: Arrow, bulge: float) -> None:
+        start, end = self._outer_end(arrow, "out"), self._outer_end(arrow, "in")
+        self._drawing.arc(start, end, bulge, style=arrow.kind)
+        self._sign(arrow, end, 1.0)
+        self._drawing.text(start[0] + 0.75 * bulge + 4.0, 0.5 * (start[1] + end[1]), arrow.unit, style="unit")
+
+    def _outer_end(self, arrow: Arrow, way: str) -> tuple[float, float]:
+        component = arrow.source.component if way == "out" else arrow.target.component
+        ways = [(id(a), w) for a, _, w in self._outer[component]]
+        box = self._right[component]
+        return box.right, box.lane(ways.index((id(arrow), way)))
+
+
+def _outer(joined: Iterable[Arrow], name: str, center: str) -> list[tuple[Arrow, str, str]]:
+    """Return what meets the right side of a component: each arrow, its text there, and its way."""
+    found = []
+    for arrow in joined:
+        if arrow.joins(center):
+            continue
+        if arrow.source.component == name:
+            found.append((arrow, arrow.source.text, "out"))
+        if arrow.target.component == name:
+            found.append((arrow, arrow.target.text, "in"))
+    return found
+
+
+def _left_boxes(feeding: Sequence[Arrow]) -> dict[str, tuple[_Box, list[Arrow]]]:
+    """Place what feeds the component in the middle from outside: the drive, constants."""
+    groups: dict[str, list[Arrow]] = {}
+    for arrow in feeding:
+        groups.setdefault(_ITSELF if arrow.source.component else arrow.kind, []).append(arrow)
+    wide = max((_widest([name, *(a.source.text for a in group)]) + 32.0 for name, group in groups.items()), default=0.0)
+    boxes: dict[str, tuple[_Box, list[Arrow]]] = {}
+    y = _EDGE
+    for name, group in groups.items():
+        height = _HEADING + _LANE * len(group) + 8.0
+        boxes[name] = (_Box(name, _EDGE, y, wide, height), group)
+        y += height + _SPACE
+    return boxes
+
+
+def _numbered(lanes: Sequence[Arrow]) -> list[tuple[int, Arrow]]:
+    """Return each arrow with its lane; a lane stays free above a second bond, for its name."""
+    numbered: list[tuple[int, Arrow]] = []
+    for arrow in lanes:
+        last = numbered[-1] if numbered else None
+        lane = 0 if last is None else last[0] + 1 + (arrow.bond != last[1].bond)
+        numbered.append((lane, arrow))
+    return numbered
+
+
+def _at(arrow: Arrow, component: str) -> str:
+    return arrow.source.text if arrow.source.component == component else arrow.target.text
+
+
+def _sign(arrow: Arrow) -> str:
+    """Return the sign of an arrow, its factor where it is not one, and a sum sign where its target adds up."""
+    sign = "+" if arrow.gain > 0.0 else "−"
+    factor = "" if abs(arrow.gain) == 1.0 else f"{abs(arrow.gain):.4g}"
+    return f"{'Σ ' if arrow.summed else ''}{sign}{factor}"
+
+
+def _widest(texts: Iterable[str]) -> float:
+    return max(map(width, texts), default=0.0)

@@ -1,0 +1,177 @@
+"""out/report.html: one run in one file that loads nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from cosim.energy import LIMIT
+from cosim.report.channels import Scale, panels, statistics
+from cosim.report.figures import figure, listed, percent
+from cosim.report.graph import graph
+from cosim.report.groups import Group, groups
+from cosim.report.packing import Store, compressed
+from cosim.report.provenance import drive_digest, origins, versions
+from cosim.report.spectra import Spectra, spectra
+from cosim.report.status import bond_rows, facts, notes, tiles, verdict
+from cosim.report.traces import Traces, traces
+from cosim.report.wiring import arrows
+from cosim.result import Result
+from cosim.scenario import Scenario
+from cosim.system import System
+from eightpost.files import atomic_path
+from eightpost.signals import TimeSeries
+
+#: Drawings on a page: of a system that falls into more parts, unlike each other, the others are in the tables only.
+_DRAWINGS = 12
+
+
+def write_report(
+    path: str | Path,
+    result: Result,
+    system: System,
+    scenario: Scenario,
+    *,
+    title: str = "Co-simulation run",
+    files: Mapping[str, Path] | None = None,
+) -> Path:
+    """Write a run as an interactive page; it replaces an old one only when it is whole.
+
+    Args:
+        path: The file, such as out/report.html.
+        result: The run.
+        system: What was run.
+        scenario: What was done to it.
+        title: Heading of the page.
+        files: FMU files by component, for their digests and the tools that made them; left out where not given.
+
+    Returns:
+        The file.
+    """
+    path = Path(path)
+    content = page(result, system, scenario, title=title, files=files)
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+    return path
+
+
+def page(
+    result: Result, system: System, scenario: Scenario, *, title: str, files: Mapping[str, Path] | None = None
+) -> str:
+    """Return the page's HTML; names of components, channels and files are escaped."""
+    settled = _settled(result)
+    kept, densities = traces(result.series), spectra(settled)
+    manifest, numbers = _packed(result, kept, densities)
+    return _template().render(
+        _summary(result, system, scenario)
+        | _signals(result, settled)
+        | {
+            "title": title,
+            "result": result,
+            "drawings": _drawings(result, system, scenario),
+            "bonds": system.bonds,
+            "connections": system.connections,
+            "accounts": bond_rows(result),
+            "origins": origins(result, files or {}),
+            "traces": kept,
+            "spectra": densities,
+            "manifest": manifest,
+            "numbers": numbers,
+            "plotly": _plotly(),
+            "style": Markup(_text("page.css")),
+            "script": Markup(_text("page.js")),
+        }
+    )
+
+
+def _summary(result: Result, system: System, scenario: Scenario) -> dict[str, Any]:
+    """Return what the page says of the run as a whole."""
+    return {
+        "verdict": verdict(result, system, scenario.stop),
+        "tiles": tiles(result, system),
+        "notes": notes(result),
+        "facts": facts(result),
+        "drive": scenario.drive,
+        "drive_start": scenario.drive_start,
+        "digest": drive_digest(scenario.drive) if scenario.drive else "",
+        "versions": versions(),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "limit": 100.0 * LIMIT,
+    }
+
+
+def _signals(result: Result, settled: TimeSeries) -> dict[str, Any]:
+    """Return what the page says of each channel."""
+    found = statistics(settled, result.stated_error)
+    return {
+        "panels": panels(result.series),
+        "statistics": found,
+        "largest": max((row.error for row in found if row.error is not None), default=None),
+        "span": f"{settled.time[0]:g} to {settled.time[-1]:g} s",
+        "velocity": Scale.of("m/s"),
+        "force": Scale.of("N"),
+    }
+
+
+def _drawings(result: Result, system: System, scenario: Scenario) -> list[tuple[Group, Markup]]:
+    found = groups(tuple(system.components), arrows(system, scenario), result.sources)
+    return [(group, Markup(graph(group, result.sources))) for group in found[:_DRAWINGS]]
+
+
+def _settled(result: Result) -> TimeSeries:
+    """Return the series without the settling time; all of it where the run ended before it had settled."""
+    return result.settled() if result.series.time[-1] > result.settling else result.series
+
+
+def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
+    """Return where the page's script finds its numbers, and the numbers."""
+    store, series = Store(), result.series
+    channels = [
+        {
+            "name": name,
+            "scale": asdict(Scale.of(unit)) | {"squared": Scale.of(unit).squared},
+            "low": float(values.min()),
+            "high": float(values.max()),
+            "at": store.add_levels(values),
+            "density": None if densities is None else store.add_single(densities.density[k]),
+        }
+        for k, (name, unit, values) in enumerate(zip(series.names, series.units, kept.values, strict=True))
+    ]
+    manifest = {
+        "channels": channels,
+        "time": {"at": store.add(kept.time), "count": kept.time.size},
+        "frequency": densities and {"at": store.add(densities.frequency), "count": densities.frequency.size},
+        "settling": result.settling,
+    }
+    return manifest, store.text
+
+
+def _template() -> jinja2.Template:
+    """The page with everything that is filled in escaped, and a name that is missing an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("cosim.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"figure": figure, "percent": percent, "listed": listed}
+    return environment.get_template("page.html")
+
+
+@cache
+def _plotly() -> str:
+    return compressed(get_plotlyjs().encode())
+
+
+def _text(name: str) -> str:
+    return files("cosim.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,59 @@
+"""Power spectral densities of the settled part of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from eightpost.signals import TimeSeries
+
+Array = NDArray[np.float64]
+
+#: Length of a block [s]: a resolution of 0.25 Hz, and 14 blocks, half overlapping, in 30 s.
+BLOCK = 4.0
+
+#: Values that a page holds over all channels; blocks are shorter where there would be more.
+CAPACITY = 1_000_000
+
+#: Fewest samples that a spectrum is made from.
+_FEWEST = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """One-sided power spectral densities.
+
+    Args:
+        frequency: (K,) above zero [Hz].
+        density: (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
+        block: Length of a block [s].
+        duration: Length of what they were made from [s].
+    """
+
+    frequency: Array
+    density: Array
+    block: float
+    duration: float
+
+
+def spectra(series: TimeSeries) -> Spectra | None:
+    """Estimate densities by Welch's method: Hann blocks of 4 s, half overlapping, each without its mean.
+
+    Blocks are shorter in a shorter series, and for so many channels that a page could not hold their densities. A
+    series whose steps are uneven is interpolated to its median rate first.
+
+    Returns:
+        None where there are too few samples, or no channels.
+    """
+    if len(series) < _FEWEST or not series.names:
+        return None
+    even = series if series.is_uniform else series.resample(series.sample_rate)
+    rate = even.sample_rate
+    length = min(len(even), round(BLOCK * rate), max(_FEWEST, 2 * CAPACITY // len(even.names)))
+    if length < _FEWEST:
+        return None
+    frequency, density = welch(even.values, fs=rate, window="hann", nperseg=length, detrend="constant", axis=-1)
+    return Spectra(frequency[1:], density[:, 1:], block=length / rate, duration=even.duration)

@@ -1,0 +1,341 @@
+"""The report page: it says whether a run can be used, and its numbers are those of the run."""
+
+import base64
+import gzip
+import html
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+import cosim
+from cosim import Bond, Connection, Result, Scenario, System
+from cosim.energy import BondEnergy
+from cosim.report import page as page_module
+from cosim.report import write_report
+from cosim.report.figures import figure
+from cosim.report.groups import groups
+from cosim.report.packing import LEVELS
+from cosim.report.provenance import drive_digest
+from cosim.report.traces import traces
+from cosim.report.wiring import arrows
+from cosim.result import Coupled
+from eightpost.signals import Drivefile, TimeSeries
+
+NASTY = 'a <b>&"quoted"\'</script>'
+
+
+class _Page(HTMLParser):
+    """What a browser would make of a page: its text, its addresses, its script elements."""
+
+    def __init__(self, content):
+        super().__init__()
+        self.content, self.texts, self.addresses, self.scripts, self.ids = content, [], [], {}, set()
+        self._script = None
+        self.feed(content)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.addresses += [given[name] for name in ("href", "src", "action", "data", "srcset") if name in given]
+        self.ids.add(given.get("id"))
+        self._script = given.get("id", "code") if tag == "script" else tag if tag == "style" else None
+
+    def handle_endtag(self, tag):
+        self._script = None
+
+    def handle_data(self, data):
+        if self._script:
+            self.scripts[self._script] = self.scripts.get(self._script, "") + data
+        else:
+            self.texts.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.texts).split())
+
+    @property
+    def manifest(self):
+        return json.loads(self.scripts["manifest"])
+
+    @property
+    def numbers(self):
+        return gzip.decompress(base64.b64decode(self.scripts["numbers"]))
+
+    def samples(self, row):
+        """The samples of a channel, as page.js unpacks them."""
+        found = self.manifest["channels"][row]
+        steps = np.frombuffer(self.numbers, "<u2", self.manifest["time"]["count"], found["at"])
+        levels = np.cumsum(steps.astype(np.int64)) % (LEVELS + 1)
+        return found["low"] + (found["high"] - found["low"]) * levels / LEVELS
+
+
+def _read(result, system, scenario, **options):
+    return _Page(page_module.page(result, system, scenario, **{"title": "a run"} | options))
+
+
+def _drive(stop):
+    time = np.arange(0.0, stop + 0.005, 0.01)
+    return Drivefile(TimeSeries.from_channels(time, {"push": ("N", 100.0 * np.sin(9.0 * time))}))
+
+
+@pytest.fixture
+def oscillator(make):
+    """A mass that a drive pushes and a damper slows: one bond."""
+
+    def build(mass="mass", damper="damper", bond="joint"):
+        components = {
+            mass: make.integrator(source="mass.fmu"),
+            damper: make.gain(-20.0, "m/s", "N", source="damper.fmu"),
+        }
+        joint = Bond(bond, Connection(f"{mass}.y", f"{damper}.u"), Connection(f"{damper}.y", f"{mass}.u"))
+        system = System(components, (joint,), sums=frozenset({f"{mass}.u"}))
+        return system, Scenario(2.0, _drive(2.0), targets={"push": f"{mass}.u"}, settling=0.5, record_step=4e-3)
+
+    return build
+
+
+@pytest.fixture
+def run(oscillator):
+    """That system, its scenario, and its run with a stated error."""
+    system, scenario = oscillator()
+    result = cosim.run(system, scenario, step=4e-3, engine="python")
+    stated = {"mass.y": 0.12, "damper.y": 0.34}
+    return replace(result, stated_error=stated, converged=True), system, scenario
+
+
+def test_the_page_loads_nothing_and_forbids_itself_to(run):
+    found = _read(*run)
+    assert all(address.startswith("#") for address in found.addresses)
+    assert "default-src 'none'" in found.content
+    for name in ("style", "code"):
+        assert not re.search(r"https?://|@import|\burl\(|\bfetch\(|XMLHttpRequest|\bimport\(", found.scripts[name])
+
+
+def test_every_component_bond_channel_and_unit_is_named(run):
+    result, system, scenario = run
+    text = _read(result, system, scenario).text
+    for name in (*system.components, *(bond.name for bond in system.bonds), *result.series.names, "push"):
+        assert name in text
+    for value in ("mass.fmu", "damper.fmu", *result.identities.values(), drive_digest(scenario.drive)):
+        assert value in text
+    for unit in ("m/s", "in/s", "lbf", "J"):
+        assert unit in text
+
+
+def test_links_lead_to_parts_of_the_page(run):
+    found = _read(*run)
+    assert found.addresses and {address.removeprefix("#") for address in found.addresses} <= found.ids
+
+
+def test_statistics_are_those_of_numpy_after_settling_in_both_units(run):
+    result, system, scenario = run
+    content = page_module.page(result, system, scenario, title="a run")
+    values = result.series["damper.y"][result.series.time >= scenario.settling - 1e-9]
+    row = next(r for r in re.findall(r"<tr>.*?</tr>", content, re.S) if "<code>damper.y</code></td><td><span" in r)
+    for statistic in (np.mean, np.std, np.min, np.max):
+        assert f'<span class="si">{figure(float(statistic(values)))}</span>' in row
+        assert f'<span class="us">{figure(float(statistic(values)) / 4.4482216152605)}</span>' in row
+    assert f'<span class="si">{figure(0.0034 * float(np.std(values)), 2)}</span>' in row
+    assert ">0.34</td>" in row
+
+
+def test_spectra_are_those_of_scipy(run):
+    result, system, scenario = run
+    found = _read(result, system, scenario)
+    settled = result.settled()
+    frequency, density = welch(settled.values, fs=250.0, window="hann", nperseg=len(settled), detrend="constant")
+    place = found.manifest["frequency"]
+    np.testing.assert_allclose(
+        np.frombuffer(found.numbers, "<f8", place["count"], place["at"]), frequency[1:], rtol=1e-6
+    )
+    for row, channel in enumerate(found.manifest["channels"]):
+        packed = np.frombuffer(found.numbers, "<f4", place["count"], channel["density"])
+        np.testing.assert_allclose(packed, density[row, 1:], rtol=1e-5)
+
+
+def test_traces_are_the_samples_to_a_65535th_of_their_range(run):
+    result, system, scenario = run
+    found = _read(result, system, scenario)
+    for row, values in enumerate(result.series.values):
+        assert np.abs(found.samples(row) - values).max() <= 0.51 * np.ptp(values) / LEVELS
+
+
+def test_decimated_traces_keep_every_peak_near_its_time(monkeypatch, run):
+    result, system, scenario = run
+    monkeypatch.setattr(page_module, "traces", lambda series: traces(series, capacity=200))
+    found = _read(result, system, scenario)
+    kept = traces(result.series, capacity=200)
+    assert f"Decimated: this page holds the least and the greatest of every {kept.samples} samples" in found.text
+    time, values = result.series.time, result.series["damper.y"]
+    row = result.series.names.index("damper.y")
+    for first in range(0, time.size, kept.samples):
+        part, pair = values[first : first + kept.samples], kept.values[row, kept.time >= time[first] - 1e-12][:2]
+        assert {pair.min(), pair.max()} == {part.min(), part.max()}
+    assert kept.values.size <= 200
+
+
+def test_a_long_run_of_many_channels_stays_small_enough(make):
+    time, rng = np.arange(120_001) * 1e-3, np.random.default_rng(1)
+    channels = {f"part.y{k}": ("N", rng.standard_normal(time.size)) for k in range(60)}
+    series = TimeSeries.from_channels(time, channels)
+    result, system = _blank(series), System({"part": make.gain()}, constants={"part.u": 1.0})
+    content = page_module.page(result, system, Scenario(120.0), title="long")
+    assert len(content) < 12e6
+    assert "Decimated:" in content
+
+
+def _blank(series, **fields):
+    """A result with nothing but a series."""
+    empty = {
+        "converged": True, "notes": (), "algorithm": "gauss-seidel", "order": ("part",), "step": 1e-3, "steps": 1,
+        "seconds": 0.1, "equilibrium_sweeps": 1, "energy": {}, "held_direct": (), "identities": {"part": "guid"},
+    }  # fmt: skip
+    return Result(series=series, **empty | fields)
+
+
+def test_names_are_text_whatever_they_are_made_of(oscillator):
+    system, scenario = oscillator(NASTY.replace(".", ""), 'l"<&' + "o" * 120 + "ng", "bond <i>&</i>")
+    result = cosim.run(system, scenario, step=4e-3, engine="python")
+    content = page_module.page(result, system, scenario, title=NASTY)
+    found = _Page(content)
+    assert [c["name"] for c in found.manifest["channels"]] == list(result.series.names)
+    for name in (NASTY, *system.components, *(bond.name for bond in system.bonds), *result.series.names):
+        assert " ".join(name.split()) in found.text
+        assert name not in content
+    assert content.count("</script>") == content.count("<script")
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "words"),
+    [
+        ({}, "good", r"This result can be used: the stated coupling error is at most 0\.34 % .*\(damper\.y\)"),
+        ({"stated_error": {}}, "open", r"passed .* to be used with care: its coupling error is not stated"),
+        ({"stated_error": {"mass.y": np.inf}}, "open", r"its coupling error is not stated"),
+        ({"partial": True}, "bad", r"not to be used: the run ended early, at 2 s of 2 s; the stated coupling error"),
+        ({"converged": False}, "bad", r"not to be used: it did not converge"),
+        ({"converged": False, "stated_error": {"mass.y": 7.0}}, "bad", r"used: the coupling error is above 5 %"),
+        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "bad", r"made or lost 9 % of the energy through bond joint"),
+    ],
+)  # fmt: skip
+def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, change, kind, words):
+    result, system, scenario = run
+    content = page_module.page(replace(result, **change), system, scenario, title="a run")
+    (sentence,) = re.findall(r'<p id="verdict" class="verdict (\w+)">(.*?)</p>', content, re.S)
+    said = html.unescape(re.sub(r"<.*?>", "", sentence[1])).replace("\N{NO-BREAK SPACE}", " ")
+    assert sentence[0] == kind
+    assert re.search(words, said), said
+    assert said.endswith(".") and said.count(". ") == 0
+    assert content.index('id="verdict"') < content.index("<h2")
+
+
+def test_signals_of_bonds_are_told_from_the_worst_of_all_channels(make, oscillator):
+    system, scenario = oscillator()
+    result = _blank(TimeSeries.from_channels([0.0, 1.0], {"mass.y": ("m/s", [0.0, 1.0])}), identities={"mass": "guid"},
+                    stated_error={"mass.y": 0.1, "other.acceleration": 0.9})  # fmt: skip
+    text = _read(result, system, scenario).text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "at most 0.1 % of a signal's standard deviation in bonds and tire forces (mass.y)" in text
+    assert "0.9 % in the worst of all channels (other.acceleration)" in text
+
+
+def test_bonds_show_energy_and_local_errors(run):
+    result, system, scenario = run
+    result = replace(
+        result, energy={"joint": BondEnergy(0.5, 1000.0)}, coupled={"joint": Coupled(1e-3, 0.5, 2.0, 800.0)}
+    )
+    text = _read(result, system, scenario).text
+    # transferred, residual, share; then error and deviation in in/s and m/s, percent; lbf and N, percent
+    assert "joint 1000 0.5 0.05 0.039 0.001 19.69 0.5 0.2 0.45 2 179.8 800 0.25 " in text
+
+
+def test_a_bond_that_makes_energy_is_marked(run):
+    result, system, scenario = run
+    text = _read(replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}), system, scenario).text
+    assert "joint 100 −9 −9 too large" in text
+
+
+def test_what_is_not_there_is_said(make):
+    series = TimeSeries.from_channels([0.0, 0.1], {"part.y": ("N", [1.0, 2.0])})
+    system = System({"part": make.gain()}, constants={"part.u": 1.0})
+    text = _read(_blank(series), system, Scenario(0.1)).text
+    for said in (
+        "There are no notes.", "The system has no bonds", "No component is connected with another.",
+        "There are too few samples for spectra.", "The run states no coupling error", "1 component, 0 bonds",
+    ):  # fmt: skip
+        assert said in text
+
+
+def test_a_run_without_channels_still_has_a_page(make):
+    series = TimeSeries(np.array([0.0, 0.1]), np.empty((0, 2)), (), ())
+    system = System({"part": make.gain()}, constants={"part.u": 1.0})
+    assert "Nothing was recorded." in _read(_blank(series), system, Scenario(0.1)).text
+
+
+def test_parts_that_are_alike_are_drawn_once_and_all_named(make):
+    components, bonds = {}, []
+    for k in range(100):
+        components[f"mass{k}"], components[f"damper{k}"] = make.integrator(), make.gain(1.0, "m/s", "N")
+        ends = Connection(f"mass{k}.y", f"damper{k}.u"), Connection(f"damper{k}.y", f"mass{k}.u", -1.0)
+        bonds.append(Bond(f"joint{k}", *ends))
+    system = System(components, tuple(bonds))
+    (group,) = groups(tuple(components), arrows(system, Scenario(1.0)), {})
+    assert group.components == ("mass0", "damper0")
+    assert len(group.alike) == 99
+    series = TimeSeries.from_channels([0.0, 1.0], {"mass0.y": ("m/s", [0.0, 1.0])})
+    found = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
+    assert found.content.count("<svg") == 1
+    assert "Drawn once for 100 that are alike" in found.text
+    assert all(f"joint{k} mass{k}.y damper{k}.u 1 0" in found.text for k in range(100))
+
+
+def test_parts_with_other_gains_are_not_alike(make):
+    components = {name: make.gain() for name in ("a", "b", "c", "d")}
+    connections = (Connection("a.y", "b.u"), Connection("c.y", "d.u", -1.0))
+    system = System(components, connections=connections, constants={"a.u": 0.0, "c.u": 0.0})
+    found = groups(tuple(components), arrows(system, Scenario(1.0)), {})
+    assert [group.components for group in found] == [("a", "b"), ("c", "d")]
+
+
+def test_a_middle_component_with_hundreds_around_it_is_drawn_in_part(make):
+    hub = make.component(make.table(make.variable("y", "output", "N")), lambda *_: {"y": 0.0})
+    components = {"hub": hub} | {f"leaf{k}": make.gain() for k in range(400)}
+    system = System(components, connections=tuple(Connection("hub.y", f"leaf{k}.u") for k in range(400)))
+    series = TimeSeries.from_channels([0.0, 1.0], {"hub.y": ("N", [0.0, 1.0])})
+    found = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
+    assert "and 376 more" in found.text
+    assert "hub.y leaf399.u 1 0" in found.text
+
+
+def test_files_are_known_by_digest_and_by_the_tool_that_made_them(run, fmus):
+    result, system, scenario = run
+    found = _read(result, system, scenario, files={"mass": fmus["quarter_car"]})
+    assert found.text.count("eightpost 0.1.0, version") == 1
+    assert re.search(r"\b[0-9a-f]{64}\b", found.text)
+
+
+def test_the_digest_of_a_drive_is_of_what_it_says():
+    first, same, other = _drive(1.0), _drive(1.0), _drive(2.0)
+    assert drive_digest(first) == drive_digest(same) != drive_digest(other)
+
+
+def test_a_failure_leaves_the_old_page(run, tmp_path, monkeypatch):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    monkeypatch.setattr("pathlib.Path.replace", _refuse)
+    with pytest.raises(OSError, match="disk full"):
+        write_report(path, *run)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def _refuse(*_):
+    raise OSError("disk full")
+
+
+def test_a_page_is_one_file_in_utf_8(run, tmp_path):
+    path = write_report(tmp_path / "out" / "report.html", *run, title="Rüttelprüfstand")
+    assert [p.name for p in path.parent.iterdir()] == ["report.html"]
+    assert "<h1>Rüttelprüfstand</h1>" in path.read_text(encoding="utf-8")
