@@ -16,7 +16,8 @@ from eightpost.commands.build import build_with_progress, show_built
 from eightpost.commands.check import show_report
 from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
-from eightpost.commands.run import run_with_progress, show_result
+from eightpost.commands.run import run_with_progress
+from eightpost.commands.show_run import show_result
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
-from rich.table import Column, Table
 
 import cosim
-from cosim.plots import DISPLAY, plot_traces
+from cosim.plots import plot_traces
+from cosim.report import write_report
+from cosim.ssp import Given
 from cosim.system_file import Case, read_case
 from eightpost import units
+from eightpost.commands.show_run import show_result, show_verification
+from eightpost.errors import InputError, UnknownUnitError
 from eightpost.files import check_output_folder
 from eightpost.signals import TimeSeries
 
@@ -28,40 +32,119 @@ _PANELS, _SHOWN = 12, 4.0
               help="Folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
 @click.option("--fmu", "swaps", multiple=True, metavar="NAME=FILE",
               help="Take another FMU for a component: --fmu lf=dist/soft.fmu")  # fmt: skip
-@click.option("--step", metavar="TIME", help="Coupling step in place of the file's, as '1 ms'.")
-@click.option("--algorithm", type=click.Choice(list(cosim.ALGORITHMS)), help="In place of the file's.")
+@click.option("--drive", type=click.Path(path_type=Path), help="A package's drivefile for its open inputs.")
+@click.option("--input", "inputs", multiple=True, metavar="NAME=VALUE",
+              help="A constant for a package's open input: --input 'car.aero_force=500 lbf'")  # fmt: skip
+@click.option("--stop", metavar="TIME", help="Length of a package's run [s], or as '30 s'.")
+@click.option("--record-step", metavar="TIME", help="Time between recorded samples of a package's run [s].")
+@click.option("--algorithm", type=click.Choice(list(cosim.SCHEMES)),
+              help="In place of the file's. The default takes gauss-seidel, or implicit where that is not stable, at a "
+              "step that meets the tolerance, and states the error.")  # fmt: skip
+@click.option("--step", metavar="TIME", help="Coupling step in place of the file's or the default's, as '1 ms'.")
+@click.option("--tolerance", type=float, metavar="PERCENT",
+              help="Coupling error that the default aims at, in percent of each signal's standard deviation; of "
+              "adaptive: of each step, in percent of the largest value.")  # fmt: skip
+@click.option("--verify", is_flag=True,
+              help="Run again at half the coupling step and print the difference per channel.")  # fmt: skip
+@click.option("--isolate", is_flag=True,
+              help="Run each FMU in a process of its own: one that crashes or hangs ends the run with a report of "
+              "which, when and with what inputs, and nothing else. A step costs some 0.2 ms more per FMU; the results "
+              "are the same to the bit. For FMUs that you do not trust yet (docs/foreign_fmus.md).")  # fmt: skip
+@click.option("--compile", "compile_missing", is_flag=True,
+              help="Compile the C sources that an FMU carries where it has no binary for this platform, with the "
+              "system's C compiler or PyPI's ziglang. What is compiled is kept for the next run. It is the FMU maker's "
+              "code: use it for FMUs whose maker you trust.")  # fmt: skip
+@click.option(
+    "--report", is_flag=True, help="Also write report.html: the run as one interactive page (docs/report.md)."
+)
 @click.pass_context
-def run(
-    ctx: click.Context, case_file: Path, output: Path, swaps: tuple[str, ...], step: str | None, algorithm: str | None
-) -> None:
+def run(ctx: click.Context, /, case_file: Path, output: Path, verify: bool, report: bool, **options: Any) -> None:
     """Run a system of coupled FMUs.
 
-    SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is one with comments.
-    Exits 1 if the coupled start did not converge or the coupling makes or loses energy.
+    SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is one with comments. Or it is
+    an SSP package of any maker (.ssp), or its description (.ssd) in a folder: what a package lacks comes from
+    --drive, --input, --stop and --record-step.
+
+    Exits 1 if the coupled start did not converge, the coupling error is too large, the coupling makes or loses energy,
+    or the run ended early. Ctrl-C ends a run between two steps: what was computed is written and marked partial.
 
     \b
     Example:
       eightpost run examples/seven_dof.toml -o out/
       eightpost run examples/seven_dof.toml -o out/ --fmu lf=dist/dyno_B.fmu
+      eightpost run car.ssp --drive examples/data/track.parquet -o out/
     """
     check_output_folder(output)
-    case = read_case(case_file, fmus=dict(_swap(text) for text in swaps))
-    if algorithm and algorithm != case.algorithm.name:
-        case = replace(case, algorithm=cosim.ALGORITHMS[algorithm])
-    if step is not None:
-        case = replace(case, step=units.convert(*units.quantity(step), "s"))
+    case = _case(case_file, **options)
     console = Console()
-    result = run_with_progress(console, case)
+    for note in case.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    try:
+        result = run_with_progress(console, case)
+    except cosim.RunInterrupted as interrupted:
+        result = interrupted.result
     show_result(console, case.name, result)
+    if verify and not result.partial:
+        found = cosim.verify(case.system, case.scenario, case.algorithm, result)
+        show_verification(console, found, result)
+    _write(console, case, result, output, report=report)
+    ctx.exit(0 if result.acceptable else 1)
+
+
+def _case(
+    path: Path,
+    *,
+    swaps: tuple[str, ...],
+    drive: Path | None,
+    inputs: tuple[str, ...],
+    stop: str | None,
+    record_step: str | None,
+    algorithm: str | None,
+    step: str | None,
+    tolerance: float | None,
+    isolate: bool,
+    compile_missing: bool,
+) -> Case:
+    """Read the case, with what the command line changes in it."""
+    given = Given(drive, _seconds(stop, "--stop"), _seconds(record_step, "--record-step"), dict(map(_input, inputs)))
+    swapped = dict(_swap(text) for text in swaps)
+    case = read_case(path, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
+    chosen, size = case.algorithm, _seconds(step, "--step")
+    if algorithm is not None and algorithm != chosen.name:
+        chosen = cosim.SCHEMES[algorithm]
+    if size is not None and isinstance(chosen, cosim.Automatic):
+        if algorithm is not None:
+            raise InputError(
+                "--step: the default chooses the coupling step; name another algorithm, or leave --step out"
+            )
+        chosen = cosim.GaussSeidel()
+    if tolerance is not None:
+        chosen = _with_tolerance(chosen, tolerance)
+    kept = None if isinstance(chosen, cosim.Automatic) else case.step
+    return replace(case, algorithm=chosen, step=kept if size is None else size)
+
+
+def _with_tolerance(algorithm: cosim.Algorithm | cosim.Automatic, percent: float) -> cosim.Algorithm | cosim.Automatic:
+    if isinstance(algorithm, cosim.Automatic):
+        return replace(algorithm, tolerance=percent)
+    if isinstance(algorithm, cosim.Adaptive):
+        return replace(algorithm, relative=0.01 * percent)
+    raise InputError(f"--tolerance: {algorithm.name} has none; it is for default and adaptive")
+
+
+def _write(console: Console, case: Case, result: cosim.Result, output: Path, *, report: bool) -> None:
+    """Write a run's files, and say so."""
     paths = [*result.write(output), output / "traces.png"]
-    shown, (start, stop) = result.series.names[:_PANELS], _window(result.series)
-    plot_traces({case.name: result.series}, shown, paths[-1], start=start, stop=stop, title=case.name)
+    shown, (first, last) = result.series.names[:_PANELS], _window(result.series)
+    plot_traces({case.name: result.series}, shown, paths[-1], start=first, stop=last, title=case.name)
+    if report:
+        page = output / "report.html"
+        paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
     console.print(f"wrote {', '.join(map(str, paths))}", soft_wrap=True, highlight=False)
     console.print(
-        f"traces.png shows {len(shown)} of {len(result.series.names)} channels from {start:g} to {stop:g} s",
+        f"traces.png shows {len(shown)} of {len(result.series.names)} channels from {first:g} to {last:g} s",
         highlight=False,
     )
-    ctx.exit(0 if result.acceptable else 1)
 
 
 def run_with_progress(console: Console, case: Case) -> cosim.Result:
@@ -77,52 +160,10 @@ def run_with_progress(console: Console, case: Case) -> cosim.Result:
         )
 
 
-def show_result(console: Console, name: str, result: cosim.Result) -> None:
-    """Print how the run went and a table of what was recorded."""
-    console.print(
-        f"{escape(name)}: {result.steps} steps of {result.step * 1e3:g} ms, {result.algorithm} "
-        f"({', '.join(result.order)}), {result.seconds:.1f} s",
-        highlight=False,
-    )
-    console.print(_statistics(result))
-    for bond, energy in result.energy.items():
-        console.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
-                      f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
-    for shock, share in result.share_beyond_fit.items():
-        if share > 0.0:
-            console.print(f"[yellow]note[/] {shock} is beyond its fitted velocities {share:.1%} of the time")
-    for tire, share_off in result.share_tire_off.items():
-        if share_off:
-            console.print(f"[yellow]note[/] {tire} is below zero load {share_off:.1%} of the time: the tire lifts off")
-    if any(share is None for share in result.share_tire_off.values()):
-        console.print("[yellow]note[/] no static tire force is given, so lift-off cannot be told")
-    if result.held_direct:
-        console.print(
-            f"[yellow]note[/] {len(result.held_direct)} outputs, such as {result.held_direct[0]}, follow an input that "
-            "was held over each step: their error is proportional to it (docs/coupling.md; all in result.json)",
-            highlight=False,
-        )
-    for note in result.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
-
-
 def _window(series: TimeSeries) -> tuple[float, float]:
     """Return four seconds from the middle of a long run, else all of it."""
     last = float(series.time[-1])
     return (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
-
-
-def _statistics(result: cosim.Result) -> Table:
-    table = Table(
-        Column("channel", no_wrap=True), "unit", "mean", "RMS", "least", "greatest", caption="RMS about the mean"
-    )
-    series = result.settled()
-    for channel in series.names:
-        unit = DISPLAY.get(series.unit(channel), series.unit(channel))
-        values = units.convert(series[channel], series.unit(channel), unit)
-        numbers = (values.mean(), values.std(), values.min(), values.max())
-        table.add_row(channel, unit, *(f"{number:.4g}" for number in numbers))
-    return table
 
 
 def _swap(text: str) -> tuple[str, Path]:
@@ -130,3 +171,24 @@ def _swap(text: str) -> tuple[str, Path]:
     if not (name and equals and path):
         raise click.BadParameter(f"{text!r}: write it as NAME=FILE", param_hint="--fmu")
     return name, Path(path)
+
+
+def _input(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise click.BadParameter(f"{text!r}: write it as NAME=VALUE", param_hint="--input")
+    return name, value
+
+
+def _seconds(text: str | None, option: str) -> float | None:
+    """Return a time [s] from a number or a value with its unit."""
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return units.convert(*units.quantity(text), "s")
+    except UnknownUnitError as error:
+        raise InputError(f"{option}: {error}") from error

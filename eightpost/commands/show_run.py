@@ -1,0 +1,87 @@
+"""What `eightpost run` and the demo say of a run."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+import cosim
+from cosim.plots import DISPLAY
+from eightpost import units
+
+
+def show_result(console: Console, name: str, result: cosim.Result) -> None:
+    """Print how the run went and a table of what was recorded."""
+    scheme = f"{result.algorithm}: {result.scheme}" if result.scheme else result.algorithm
+    console.print(
+        f"{escape(name)}: {result.steps} steps of {_step(result)}, {scheme} ({', '.join(result.order)}), "
+        f"{result.seconds:.2f} s",
+        highlight=False,
+    )
+    console.print(_statistics(result))
+    _show_error(console, result)
+    for bond, energy in result.energy.items():
+        console.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
+                      f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
+    for shock, share in result.share_beyond_fit.items():
+        if share > 0.0:
+            console.print(f"[yellow]note[/] {shock} is beyond its fitted velocities {share:.1%} of the time")
+    for tire, share_off in result.share_tire_off.items():
+        if share_off:
+            console.print(f"[yellow]note[/] {tire} is below zero load {share_off:.1%} of the time: the tire lifts off")
+    if any(share is None for share in result.share_tire_off.values()):
+        console.print("[yellow]note[/] no static tire force is given, so lift-off cannot be told")
+    if result.held_direct:
+        console.print(
+            f"[yellow]note[/] {len(result.held_direct)} outputs, such as {result.held_direct[0]}, follow an input that "
+            "was held over each step: their error is proportional to it (docs/coupling.md; all in result.json)",
+            highlight=False,
+        )
+    for note in result.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+
+
+def show_verification(console: Console, found: cosim.Verification, result: cosim.Result) -> None:
+    """Print how far a run and its repetition at a finer step are apart, channel by channel."""
+    table = Table(
+        Column("channel", no_wrap=True), "difference", "stated error",
+        caption=f"RMS in percent of the standard deviation: steps of {_step(result)} against {_step(found.finer)}",
+    )  # fmt: skip
+    for name, apart in sorted(found.difference.items(), key=lambda item: -item[1]):
+        stated = result.stated_error.get(name)
+        table.add_row(name, f"{apart:.2g} %", "" if stated is None else f"{stated:.2g} %")
+    console.print(table)
+
+
+def _step(result: cosim.Result) -> str:
+    if result.largest_step > result.step * (1.0 + 1e-9):
+        return f"{result.step * 1e3:.3g} to {result.largest_step * 1e3:.3g} ms"
+    return f"{result.step * 1e3:.4g} ms"
+
+
+def _show_error(console: Console, result: cosim.Result) -> None:
+    """Print what is known of the coupling's error, most telling first."""
+    if result.stated_error:
+        name, worst = max(result.stated_error.items(), key=lambda item: item[1])
+        console.print(f"coupling error: at most {worst:.2g} % of the standard deviation ({name})", highlight=False)
+    elif result.coupled:
+        bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
+        console.print(
+            f"coupling error of a single step: {local:.2g} % of the standard deviation (bond {bond}); how it adds up "
+            "over the run only a comparison tells: --verify, or the default algorithm",
+            highlight=False,
+        )
+
+
+def _statistics(result: cosim.Result) -> Table:
+    table = Table(
+        Column("channel", no_wrap=True), "unit", "mean", "RMS", "least", "greatest", caption="RMS about the mean"
+    )
+    series = result.settled()
+    for channel in series.names:
+        unit = DISPLAY.get(series.unit(channel), series.unit(channel))
+        values = units.convert(series[channel], series.unit(channel), unit)
+        numbers = (values.mean(), values.std(), values.min(), values.max())
+        table.add_row(channel, unit, *(f"{number:.4g}" for number in numbers))
+    return table
