@@ -99,8 +99,9 @@ def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted(displays):
         element = ET.SubElement(definitions, "Unit", name=unit)
-        exponents = {base: str(power) for base, power in units.si_exponents(unit).items()}
-        ET.SubElement(element, "BaseUnit", exponents)
+        attributes = {base: str(power) for base, power in units.si_exponents(unit).items()}
+        factor, _ = units.conversion(unit, units.si_unit(unit))
+        ET.SubElement(element, "BaseUnit", attributes | ({"factor": repr(factor)} if factor != 1.0 else {}))
         for display in sorted(displays[unit]):
             factor, offset = units.conversion(unit, display)
             attributes = {"name": display, "factor": repr(factor)} | ({"offset": repr(offset)} if offset else {})

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 #: The order of a row's references: docs/ports.md.
 CORNERS = ("lf", "rf", "lr", "rr")
 
+#: Units of what is zero in any steady state.
+RATES = ("m/s", "rad/s", "m/s2")
+
 _KEYS = {
     "name",
     "reference",
@@ -86,7 +89,7 @@ class Interface:
 
 def shock_interface(shock: Shock) -> Interface:
     """Return the interface of a shock's FMU with the shock's parameters as start values."""
-    table = _read_table(f"shock_{shock.law_name}")
+    table = read_table(f"shock_{shock.law_name}")
     variables = tuple(v for row in table["variable"] for v in _sized(row, shock.law))
     # The start is an equilibrium: what only says how the lag goes on has no part in it.
     idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
@@ -108,7 +111,7 @@ def vehicle_interface(model: StateSpace) -> Interface:
     Raises:
         FmuError: The model has a channel that no row knows, or one with another unit or on the wrong side.
     """
-    table = _read_table("vehicle_ss")
+    table = read_table("vehicle_ss")
     channels = {c.name: ("input", c.unit) for c in model.inputs} | {c.name: ("output", c.unit) for c in model.outputs}
     variables = tuple(v for row in table["variable"] for v in _cornered(row) if _wanted(row, v, channels))
     _check_channels(model.name, channels, variables)
@@ -128,7 +131,8 @@ def friction_ports(interface: Interface) -> tuple[str, ...]:
     return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
 
 
-def _read_table(folder: str) -> dict[str, Any]:
+def read_table(folder: str) -> dict[str, Any]:
+    """Return interface.toml of a folder of fmus/, with what it extends."""
     path = source_folder() / folder / "interface.toml"
     table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     if base := table.get("extends"):
@@ -226,5 +230,5 @@ def _steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
     except ValueError:
         return np.ones(model.D.shape, dtype=bool)
     scale = np.abs(gain).max(axis=1, keepdims=True)
-    rate = np.array([channel.unit in ("m/s", "rad/s", "m/s2") for channel in model.outputs])
+    rate = np.array([channel.unit in RATES for channel in model.outputs])
     return np.asarray((np.abs(gain) > 1e-9 * scale) & ~rate[:, None])

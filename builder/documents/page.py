@@ -57,7 +57,10 @@ and reads outputs. With FMPy, in Python:</p>
 
 result = simulate_fmu("{identifier}.fmu", stop_time=1.0, output_interval=1e-3)</pre>
 <p>All values that cross the interface are SI; tools that know display units show the US customary ones. Any step size
-above zero may be taken. <code>terminalsAndIcons/terminalsAndIcons.xml</code> joins the variables of each port, so that
+above zero may be taken.</p>
+"""
+
+_CONNECT = """<p><code>terminalsAndIcons/terminalsAndIcons.xml</code> joins the variables of each port, so that
 tools which read it connect a shock and a vehicle in one move: {ports}. By hand, connect velocity and displacement from
 the vehicle to the shock and force from the shock to the vehicle, with no change of sign.</p>
 """
@@ -135,7 +138,7 @@ def _variables(interface: Interface) -> list[Section]:
 
 
 def _of_curve(variable: Variable) -> bool:
-    return variable.name.startswith("curve.")
+    return "curve" in variable.name.split(".")[:2]
 
 
 def _table(variables: Sequence[Variable]) -> str:
@@ -158,7 +161,8 @@ def _row(variable: Variable) -> tuple[str, ...]:
 
 def _usage(contents: Contents) -> list[Section]:
     ports = ", ".join(f"<code>{escape(terminal.name)}</code>" for terminal in terminals(contents.interface))
-    sections = [Section("Import", _IMPORT.format(identifier=escape(contents.identifier), ports=ports or "none"))]
+    connecting = _CONNECT.format(ports=ports) if ports else ""
+    sections = [Section("Import", _IMPORT.format(identifier=escape(contents.identifier)) + connecting)]
     if contents.has_reference:
         html = _REFERENCE.format(folder=FOLDER, identifier=escape(contents.identifier))
         sections.append(Section("Reference results", html))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -47,6 +47,8 @@ _PORTS = {
     "lr.": ("lr", _GREEN, "-"),
     "rr.": ("rr", _PURPLE, "--"),
 }
+#: Of several curves in one picture.
+_STYLES: Sequence[dict[str, Any]] = tuple({"color": color, "linestyle": dash} for _, color, dash in _PORTS.values())
 _FREQUENCIES = np.geomspace(0.3, 40.0, 600)
 
 
@@ -56,6 +58,27 @@ def shock_picture(shock: Shock) -> bytes:
         figure, (axes,) = _figure(1)
         _draw_curve(axes, _without_gas(shock.law))
         axes.set_title(shock.name, fontsize=13, parse_math=False)  # a name may hold a dollar sign
+        return png(figure)
+
+
+def curves_picture(title: str, laws: Mapping[str, ShockLaw]) -> bytes:
+    """Return the static curves of several shocks by name as PNG, without gas force; equal ones are drawn once."""
+    alike: dict[ShockLaw, list[str]] = {}
+    for name, law in laws.items():
+        alike.setdefault(_without_gas(law), []).append(name)
+    with plain_style():
+        figure, (axes,) = _figure(1)
+        axes.axhline(0.0, color="0.45", linewidth=0.9)
+        axes.axvline(0.0, color="0.45", linewidth=0.9)
+        for k, (law, names) in enumerate(alike.items()):
+            ratio = law.port.motion_ratio
+            velocity = np.linspace(-law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio, 1001)
+            style = _STYLES[k % len(_STYLES)]
+            axes.plot(
+                _inches(velocity), _pounds(_static(law, velocity)), **style, linewidth=3.0, label=", ".join(names)
+            )
+        _label_curve(axes)
+        axes.set_title(title, fontsize=13, parse_math=False)
         return png(figure)
 
 
@@ -121,6 +144,10 @@ def _draw_curve(axes: Axes, law: ShockLaw) -> None:
     curve = _pounds(_static(law, velocity))
     axes.plot(_inches(velocity), curve, color=_BLUE, linewidth=2.2, linestyle=(0, (3, 1.5)), label="beyond the fit")
     axes.plot(_inches(velocity), np.where(fitted, curve, np.nan), color=_BLUE, linewidth=3.6, label="static curve")
+    _label_curve(axes)
+
+
+def _label_curve(axes: Axes) -> None:
     axes.margins(x=0.0)
     axes.set_xlabel("velocity at the port [in/s], compression positive", fontsize=11)
     axes.set_ylabel("force at the port [lbf]", fontsize=11)

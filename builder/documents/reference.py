@@ -81,7 +81,7 @@ def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | Non
     """
     model = vehicle.coupled()
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    u = rounded(_vehicle_inputs([channel.unit for channel in model.inputs]))
+    u = rounded(vehicle_inputs([channel.unit for channel in model.inputs]))
     try:
         x = stepper.equilibrium(u[0])
     except ValueError:
@@ -137,7 +137,7 @@ def _shock_inputs(law: ShockLaw) -> Array:
     return np.column_stack([velocity, displacement])
 
 
-def _vehicle_inputs(input_units: Sequence[str]) -> Array:
+def vehicle_inputs(input_units: Sequence[str]) -> Array:
     """Return two sines per input (COUNT + 1, m), no two inputs alike."""
     columns = []
     for k, unit in enumerate(input_units):

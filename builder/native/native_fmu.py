@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from builder.description import Description, content_guid, model_description
@@ -28,7 +28,7 @@ CAPABILITIES = {
 
 
 @dataclass(frozen=True)
-class _Source:
+class Source:
     """An FMU without its binaries: the archive's other members, and what to compile."""
 
     members: dict[str, bytes]
@@ -53,20 +53,24 @@ def native_fmus(
     Raises:
         FmuError: A vehicle has no modal form, or the compiler refuses.
     """
-    sources = [_source(product, disclosure) for product in products]
+    return compiled([_source(product, disclosure) for product in products], toolchain=toolchain, progress=progress)
+
+
+def compiled(
+    sources: Sequence[Source], *, toolchain: Toolchain, progress: Callable[[int, int], None] | None = None
+) -> list[dict[str, bytes]]:
+    """Return the members of each archive with its binaries."""
     libraries = [source.library for source in sources]
     binaries = compile_libraries(libraries, toolchain=toolchain, progress=progress)
     return [source.members | found for source, found in zip(sources, binaries, strict=True)]
 
 
-def _source(product: Product, disclosure: Disclosure) -> _Source:
+def _source(product: Product, disclosure: Disclosure) -> Source:
     visible = _visible(product.interface, disclosure)
     # A shock is named after its record, unless it was given a name.
     text = product.text if disclosure is Disclosure.FULL else visible.description
     subject = Subject(product.identifier, text, visible, product.source)
     members = documents(subject, disclosure=disclosure)
-    open_source = disclosure is Disclosure.FULL
-    drafted = c_sources(product, visible, "")
     description = Description(
         identifier=product.identifier,
         guid="",
@@ -74,14 +78,34 @@ def _source(product: Product, disclosure: Disclosure) -> _Source:
         interface=visible,
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
-        source_files=tuple(name for name in sorted(drafted) if name.endswith(".c")) if open_source else (),
     )
-    guid = content_guid(description, members | {f"sources/{name}": content for name, content in drafted.items()})
-    code = c_sources(product, visible, guid)
-    members["modelDescription.xml"] = model_description(replace(description, guid=guid))
-    if open_source:
-        members |= {f"sources/{name}": content for name, content in code.items()}
-    return _Source(members, Library(product.identifier, code))
+    return sealed(description, members, lambda guid: c_sources(product, visible, guid), disclosure=disclosure)
+
+
+def sealed(
+    description: Description,
+    members: Mapping[str, bytes],
+    code: Callable[[str], dict[str, bytes]],
+    *,
+    disclosure: Disclosure = Disclosure.FULL,
+) -> Source:
+    """Return an FMU without its binaries, with a GUID that is drawn from all that is in it.
+
+    Args:
+        description: What modelDescription.xml says, without GUID and source files.
+        members: Documents.
+        code: Returns the C sources with a GUID in them.
+        disclosure: A confidential FMU carries no sources.
+    """
+    drafted = code("")
+    named = {f"sources/{name}": content for name, content in drafted.items()}
+    if disclosure is Disclosure.FULL:
+        description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
+    guid = content_guid(description, {**members, **named})
+    found = code(guid)
+    sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
+    xml = model_description(replace(description, guid=guid))
+    return Source({**members, "modelDescription.xml": xml, **sources}, Library(description.identifier, found))
 
 
 def _visible(interface: Interface, disclosure: Disclosure) -> Interface:

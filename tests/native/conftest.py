@@ -12,6 +12,9 @@ from types import ModuleType
 
 import pytest
 
+from builder.assembly import Assembly, Link, read_parts
+from builder.assembly.interface import assembly_interface
+from builder.assembly.sources import assembly_sources
 from builder.native.sources import c_sources
 from builder.product import shock_product, vehicle_product
 from eightpost.archive import extract_archive
@@ -23,7 +26,9 @@ STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-W
 
 
 @pytest.fixture(scope="session")
-def source_folders(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> dict[str, Path]:
+def source_folders(
+    tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly
+) -> dict[str, Path]:
     """Model -> folder with the sources of its FMU."""
     products = [shock_product(shock, name) for name, shock in shocks.items()]
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
@@ -32,7 +37,27 @@ def source_folders(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, S
         folder = folders[product.identifier] = tmp_path_factory.mktemp(product.identifier)
         for name, content in c_sources(product, product.interface, "0").items():
             (folder / name).write_bytes(content)
+    folder = folders["assembly"] = tmp_path_factory.mktemp("assembly")
+    for name, content in assembly_sources(assembly, assembly_interface(assembly), "0").items():
+        (folder / name).write_bytes(content)
     return folders
+
+
+@pytest.fixture(scope="session")
+def assembly(fmus: dict[str, Path]) -> Assembly:
+    """The seven-DOF car with shocks of all laws."""
+    laws = {"lf": "lpnl2", "rf": "lpf1", "lr": "polylinear", "rr": "lpnl2"}
+    links = [
+        Link(*ends)
+        for corner in laws
+        for ends in (
+            (f"car.{corner}.velocity", f"{corner}.velocity"),
+            (f"{corner}.force", f"car.{corner}.force"),
+            (f"car.{corner}.displacement", f"{corner}.displacement"),
+        )
+    ]
+    parts = read_parts({"car": fmus["seven_dof"]} | {corner: fmus[law] for corner, law in laws.items()})
+    return Assembly("assembly", "An assembly", parts, tuple(links))
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-MODELS = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+MODELS = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car", "assembly")
 HERE = Path(__file__).parent
 
 #: What a step and what it calls may take from the C library.

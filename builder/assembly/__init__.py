@@ -1,0 +1,7 @@
+"""A vehicle and its shocks as one native FMU, with their coupling solved inside."""
+
+from builder.assembly.assembled import Assembled, assemble
+from builder.assembly.parts import Part, read_parts
+from builder.assembly.plan import Assembly, Link
+
+__all__ = ["Assembled", "Assembly", "Link", "Part", "assemble", "read_parts"]

@@ -1,0 +1,71 @@
+"""An assembly into one FMU file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from builder.assembly.documents import assembly_documents
+from builder.assembly.interface import assembly_interface
+from builder.assembly.plan import Assembly
+from builder.assembly.sources import assembly_sources
+from builder.description import Description
+from builder.interface import Interface
+from builder.native.native_fmu import CAPABILITIES, Source, compiled, sealed
+from builder.native.toolchain import Toolchain, find_toolchain
+from eightpost import __version__
+from eightpost.archive import write_archive
+from eightpost.files import check_output_folder
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An FMU that was written: where, of what, for which platforms, and what its build could not do."""
+
+    path: Path
+    assembly: Assembly
+    interface: Interface
+    platforms: tuple[str, ...]
+    limits: str
+
+
+def assemble(
+    assembly: Assembly,
+    path: str | Path,
+    *,
+    toolchain: Toolchain | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Assembled:
+    """Write an assembly as one native FMU; the same assembly gives the same bytes.
+
+    Args:
+        assembly: What to put together.
+        path: The .fmu file.
+        toolchain: What compiles, and for which platforms; the best there is, if none is given.
+        progress: Called with the number of binaries compiled and of all.
+
+    Raises:
+        FmuError: There is no compiler, or it refuses.
+    """
+    check_output_folder(Path(path).parent)
+    toolchain = toolchain or find_toolchain()
+    interface = assembly_interface(assembly)
+    (members,) = compiled([unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
+    write_archive(path, members)
+    platforms = tuple(platform.name for platform in toolchain.platforms)
+    return Assembled(Path(path), assembly, interface, platforms, toolchain.limits)
+
+
+def unbuilt(assembly: Assembly, interface: Interface) -> Source:
+    """Return the FMU without its binaries."""
+    description = Description(
+        identifier=assembly.identifier,
+        guid="",
+        text=assembly.text,
+        interface=interface,
+        capabilities=CAPABILITIES,
+        generation_tool=f"eightpost {__version__}",
+    )
+    members = assembly_documents(assembly, interface)
+    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid))

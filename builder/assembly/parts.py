@@ -1,0 +1,142 @@
+"""A part of an assembly: what an open native FMU of ours carries of its model, its parameters and its interface."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from builder.assembly.described import described_interface
+from builder.interface import Interface
+from builder.native.sources import SHOCK
+from builder.native.tables import interface_header, layout
+from builder.sources import source_folder
+from eightpost import __version__
+from eightpost.archive import read_archive
+from eightpost.errors import FmuError
+
+VEHICLE = "vehicle_ss"
+SHOCKS = ("shock_polylinear", "shock_lpf1", "shock_lpnl2")
+
+#: What a model's compilation unit takes from fmus/common.
+_BENEATH = ("component.h", "elementary.c", "elementary.h", "message.h", "names.h")
+
+_ASSEMBLED = "it can be run with the others as it is (eightpost run), but not be put into one FMU"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One component of an assembly.
+
+    Attributes:
+        name: Of the component.
+        file: The FMU's file name.
+        text: What the FMU says it is.
+        guid: The FMU's.
+        interface: The FMU's variables with its own start values.
+        states: How many numbers its model keeps from step to step.
+        data: vehicle_data.h of a vehicle; empty for a shock, whose numbers are all parameters.
+    """
+
+    name: str
+    file: str
+    text: str
+    guid: str
+    interface: Interface
+    states: int
+    data: str
+
+    @property
+    def kind(self) -> str:
+        """Of interface, and so of model."""
+        return self.interface.kind
+
+    @property
+    def is_vehicle(self) -> bool:
+        """Whether it is the vehicle."""
+        return self.kind == VEHICLE
+
+
+class _CannotBeError(Exception):
+    """Why an FMU cannot be a part, and what to do."""
+
+
+def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
+    """Return the parts, by component name and FMU file.
+
+    Raises:
+        FmuError: At least one cannot be a part; the message names all of them, with what to do.
+    """
+    parts, refused = [], []
+    for name, file in files.items():
+        try:
+            parts.append(_part(name, file, read_archive(file)))
+        except _CannotBeError as reason:
+            refused.append(f"{name} ({file}) {reason}")
+    if refused:
+        raise FmuError("; ".join(refused))
+    return tuple(parts)
+
+
+def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
+    root = ET.fromstring(members["modelDescription.xml"])
+    interface = described_interface(root)
+    if interface is None:
+        raise _CannotBeError(f"is not an FMU of eightpost: its equations are not known here; {_ASSEMBLED}")
+    if interface.kind not in (VEHICLE, *SHOCKS):
+        raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_ASSEMBLED}")
+    _refuse_closed(root, members)
+    header = members["sources/interface.h"].decode()
+    states = int(_found(r"\bSTATES = (\d+)", header))
+    _refuse_other_version(root, interface, members, states)
+    return Part(
+        name=name,
+        file=file.name,
+        text=root.get("description", ""),
+        guid=root.get("guid", ""),
+        interface=interface,
+        states=states,
+        data=members.get("sources/vehicle_data.h", b"").decode(),
+    )
+
+
+def _refuse_closed(root: ET.Element, members: Mapping[str, bytes]) -> None:
+    kind = root.find("CoSimulation")
+    if kind is None or kind.get("needsExecutionTool") == "true":
+        raise _CannotBeError("is a python FMU: build it as a native one (eightpost build, --target native)")
+    if "sources/model.c" not in members or "sources/interface.h" not in members:
+        raise _CannotBeError(
+            "is confidential: it carries neither sources nor curve; ask its maker for an assembly, or for an open build"
+        )
+
+
+def _refuse_other_version(root: ET.Element, interface: Interface, members: Mapping[str, bytes], states: int) -> None:
+    """Its sources must be this version's, for they are compiled together."""
+    header = interface_header(
+        layout(interface, states), str(root.get("modelName")), str(root.get("guid")).strip("{}")
+    ).encode()
+    same = members["sources/interface.h"] == header and all(
+        members.get(f"sources/{name}") == content for name, content in model_files(interface.kind).items()
+    )
+    if not same:
+        raise _CannotBeError(
+            f"holds another model than this eightpost {__version__} builds (it says {root.get('generationTool')}): "
+            "build it again"
+        )
+
+
+def model_files(kind: str) -> dict[str, bytes]:
+    """Return the files of fmus/, to the byte, that a kind's model is made of, and what lies beneath it."""
+    folder = source_folder()
+    common = {name: folder / "common" / name for name in (*_BENEATH, *(() if kind == VEHICLE else SHOCK))}
+    own = {name: folder / kind / name for name in ("model.c", *(("phi.h",) if kind == VEHICLE else ()))}
+    return {name: path.read_bytes() for name, path in (common | own).items()}
+
+
+def _found(pattern: str, text: str) -> str:
+    match = re.search(pattern, text)
+    if match is None:
+        raise _CannotBeError(f"was built by another version, not by eightpost {__version__}: build it again")
+    return match[1]

@@ -1,0 +1,133 @@
+"""What is assembled: parts, what feeds their inputs, start values of a system. Checked when it is built."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from builder.assembly.parts import Part
+from eightpost.errors import FmuError
+
+_RUN = "run it as separate FMUs (eightpost run)"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A connection, ends as `component.variable`: target = gain (factor source + offset), in the ends' own units."""
+
+    source: str
+    target: str
+    gain: float = 1.0
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """One FMU to be, of a vehicle and its shocks.
+
+    Args:
+        identifier: Its C name.
+        text: One line on what it is.
+        parts: The vehicle and the shocks; the vehicle is brought to the front.
+        links: Connections between vehicle and shocks.
+        sums: Connected inputs that add what the host gives them, as `component.variable`.
+        starts: Start values of inputs and parameters that are not the parts' own, as `component.variable`.
+
+    Raises:
+        FmuError: It cannot be assembled; the message names each reason.
+    """
+
+    identifier: str
+    text: str
+    parts: tuple[Part, ...]
+    links: tuple[Link, ...]
+    sums: frozenset[str] = frozenset()
+    starts: Mapping[str, float | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        ordered = sorted(self.parts, key=lambda part: not part.is_vehicle)
+        object.__setattr__(self, "parts", tuple(ordered))
+        if reasons := list(_reasons(self)):
+            raise FmuError("cannot be assembled: " + "; ".join(reasons))
+
+    @property
+    def vehicle(self) -> Part:
+        """The part that goes first."""
+        return self.parts[0]
+
+    @property
+    def shocks(self) -> tuple[Part, ...]:
+        """The parts that follow it."""
+        return self.parts[1:]
+
+    @property
+    def signals(self) -> tuple[tuple[Part, str], ...]:
+        """Outputs that feed another part: the shocks' forces, then those of the vehicle."""
+        sources = {link.source for link in self.links}
+        return tuple(
+            (part, name)
+            for part in (*self.shocks, self.vehicle)
+            for name in part.interface.names("output")
+            if f"{part.name}.{name}" in sources
+        )
+
+    def into(self, part: Part, variable: str) -> tuple[Link, ...]:
+        """Return the links that feed an input, in order."""
+        return tuple(link for link in self.links if link.target == f"{part.name}.{variable}")
+
+    def is_outside(self, part: Part, variable: str) -> bool:
+        """Whether an input of a part is an input of the assembly: nothing else feeds it, or it adds up."""
+        return not self.into(part, variable) or f"{part.name}.{variable}" in self.sums
+
+
+def _reasons(assembly: Assembly) -> Iterator[str]:
+    yield from _wrong_parts(assembly)
+    names = {part.name: part for part in assembly.parts}
+    for link in assembly.links:
+        yield from _wrong_link(link, names)
+    linked = {link.source.partition(".")[0] for link in assembly.links}
+    for part in assembly.parts:
+        if part.name not in linked:
+            yield f"{part.name} feeds no other component: connect it with a bond, or leave it out"
+    yield from _loops(assembly)
+
+
+def _wrong_parts(assembly: Assembly) -> Iterator[str]:
+    vehicles = [part.name for part in assembly.parts if part.is_vehicle]
+    if len(vehicles) != 1:
+        yield (
+            f"there are {len(vehicles)} vehicles ({', '.join(vehicles) or 'none'}) and one is needed: make a system "
+            "file of each vehicle with its own shocks"
+        )
+    if len(vehicles) == len(assembly.parts):
+        yield "there is no shock in it: build the vehicle alone (eightpost build)"
+    for part in assembly.parts:
+        if not re.fullmatch(r"[A-Za-z_]\w*", part.name, flags=re.ASCII):
+            yield (
+                f"the component name {part.name!r} cannot begin the names of its variables: use letters, digits and "
+                "underscores, and begin with a letter"
+            )
+
+
+def _wrong_link(link: Link, names: Mapping[str, Part]) -> Iterator[str]:
+    (source, output), (target, _) = (end.partition(".")[::2] for end in (link.source, link.target))
+    what = f"{link.source} -> {link.target}"
+    if names[source].is_vehicle == names[target].is_vehicle:
+        yield f"{what} does not go between a vehicle and a shock: {_RUN}"
+    elif output not in names[source].interface.names("output"):
+        yield f"{what}: {link.source} is no output of its FMU: connect an output, or {_RUN}"
+
+
+def _loops(assembly: Assembly) -> Iterator[str]:
+    """The vehicle's outputs to the shocks must not follow a shock force without delay."""
+    part = assembly.parts[0]
+    fed = {link.target.partition(".")[2] for link in assembly.links if link.target.startswith(f"{part.name}.")}
+    for link in assembly.links:
+        source, _, output = link.source.partition(".")
+        if source == part.name and (direct := sorted(fed & set(part.interface.direct.get(output, ())))):
+            yield (
+                f"{link.source} -> {link.target} makes a loop without a delay, for {link.source} follows "
+                f"{', '.join(direct)} at once: {_RUN}, with the implicit algorithm"
+            )

@@ -1,0 +1,32 @@
+/* What every kind of part gives to the assembly, and which kind of part is asked (part.inc defines them for one kind). */
+#ifndef EIGHTPOST_PART_H
+#define EIGHTPOST_PART_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "message.h"
+
+/* What an instance keeps of one part. */
+typedef struct {
+    const double *moving; /* state, then signals */
+    const double *parameters;
+    const int64_t *flags;
+    size_t flag_count;
+    int64_t stale;
+} Kept;
+
+/* `named(kind, function)` is what a function of that kind is called. */
+#define PART_FUNCTIONS(named, kind) \
+    size_t named(kind, part_size)(void); \
+    void named(kind, part_load)(void *part, const Kept *kept); \
+    void named(kind, part_store)(const void *part, double *moving); \
+    double *named(kind, part_values)(void *part); \
+    int named(kind, part_refuses)(const double *parameters, Message *why); \
+    int named(kind, part_warns)(const double *parameters, Message *why); \
+    int named(kind, part_start)(void *part, Message *why); \
+    int named(kind, part_step)(void *part, const double *from, double h, Message *why); \
+    void named(kind, part_output)(void *part, int output); \
+    double named(kind, part_direct_term)(const Kept *kept, int output, int input);
+
+#endif

@@ -1,0 +1,55 @@
+/* The names of one part: what its model gives carries the part's kind, so that several models fit in one FMU. Everything
+ * else (elementary.h, message.h) is shared. Included first, with EIGHTPOST_PART set to the kind and an underscore. */
+#ifndef EIGHTPOST_PART_NAMES_H
+#define EIGHTPOST_PART_NAMES_H
+
+#include "names.h"
+
+#define OF_PART_PASTED(prefix, name) prefix##name
+#define OF_PART_EXPANDED(prefix, name) OF_PART_PASTED(prefix, name)
+#define OF_PART(name) OF_PART_EXPANDED(EIGHTPOST_PART, name)
+
+#undef variables
+#undef variable_of_reference
+#undef start_values
+#undef start_flags
+#undef model_work_size
+#undef model_refuses
+#undef model_warns
+#undef model_start
+#undef model_step
+#undef model_output
+#undef model_direct_term
+#undef law_lag_weight
+#undef law_lag_weight_slope
+#undef law_advance_lag
+#undef law_refuses
+
+#define variables fmi2FullName(OF_PART(variables))
+#define variable_of_reference fmi2FullName(OF_PART(variable_of_reference))
+#define start_values fmi2FullName(OF_PART(start_values))
+#define start_flags fmi2FullName(OF_PART(start_flags))
+#define model_work_size fmi2FullName(OF_PART(model_work_size))
+#define model_refuses fmi2FullName(OF_PART(model_refuses))
+#define model_warns fmi2FullName(OF_PART(model_warns))
+#define model_start fmi2FullName(OF_PART(model_start))
+#define model_step fmi2FullName(OF_PART(model_step))
+#define model_output fmi2FullName(OF_PART(model_output))
+#define model_direct_term fmi2FullName(OF_PART(model_direct_term))
+#define law_lag_weight fmi2FullName(OF_PART(law_lag_weight))
+#define law_lag_weight_slope fmi2FullName(OF_PART(law_lag_weight_slope))
+#define law_advance_lag fmi2FullName(OF_PART(law_advance_lag))
+#define law_refuses fmi2FullName(OF_PART(law_refuses))
+
+#define part_size fmi2FullName(OF_PART(part_size))
+#define part_load fmi2FullName(OF_PART(part_load))
+#define part_store fmi2FullName(OF_PART(part_store))
+#define part_values fmi2FullName(OF_PART(part_values))
+#define part_refuses fmi2FullName(OF_PART(part_refuses))
+#define part_warns fmi2FullName(OF_PART(part_warns))
+#define part_start fmi2FullName(OF_PART(part_start))
+#define part_step fmi2FullName(OF_PART(part_step))
+#define part_output fmi2FullName(OF_PART(part_output))
+#define part_direct_term fmi2FullName(OF_PART(part_direct_term))
+
+#endif
