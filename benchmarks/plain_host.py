@@ -4,7 +4,7 @@
 
 Most importing tools exchange values this way. The loop below is such a host, on its own: it shares nothing with cosim's
 master but the loading of an FMU. The car, the shocks, the drive and the monolithic reference are those of
-benchmarks/coupling.py, on 10 s of the track; errors are in percent of the reference signal's standard deviation, of the
+benchmarks/case.py, on 10 s of the track; errors are in percent of the reference signal's standard deviation, of the
 worst corner, without the first second. Prints a Markdown table.
 """
 
@@ -15,32 +15,33 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import coupling
 import matplotlib.pyplot as plt
 import numpy as np
 
 import cosim
+from benchmarks import case as cases
+from benchmarks.rows import measure
 from cosim import FmuComponent
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile
 
 RATES = (125, 250, 500, 1000, 2000, 4000)  # Hz
-OUTPUTS = tuple(f"{c}.{name}" for name in ("velocity", "displacement", "tire_force") for c in coupling.CORNERS)
+OUTPUTS = tuple(f"{c}.{name}" for name in ("velocity", "displacement", "tire_force") for c in cases.CORNERS)
 PORT = ("velocity", "displacement")
 
 
 def plain_host(folder: Path, drive: Drivefile, stop: float, step: float) -> Any:
     """Return car outputs (12, K+1) at every step: velocities, displacements, tire forces in the order of OUTPUTS."""
     car = FmuComponent(folder / "car.fmu", "car")
-    shocks = {corner: FmuComponent(folder / "shock.fmu", corner) for corner in coupling.CORNERS}
-    forces = tuple(f"{corner}.force" for corner in coupling.CORNERS)
+    shocks = {corner: FmuComponent(folder / "shock.fmu", corner) for corner in cases.CORNERS}
+    forces = tuple(f"{corner}.force" for corner in cases.CORNERS)
     driven = tuple(name for name in drive.series.names if name in car.variables)
     count = round(stop / step)
     drives = np.stack([np.interp(np.arange(count) * step, drive.series.time, drive.series[name]) for name in driven])
 
     def exchange() -> list[float]:
         outputs = car.get(OUTPUTS)
-        for k, corner in enumerate(coupling.CORNERS):
+        for k, corner in enumerate(cases.CORNERS):
             shocks[corner].set(PORT, (outputs[k], outputs[k + 4]))
         car.set(forces, [shock.get(("force",))[0] for shock in shocks.values()])
         return outputs
@@ -66,7 +67,7 @@ def plain_host(folder: Path, drive: Drivefile, stop: float, step: float) -> Any:
             one.finish()
 
 
-def errors(case: coupling.Case, folder: Path, rate: float) -> tuple[float, float]:
+def errors(case: cases.Case, folder: Path, rate: float) -> tuple[float, float]:
     """Return the errors of shock velocity and tire force [%]; infinite where the host diverges."""
     try:
         rows = plain_host(folder, case.drive, case.stop, 1.0 / rate)
@@ -76,11 +77,11 @@ def errors(case: coupling.Case, folder: Path, rate: float) -> tuple[float, float
     kept = rows[:, :: max(1, round(per_sample))]
     velocity, tire_force = kept[:4], kept[8:]
     at = slice(None, None, max(1, round(1.0 / per_sample)))
-    settled = case.time[at] >= coupling.SETTLING
+    settled = case.time[at] >= cases.SETTLING
     static = tire_force[:, :1] - case.tire_force[:, :1]
     pairs = ((velocity, case.velocity[:, at]), (tire_force - static, case.tire_force[:, at]))
     first, second = (
-        float(np.max(100 * coupling.rms((found - true)[:, settled]) / np.std(true[:, settled], axis=1)))
+        float(np.max(100 * cases.rms((found - true)[:, settled]) / np.std(true[:, settled], axis=1)))
         for found, true in pairs
     )
     return (first, second) if max(first, second) < 1e3 else (np.inf, np.inf)
@@ -109,12 +110,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--picture", type=Path, help="draw error against rate into this file")
     options = parser.parse_args()
-    drive = Drivefile.read(coupling.ROOT / "examples" / "data" / "track.parquet")
-    case = coupling.make_case(coupling.fitted_law(), drive, 10.0, record_step=0.008)
+    drive = Drivefile.read(cases.ROOT / "examples" / "data" / "track.parquet")
+    case = cases.make_case(cases.fitted_law(), drive, 10.0, record_step=0.008)
     with tempfile.TemporaryDirectory() as name:
-        coupling.build_fmus(case.law, Path(name))
-        rows = [(rate, *errors(case, Path(name), rate)) for rate in RATES]
-        ours = [coupling.measure(case, Path(name), cosim.GaussSeidel(), 1.0 / rate) for rate in RATES]
+        cases.build_fmus(case.law, Path(name))
+        rows = [(float(rate), *errors(case, Path(name), rate)) for rate in RATES]
+        ours = [measure(case, Path(name), cosim.GaussSeidel(), 1.0 / rate) for rate in RATES]
     print("| rate | step [ms] | shock velocity [%] | tire force [%] | eightpost: velocity | tire force |")
     print("|---|---|---|---|---|---|")
     pairs = [(r["rate_hz"], r["error_velocity_percent"], r["error_tire_force_percent"]) for r in ours]

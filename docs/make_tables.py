@@ -13,6 +13,7 @@ SOURCES = {
     "shock_lpf1": FMUS / "shock_lpf1" / "interface.toml",
     "shock_lpnl2": FMUS / "shock_lpnl2" / "interface.toml",
     "vehicle_ss": FMUS / "vehicle_ss" / "interface.toml",
+    "assembly": FMUS / "assembly" / "interface.toml",
 }
 
 _REGION = re.compile(r"(?P<start><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)

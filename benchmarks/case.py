@@ -1,0 +1,168 @@
+"""The case that benchmarks run: a car, four shocks, a drive, and the answer of the same equations as one system.
+
+The seven-DOF car of examples/car.toml with four LPNL2 shocks fitted to examples/data/dyno_A.csv on the start of
+examples/data/track.parquet. The reference is integrated by scipy (tests/monolithic.py). Damping is `full`, all of it
+in the shocks, or `split`: the vehicle keeps linear dampers at its ports, half of what fits the shock's curve best, and
+the shocks give the rest.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from builder.build import build
+from eightpost.shock import Lpnl2, Shock, ShockLaw, StaticCurve, write_shock
+from eightpost.signals import Drivefile
+from eightpost.vehicle import IdentifiedVehicle, StructuralVehicle, add_port_damping, read_vehicle, write_vehicle
+
+ROOT = Path(__file__).resolve().parents[1]
+CORNERS = ("lf", "rf", "lr", "rr")
+LOADS = ("heave_force", "roll_moment", "pitch_moment")
+SETTLING = 1.0
+#: An error above this is no answer [%].
+DIVERGED = 1000.0
+
+
+@cache
+def monolithic() -> ModuleType:
+    """Load the independent reference that the tests use."""
+    spec = importlib.util.spec_from_file_location("monolithic", ROOT / "tests" / "monolithic.py")
+    assert spec is not None and spec.loader is not None
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass(frozen=True)
+class Case:
+    """A car, one law on all corners, a drive; the reference's answers at `time`.
+
+    `port_damping` [N.s/m] is what the vehicle keeps at each port. `velocity` and `tire_force` are (4, K), as changes
+    from the static state.
+    """
+
+    law: Lpnl2
+    drive: Drivefile
+    stop: float
+    time: Any
+    velocity: Any
+    tire_force: Any
+    port_damping: float = 0.0
+
+
+def make_case(
+    law: Lpnl2, drive: Drivefile, stop: float, *, record_step: float = 0.004, port_damping: float = 0.0
+) -> Case:
+    """Solve the reference at the recorded times; `law` is what the shocks give, `port_damping` the vehicle besides."""
+    series = drive.series.window(0.0, stop)
+    inputs = np.stack([series[name] for name in (*(f"{c}.road" for c in CORNERS), *LOADS)])
+    time = np.arange(0.0, stop + record_step / 2, record_step)
+    found = _solve(law, port_damping, series.time, inputs, time)
+    return Case(law, drive, stop, time, found.shock_velocity, found.tire_force, port_damping)
+
+
+def _solve(law: Lpnl2, port_damping: float, drive_time: Any, inputs: Any, time: Any) -> Any:
+    """Integrate the car with its own dampers and the shocks from knot to knot of the drive."""
+    reference = monolithic()
+    vehicle = read_vehicle(ROOT / "examples" / "car.toml")
+    assert isinstance(vehicle, StructuralVehicle)
+    car = vehicle.parameters
+    shock = reference.Shock(
+        static_force=np.vectorize(law.static_force, otypes=[float]),
+        weight=np.vectorize(law.lag_weight, otypes=[float]),
+        tau=law.time_constant,
+        gas_stiffness=law.port.gas_stiffness,
+        gas_preload=law.port.gas_preload,
+    )
+    if port_damping == 0.0:
+        return reference.coupled_run(car, shock, drive_time, inputs[:4], inputs[4:], at=time)
+    system = reference._Coupled(car, shock)
+    system.A[7:14, 7:14] -= port_damping * (system.S.T @ system.S) / reference.mass(car)[:, None]
+    knots = np.union1d(drive_time, time)
+    drive = np.array([np.interp(knots, drive_time, row) for row in inputs])
+    states = reference._integrate(system, knots, drive, reference.DOP853, 1e-9)
+    wanted = np.searchsorted(knots, time)
+    return system.results(time, states[:, wanted], drive[:, wanted])
+
+
+def build_fmus(law: ShockLaw, folder: Path, *, port_damping: float = 0.0) -> None:
+    """Build car.fmu and shock.fmu; the car keeps linear dampers [N.s/m] at its ports."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_shock(Shock("shock", law), folder / "shock.json")
+    car = ROOT / "examples" / "car.toml"
+    if port_damping:
+        vehicle = read_vehicle(car)
+        damped = add_port_damping(vehicle.coupled(), dict.fromkeys(CORNERS, port_damping))
+        car = folder / "car.json"
+        write_vehicle(car, IdentifiedVehicle("car", damped, static=vehicle.static))
+    build([car, folder / "shock.json"], folder)
+
+
+@cache
+def fitted_law() -> Lpnl2:
+    """Fit the demo's first record."""
+    from eightpost.ident import fit_shock  # noqa: PLC0415
+    from eightpost.rig import read_dyno_test  # noqa: PLC0415
+
+    fit = fit_shock(read_dyno_test(ROOT / "examples" / "data" / "dyno_A.csv"), "lpnl2", gas="included")
+    assert isinstance(fit.shock.law, Lpnl2)
+    return fit.shock.law
+
+
+def track() -> Drivefile:
+    """Read the demo's drivefile: 30 s."""
+    return Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
+
+
+def split_law(law: Lpnl2) -> tuple[Lpnl2, float]:
+    """Return what the shocks give beside linear dampers of half of the curve's best rate, and that rate [N.s/m]."""
+    v = np.linspace(-law.curve.rebound_speed, law.curve.compression_speed, 401)
+    force = np.array([law.curve.force(one) for one in v])
+    rate = 0.5 * float(force @ v / (v @ v))
+    return replace(law, curve=_less_linear(law.curve, rate)), rate
+
+
+def _less_linear(curve: StaticCurve, rate: float) -> StaticCurve:
+    """The curve less `rate * v`; in its outer pieces v = +-v_t (1 + s)."""
+    part = rate * curve.transition_speed
+    return replace(
+        curve,
+        inner=(curve.inner[0] - part, *curve.inner[1:]),
+        compression=(curve.compression[0] - part, curve.compression[1] - part, *curve.compression[2:]),
+        rebound=(curve.rebound[0] + part, curve.rebound[1] + part, *curve.rebound[2:]),
+        compression_slope=curve.compression_slope - rate,
+        rebound_slope=curve.rebound_slope - rate,
+    )
+
+
+def errors(case: Case, time: Any, velocity: Any, tire_force: Any) -> tuple[float | None, float | None]:
+    """Return the errors of shock velocity and tire force [%] of the worst corner at the reference's times.
+
+    Tire forces (4, K) are totals: the car's static ones are taken off. None where it diverged.
+    """
+    static = read_vehicle(ROOT / "examples" / "car.toml").static
+    at = np.clip(np.searchsorted(time, case.time - 1e-7), 0, len(time) - 1)
+    there = (np.abs(np.asarray(time)[at] - case.time) < 1e-6) & (case.time >= SETTLING - 1e-9)
+    if there.sum() < 2 or not (np.isfinite(velocity).all() and np.isfinite(tire_force).all()):
+        return None, None
+    changes = tire_force - np.array([[static[f"{c}.tire_force"]] for c in CORNERS])
+    pairs = ((velocity, case.velocity), (changes, case.tire_force))
+    first, second = (_worst(found[:, at[there]], true[:, there]) for found, true in pairs)
+    return (first, second) if max(first, second) < DIVERGED else (None, None)
+
+
+def _worst(found: Any, true: Any) -> float:
+    return float(np.max(100.0 * rms(found - true) / np.std(true, axis=1)))
+
+
+def rms(values: Any) -> Any:
+    """Return the root mean square along time."""
+    return np.sqrt(np.mean(values**2, axis=1))

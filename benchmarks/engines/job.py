@@ -1,0 +1,109 @@
+"""What an engine is asked to do and what it gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+CORNERS = ("lf", "rf", "lr", "rr")
+DRIVEN = (*(f"{c}.road" for c in CORNERS), "heave_force", "roll_moment", "pitch_moment")
+#: Recorded: ten outputs of the car and the force of each shock.
+CAR_OUTPUTS = (
+    *(f"{c}.velocity" for c in CORNERS), *(f"{c}.tire_force" for c in CORNERS), "front.ride_height", "rear.ride_height",
+)  # fmt: skip
+#: (source, target) as `component`, `variable`.
+CONNECTIONS = (
+    *((("car", f"{c}.{name}"), (c, name)) for c in CORNERS for name in ("velocity", "displacement")),
+    *(((c, "force"), ("car", f"{c}.force")) for c in CORNERS),
+)
+DRIVE_CONNECTIONS = tuple((("drive", name), ("car", name)) for name in DRIVEN)
+RECORDED = (*(("car", name) for name in CAR_OUTPUTS), *((c, "force") for c in CORNERS))
+
+
+class Diverged(RuntimeError):  # noqa: N818 -- what happened, not a fault of the program
+    """The run ended early: a component refused a step."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run.
+
+    Args:
+        folder: Holds car.fmu, shock.fmu, drive.fmu (what the drive is, as an FMU without inputs) and drive.npz.
+        scheme: One of the engine's.
+        rate: Coupling steps per second [Hz].
+        stop: Duration [s].
+        work: A folder of this run's own.
+        repeats: How often it is run; the least time counts.
+    """
+
+    folder: str
+    scheme: str
+    rate: float
+    stop: float
+    work: str
+    repeats: int = 1
+
+    @property
+    def step(self) -> float:
+        """Coupling step [s]."""
+        return 1.0 / self.rate
+
+    @property
+    def count(self) -> int:
+        """Number of steps."""
+        return round(self.stop * self.rate)
+
+    @property
+    def fmus(self) -> dict[str, Path]:
+        """The FMU of each component."""
+        folder = Path(self.folder)
+        return {"car": folder / "car.fmu"} | dict.fromkeys(CORNERS, folder / "shock.fmu")
+
+    def drive(self, times: Any) -> Any:
+        """Return the drive (K, 7) at `times`, in the order of DRIVEN."""
+        with np.load(Path(self.folder) / "drive.npz") as kept:
+            return np.array([np.interp(times, kept["time"], row) for row in kept["values"]]).T
+
+    @contextmanager
+    def stepping(self) -> Iterator[None]:
+        """Mark that the components step: what ends the program then is a run that diverged, not a broken set-up."""
+        mark = Path(self.work) / "stepping"
+        mark.touch()
+        yield
+        mark.unlink()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What an engine recorded and took.
+
+    Args:
+        time: (K,) [s].
+        values: (14, K) in the order of RECORDED, or the first eight of them.
+        seconds: Wall time of `steps` coupling steps, without loading.
+        steps: Their number.
+        rate: Mean rate [Hz].
+    """
+
+    time: Any
+    values: Any
+    seconds: float
+    steps: int
+    rate: float
+
+    def save(self, path: Path) -> None:
+        """Write it for the parent process."""
+        np.savez(path, time=self.time, values=self.values, numbers=[self.seconds, self.steps, self.rate])
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read it."""
+        with np.load(path) as kept:
+            seconds, steps, rate = kept["numbers"]
+            return cls(kept["time"], kept["values"], float(seconds), int(steps), float(rate))

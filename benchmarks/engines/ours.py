@@ -1,0 +1,91 @@
+"""This project's engine: cosim.run, in this process."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+import cosim
+from benchmarks.engines.job import CORNERS, RECORDED, Diverged, Recording
+from eightpost.errors import StepError
+from eightpost.signals import Drivefile
+
+ENGINE = "eightpost"
+NOTE = (
+    "cosim.run with numba. In every scheme the drive is a ramp over each step, which the other engines hold: `held` "
+    "speaks of coupling values alone; every step is recorded, but every 8 ms under `adaptive`, whose cost is of a half "
+    "step; time of the steps alone; for `default` the difference of a long and a short call, all trial runs counted"
+)
+#: Schemes at a given rate.
+FIXED: Mapping[str, cosim.Algorithm] = {
+    **{f"jacobi, {values}": cosim.Jacobi(values=values) for values in ("held", "extrapolated")},
+    **{f"gauss-seidel, {v}": cosim.GaussSeidel(values=v) for v in ("held", "interpolated", "extrapolated")},
+    "implicit": cosim.Implicit(),
+}
+#: Tolerances of the adaptive scheme, which chooses its steps.
+ADAPTIVE: Mapping[str, cosim.Adaptive] = {
+    f"adaptive, {tolerance:g}": cosim.Adaptive(relative=tolerance) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)
+}
+#: Recorded every so often where steps are not of one size [s].
+RECORD_STEP = 0.008
+NAMES = tuple(f"{component}.{name}" for component, name in RECORDED)
+
+
+def load(folder: Path) -> cosim.System:
+    """Load the coupled car."""
+    fmus = {"car": folder / "car.fmu"} | dict.fromkeys(CORNERS, folder / "shock.fmu")
+    return cosim.System.load(fmus, [cosim.Bond.between(f"car.{corner}", corner) for corner in CORNERS])
+
+
+def run_fixed(
+    system: cosim.System, drive: Drivefile, stop: float, algorithm: cosim.Algorithm, rate: float, *, repeats: int = 3
+) -> Recording:
+    """Run at one rate, every step recorded."""
+    scenario = cosim.Scenario(stop, drive, record=NAMES)
+    return _best(lambda: cosim.run(system, scenario, algorithm=algorithm, step=1.0 / rate), repeats)
+
+
+def run_adaptive(
+    system: cosim.System, drive: Drivefile, stop: float, algorithm: cosim.Adaptive, *, repeats: int = 3
+) -> Recording:
+    """Run with steps that it chooses; landing on recorded times costs steps, so there are no more than are compared."""
+    scenario = cosim.Scenario(stop, drive, record=NAMES, record_step=RECORD_STEP)
+    return _best(lambda: cosim.run(system, scenario, algorithm=algorithm, step=RECORD_STEP / 8), repeats)
+
+
+def run_default(system: cosim.System, drive: Drivefile, stop: float, *, repeats: int = 3) -> Recording:
+    """Run as a user does who chooses nothing."""
+    long, short = (_timed(system, cosim.Scenario(t, drive, record=NAMES), repeats) for t in (stop, stop / 5))
+    (result, seconds), (brief, less) = long, short
+    steps = result.steps - (brief.steps if brief.step == result.step else 0)
+    seconds -= less if brief.step == result.step else 0.0
+    return _recording(result, seconds, steps)
+
+
+def _timed(system: cosim.System, scenario: cosim.Scenario, repeats: int) -> tuple[cosim.Result, float]:
+    seconds = []
+    for _ in range(repeats):
+        began = clock.perf_counter()
+        result = cosim.run(system, scenario)
+        seconds.append(clock.perf_counter() - began)
+    return result, min(seconds)
+
+
+def _best(run: Callable[[], cosim.Result], repeats: int) -> Recording:
+    try:
+        results = [run() for _ in range(repeats)]
+    except StepError as error:
+        raise Diverged(str(error)) from error
+    result = results[-1]
+    if result.partial:
+        raise Diverged(result.notes[-1])
+    return _recording(result, min(r.stepping_seconds for r in results), result.steps)
+
+
+def _recording(result: cosim.Result, seconds: float, steps: int) -> Recording:
+    values = np.stack([result.series[name] for name in NAMES])
+    stop = float(result.series.time[-1])
+    return Recording(result.series.time, values, seconds, steps, result.steps / stop)

@@ -1,0 +1,121 @@
+"""Other engines, each run in a process of its own; those that are not installed are left out with a note."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.engines.job import Diverged, Job, Recording
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Seconds after which a process is given up.
+PATIENCE = 900.0
+
+
+@dataclass(frozen=True)
+class Peer:
+    """An engine: its module here, the package that must be installed, the table's name and schemes, and a note."""
+
+    module: str
+    package: str
+    engine: str
+    schemes: tuple[str, ...]
+    note: str
+    slow: bool = False
+
+    @property
+    def version(self) -> str:
+        """Of the installed package; empty where there is none."""
+        try:
+            return importlib.metadata.version(self.package)
+        except importlib.metadata.PackageNotFoundError:
+            return ""
+
+
+HELD = ("jacobi, held",)
+PEERS = (
+    Peer(
+        "fmpy_loop", "fmpy", "fmpy", HELD,
+        "a loop over fmpy's FMU2Slave; the arrays that its calls take are made once; time of the loop alone",
+    ),
+    Peer(
+        "fmpy_ssp", "fmpy", "fmpy-ssp", HELD,
+        "fmpy.ssp.simulation.simulate_ssp. The drive reaches the car a step late, and its rows carry the time of a "
+        "step's start with the values of its end: the two cancel; it starts with every input at 0; difference of a "
+        "long and a short run",
+        slow=True,
+    ),
+    Peer(
+        "libcosim", "libcosimpy", "libcosim", HELD,
+        "libcosimpy: all steps in one call, time-series observer, the drive from a sixth FMU in C (a manipulator that "
+        "Python calls at each step would cost more); time of that call alone. Its adaptive algorithm ECCO is left out: "
+        "its steps begin where the ones before did not end, which these FMUs refuse",
+    ),
+    Peer(
+        "ecos", "ecospy", "ecos", HELD,
+        "ecospy in process: all steps in one call, its CSV writer, the drive from a sixth FMU in C; time of that call "
+        "alone",
+    ),
+    Peer(
+        "fmu_container", "fmu-manipulation-toolbox", "fmu-container", (*HELD, "gauss-seidel, held"),
+        "one FMU that holds all five, stepped at its inner step by an fmpy loop that sets the drive and reads the "
+        "outputs; gauss-seidel is its option `sequential`; time of the loop alone",
+    ),
+)  # fmt: skip
+
+#: Engines that were looked for and why they are not here.
+ABSENT = (
+    "PyFMI and OMSimulator: pip finds no wheels of them (`pip download --only-binary=:all:`), so they are left out",
+)
+
+
+def run_peer(peer: Peer, jobs: Sequence[Job]) -> Iterator[Recording | Diverged]:
+    """Run the jobs in a process of their own; where it ends while components step, that run diverged.
+
+    Raises:
+        RuntimeError: The engine could not be set up.
+    """
+    waiting = list(jobs)
+    while waiting:
+        ended = _work(peer, waiting)
+        while waiting and (found := _outcome(waiting[0])) is not None:
+            waiting.pop(0)
+            yield found
+        if not waiting:
+            return
+        if not (Path(waiting[0].work) / "stepping").exists():
+            raise RuntimeError(f"{peer.engine} could not run: {ended.stderr.strip()[-2000:]}")
+        waiting.pop(0)
+        yield Diverged(f"the process ended with {ended.returncode}: {ended.stderr.strip()[-300:]}")
+
+
+def _work(peer: Peer, jobs: Sequence[Job]) -> subprocess.CompletedProcess[str]:
+    text = json.dumps([asdict(job) for job in jobs])
+    line = [sys.executable, "-m", "benchmarks.engines.worker", peer.module, text]
+    return subprocess.run(
+        line, cwd=ROOT, env=_environment(), capture_output=True, text=True, check=False, timeout=PATIENCE
+    )
+
+
+def _outcome(job: Job) -> Recording | Diverged | None:
+    recording, diverged = Path(job.work) / "recording.npz", Path(job.work) / "diverged.txt"
+    if recording.exists():
+        return Recording.load(recording)
+    return Diverged(diverged.read_text(encoding="utf-8")) if diverged.exists() else None
+
+
+def _environment() -> Mapping[str, str]:
+    """ecos wants TBB's library, which its wheel does not carry."""
+    try:
+        files = importlib.metadata.files("tbb") or ()
+    except importlib.metadata.PackageNotFoundError:
+        files = ()
+    folders = [str(Path(str(f.locate())).resolve().parent) for f in files if f.name == "libtbb.so.12"]
+    there = [os.environ["LD_LIBRARY_PATH"]] if os.environ.get("LD_LIBRARY_PATH") else []
+    return os.environ | {"LD_LIBRARY_PATH": os.pathsep.join([*folders, *there]), "OMP_NUM_THREADS": "1"}

@@ -1,0 +1,120 @@
+"""The table of engines: one short run of each kind of engine gives a row, and what is said of rows is right."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import case as cases
+from benchmarks.engines.job import Diverged, Recording
+from benchmarks.picture import draw
+from benchmarks.rows import row
+from benchmarks.summary import reaches, summary
+from benchmarks.table import markdown
+
+ROOT = Path(__file__).resolve().parents[1]
+KEYS = {
+    "engine", "scheme", "damping", "rate_hz", "us_per_step", "error_velocity_percent", "error_tire_force_percent",
+}  # fmt: skip
+
+
+def entry(engine, scheme, rate, cost, error, damping="full"):
+    return {
+        "engine": engine, "scheme": scheme, "damping": damping, "rate_hz": rate, "us_per_step": cost,
+        "error_velocity_percent": error, "error_tire_force_percent": error,
+    }  # fmt: skip
+
+
+FIRST_ORDER = [entry("fmpy", "jacobi, held", rate, 20.0, 4000.0 / rate) for rate in (1000.0, 2000.0, 4000.0)]
+
+
+@pytest.mark.slow
+def test_a_run_of_one_engine_leaves_rows_whose_errors_fall_with_the_rate(tmp_path):
+    program, told = ROOT / "benchmarks" / "coupling.py", tmp_path / "rows.json"
+    options = ["--quick", "--engines", "fmpy", "--damping", "full", "--stop", "1.2", "--json", str(told)]
+    ran = subprocess.run(
+        [sys.executable, str(program), *options], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    rows = json.loads(told.read_text())
+    assert [set(one) for one in rows] == [KEYS] * len(rows)
+    assert {(one["engine"], one["scheme"], one["damping"]) for one in rows} == {("fmpy", "jacobi, held", "full")}
+    by_rate = {one["rate_hz"]: one for one in rows}
+    assert all(one["us_per_step"] > 0.0 for one in rows if one["error_velocity_percent"] is not None)
+    assert by_rate[4000.0]["error_tire_force_percent"] < by_rate[1000.0]["error_tire_force_percent"] < 100.0
+    assert ran.stdout.startswith("| engine | scheme |")
+
+
+def test_what_diverges_has_neither_errors_nor_a_cost():
+    found = row(None, ("fmpy", "jacobi, held", "full", 125.0), Diverged("fmi2DoStep failed"))
+    assert set(found) == KEYS
+    assert found["us_per_step"] is found["error_velocity_percent"] is found["error_tire_force_percent"] is None
+    assert "diverges | diverges" in markdown([found])
+
+
+@pytest.fixture
+def solved():
+    """A case whose signals are known: 2 s of sines, without a run."""
+    import numpy as np  # noqa: PLC0415
+
+    time = np.arange(0.0, 2.0, 0.008)
+    signal = np.sin(2.0 * np.pi * 5.0 * time) * np.ones((4, 1))
+    return cases.Case(None, None, 2.0, time, signal, 1e3 * signal)
+
+
+def recorded(case, factor):
+    import numpy as np  # noqa: PLC0415
+
+    static = cases.read_vehicle(ROOT / "examples" / "car.toml").static
+    totals = factor * case.tire_force + np.array([[static[f"{c}.tire_force"]] for c in cases.CORNERS])
+    return Recording(case.time, np.vstack([factor * case.velocity, totals]), 1e-3, 1000, 125.0)
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, 0.0), (1.1, 10.0), (0.5, 50.0)])
+def test_errors_are_in_percent_of_the_signals_standard_deviation(solved, factor, expected):
+    found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), recorded(solved, factor))
+    for name in ("error_velocity_percent", "error_tire_force_percent"):
+        assert found[name] == pytest.approx(expected, rel=1e-2, abs=1e-9)
+    assert found["us_per_step"] == pytest.approx(1.0)
+
+
+def test_an_error_of_ten_standard_deviations_is_no_answer(solved):
+    found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), recorded(solved, 12.0))
+    assert found["error_velocity_percent"] is None
+
+
+def test_cost_at_equal_accuracy_follows_the_measured_order_and_says_where_it_is_extrapolated():
+    rows = [
+        *FIRST_ORDER,
+        *(entry("eightpost", "gauss-seidel", r, 1.0, 0.2 * (1000.0 / r) ** 2) for r in (500.0, 2000.0)),
+    ]
+    ours, theirs = sorted(reaches(rows), key=lambda one: one.cost)
+    assert (ours.rate, ours.cost, ours.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
+    assert (theirs.rate, theirs.cost, theirs.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
+    assert "20000 (extrapolated by its measured order)" in summary(rows)
+
+
+def test_an_error_that_does_not_fall_reaches_nothing():
+    assert not list(reaches([entry("fmpy", "jacobi, held", rate, 20.0, 5.0) for rate in (1000.0, 2000.0)]))
+
+
+def test_the_picture_takes_rows_that_diverged(tmp_path):
+    rows = [
+        *FIRST_ORDER,
+        entry("fmpy", "jacobi, held", 125.0, None, None),
+        entry("eightpost", "default", 1000.0, 1.0, 0.1),
+    ]
+    draw(rows, tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_the_split_shock_and_the_dampers_give_the_whole_curve_together():
+    law = cases.fitted_law()
+    rest, rate = cases.split_law(law)
+    assert rate > 0.0
+    for velocity in (-1.0, -0.5, -0.381, -0.1, 0.0, 0.05, 0.381, 0.6, 0.9):
+        together = rest.curve.force(velocity) + rate * velocity
+        assert math.isclose(together, law.curve.force(velocity), rel_tol=1e-9, abs_tol=1e-6)
