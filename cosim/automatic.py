@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 
-import numpy as np
-
 from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
 from cosim.difference import difference, error_of_finer
 from cosim.result import Result
@@ -111,9 +109,7 @@ class _Search:
         self._scenario = replace(scenario, record_step=self._record)
         self._ramped = ramps(system)
         self._decisive = decisive(system)
-        times = np.zeros(1) if scenario.drive is None else scenario.drive.series.time
-        self._interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-        self._parts = self._aligned(max(1, ceil(self._record / first * (1.0 - 1e-12))))
+        self._parts = max(1, ceil(self._record / first * (1.0 - 1e-12)))
         self.tried: list[str] = []
         self._seconds = self._stepping = 0.0
 
@@ -159,17 +155,7 @@ class _Search:
         """How many steps a recorded one is to have, by the scheme's order, where `parts` leave an error [%]."""
         more = (error / self._wish.tolerance) ** (1.0 / self._order(scheme))
         needed = ceil(parts * more) if more < _FINEST else _FINEST * parts
-        return self._aligned(min(max(needed, parts + ceil(parts / 2)), _FINEST * parts))
-
-    def _aligned(self, parts: int) -> int:
-        """The next number of parts for which steps end at the drivefile's points, where there is one nearby."""
-        if self._interval <= 0.0:
-            return parts
-        for aligned in range(parts, 2 * parts + 1):
-            ratio = self._record / aligned / self._interval
-            if abs(max(ratio, 1.0 / ratio) - round(max(ratio, 1.0 / ratio))) < 1e-9:
-                return aligned
-        return parts
+        return min(max(needed, parts + ceil(parts / 2)), _FINEST * parts)
 
     def _at(self, scheme: GaussSeidel | Implicit, parts: int) -> Result:
         session = Session(self._system, self._scenario, scheme, self._record / parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -62,7 +62,7 @@ def make_plan(
     tables: Mapping[str, FunctionTable],
     *,
     watched: Iterable[tuple[str, bool]],
-    substeps: Mapping[str, int],
+    following: Collection[str],
 ) -> Plan:
     """Return the arrays.
 
@@ -72,12 +72,12 @@ def make_plan(
         layout: Of the same coupling.
         tables: Each part's functions.
         watched: Signals whose time beyond a limit counts: above 0.5 where true, else below 0.
-        substeps: How often a part is stepped in a coupling step.
+        following: Parts that go from each point of the drive to the next.
     """
     position = {name: k for k, name in enumerate(layout.signals)}
     watch = list(watched)
     return Plan(
-        parts=_parts(coupling, layout, tables, substeps),
+        parts=_parts(coupling, layout, tables, following),
         inputs=_inputs(coupling, layout, tables),
         terms=_terms(coupling, layout, position),
         signals=_signals(layout, tables),
@@ -124,7 +124,7 @@ def _begins(counts: Iterable[int]) -> Indices:
 
 
 def _parts(
-    coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable], substeps: Mapping[str, int]
+    coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable], following: Collection[str]
 ) -> Parts:
     columns = ("set_real", "set_slopes", "do_step", "get_real", "save", "restore", "instance")
     inputs = [len(_moving(coupling.feeds[name])) for name in layout.parts]
@@ -134,7 +134,7 @@ def _parts(
     return Parts(
         **addresses,
         ramps=_integers(int(coupling.components[n].capabilities.interpolates_inputs) for n in layout.parts),
-        substeps=_integers(substeps.get(name, 1) for name in layout.parts),
+        follows=_integers(int(name in following) for name in layout.parts),
         inputs=_begins(inputs),
         signals=_begins(signals),
         extras=_begins(extras),

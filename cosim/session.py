@@ -131,27 +131,22 @@ class Session:
     def _prepare(self) -> _Running:
         tables = {name: function_table(component) for name, component in self._system.components.items()}
         plan = make_plan(
-            self._system, self._coupling, self._layout, tables, watched=self._limits.watched, substeps=self._substeps()
+            self._system,
+            self._coupling,
+            self._layout,
+            tables,
+            watched=self._limits.watched,
+            following=self._following(),
         )
         m = memory(plan)
         m.now[:] = m.ahead[:] = m.past[:] = [self._coupling.now[name] for name in self._layout.signals]
         rows = int(self._recorded.sum()) + 1
         return _Running(plan, m, blank_tape(self._layout, self._names, rows), tables)
 
-    def _parts_of_a_step(self) -> int:
-        """Return how many of the drive's own intervals lie in a coupling step."""
-        drive = self._scenario.drive
-        if drive is None or drive.series.time.size < 2:
-            return 1
-        own = float(np.median(np.diff(drive.series.time)))
-        return max(1, round(self._step / own)) if self._step < 1e3 * own else 1
-
-    def _substeps(self) -> dict[str, int]:
-        """Components that the drive moves take every one of its intervals by itself, if they can."""
-        count = self._parts_of_a_step()
+    def _following(self) -> frozenset[str]:
+        """Components that the drive moves and that take any step: they go from each of its points to the next."""
         driven = {name for name, feeds in self._coupling.feeds.items() if any(f.drive is not None for f in feeds)}
-        free = {name for name in driven if self._system.components[name].capabilities.variable_step}
-        return dict.fromkeys(free, 1 if isinstance(self._algorithm, Adaptive) else count)
+        return frozenset(name for name in driven if self._system.components[name].capabilities.variable_step)
 
     def _march(self, running: _Running, engine: str, progress: Callable[[float], None]) -> int:
         adaptive = isinstance(self._algorithm, Adaptive)
@@ -181,9 +176,13 @@ class Session:
         return DONE
 
     def _grid(self) -> Grid:
-        parts = self._parts_of_a_step()
-        samples, means = self._drive_rows(_divided(self._times, parts))
-        return Grid(self._times, self._recorded, samples, means, parts)
+        """Coupling points, and with them the drive's own points between them."""
+        drive, times = self._scenario.drive, self._times
+        if drive is not None and self._following():
+            own = drive.series.time - self._scenario.drive_start
+            times = _joined(times, own[(own > 0.0) & (own < self._scenario.stop)])
+        begins = np.searchsorted(times, self._times)
+        return Grid(self._times, self._recorded, begins, times, *self._drive_rows(times))
 
     def _drive_rows(self, times: Array) -> tuple[Array, Array]:
         drive = self._scenario.drive
@@ -339,11 +338,11 @@ def coupling_times(stop: float, step: float) -> Array:
     return times
 
 
-def _divided(times: Array, parts: int) -> Array:
-    """Each interval in `parts` equal ones, the given times among them to the bit."""
-    inner = times[:-1, None] + np.diff(times)[:, None] * (np.arange(parts) / parts)
-    inner[:, 0] = times[:-1]
-    return np.append(inner.ravel(), times[-1])
+def _joined(times: Array, others: Array) -> Array:
+    """All times in order; of those that differ by rounding only, the first array's, to the bit."""
+    place = np.searchsorted(times, others)
+    near = np.minimum(np.abs(others - times[np.maximum(place - 1, 0)]), np.abs(others - times[place]))
+    return np.union1d(times, others[near > 1e-9 * times[-1]])
 
 
 def _merged(times: Array) -> Array:
@@ -366,6 +365,7 @@ def _first_progress(step: float, control: Control, signals: int, channels: int) 
         scale=np.zeros(control.signal.size),
         once=np.zeros(signals),
         drive=np.zeros((3, channels)),
+        ends=np.zeros(2),
     )
 
 

@@ -19,6 +19,7 @@ from cosim.engine.plan import (
     LOOSE,
     RESTORE,
     SAVE,
+    Drive,
     Memory,
     Mode,
     Plan,
@@ -226,7 +227,7 @@ def _next_guess(plan: Plan, m: Memory, g: int, tolerance: float, most: int) -> i
 
 
 @shared
-def step_group(plan: Plan, m: Memory, g: int, samples: Reals, means: Reals, time: float, h: float, mode: Mode) -> int:
+def step_group(plan: Plan, m: Memory, g: int, drive: Drive, time: float, h: float, mode: Mode) -> int:
     """Step group g: once, or, where the scheme is implicit, until its unknowns agree; 1 where a part refused.
 
     A step that did not converge is counted, and its last iterate kept.
@@ -238,7 +239,7 @@ def step_group(plan: Plan, m: Memory, g: int, samples: Reals, means: Reals, time
         return 1
     m.turn[0] = m.turn[2] = m.turn[3] = 0
     while True:
-        if sweep(plan, m, first, last, samples, means, time, h, sequential, values, mode.final):
+        if sweep(plan, m, first, last, drive, time, h, sequential, values, mode.final):
             return 1
         if not repeats:
             return 0

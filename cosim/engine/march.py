@@ -19,6 +19,7 @@ from cosim.engine.plan import (
     STEPS,
     STOPPED,
     STUCK,
+    Drive,
     Integers,
     Memory,
     Mode,
@@ -43,14 +44,16 @@ class Tape(NamedTuple):
 class Grid(NamedTuple):
     """Coupling points of one size of step (K+1,) [s], and which are recorded (K+1,).
 
-    `samples` (K*J+1, D) is the drive at every sub-step's end, `means` (K*J, D) its mean over each, J `parts` a step.
+    `points`: these and the drive's own, times (T+1,) [s], `samples` (T+1, D), `means` (T, D) between them; the first
+    of a step is `begins` (K+1,).
     """
 
     times: Reals
     recorded: Integers
+    begins: Integers
+    points: Reals
     samples: Reals
     means: Reals
-    parts: int
 
 
 class Knots(NamedTuple):
@@ -80,7 +83,7 @@ class Progress(NamedTuple):
     """Of an adaptive run, (1,) each: time, step to try, last error, next event, the drive's interval, extreme steps.
 
     `scale`: the largest value so far of each coupled signal; `once`: the signals after a whole step (S,); `drive`: at
-    both ends of a step and its mean (3, D).
+    both ends of a step and its mean (3, D); `ends`: their times [s].
     """
 
     time: Reals
@@ -93,6 +96,7 @@ class Progress(NamedTuple):
     scale: Reals
     once: Reals
     drive: Reals
+    ends: Reals
 
 
 @shared
@@ -116,10 +120,10 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
 
 
 @shared
-def one_step(plan: Plan, m: Memory, samples: Reals, means: Reals, time: float, h: float, mode: Mode) -> int:
+def one_step(plan: Plan, m: Memory, drive: Drive, time: float, h: float, mode: Mode) -> int:
     """Step every part from `time` by `h` [s]; 1 where one refused."""
     for g in range(plan.loops.parts.size - 1):
-        if step_group(plan, m, g, samples, means, time, h, mode):
+        if step_group(plan, m, g, drive, time, h, mode):
             return 1
     return 0
 
@@ -143,9 +147,9 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
             return STOPPED
         time = grid.times[k]
         h = grid.times[k + 1] - time
-        samples = grid.samples[k * grid.parts : (k + 1) * grid.parts + 1]
-        means = grid.means[k * grid.parts : (k + 1) * grid.parts]
-        if one_step(plan, m, samples, means, time, h, mode):
+        a, b = grid.begins[k], grid.begins[k + 1]
+        drive = Drive(grid.points[a : b + 1], grid.samples[a : b + 1], grid.means[a:b])
+        if one_step(plan, m, drive, time, h, mode):
             return REFUSED
         bad = _end_step(plan, m, time, h, mode)
         if bad >= 0:
@@ -170,13 +174,16 @@ def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
 
 
 @shared
-def _driven_step(plan: Plan, m: Memory, knots: Knots, k: int, drive: Reals, time: float, h: float, mode: Mode) -> int:
+def _driven_step(plan: Plan, m: Memory, knots: Knots, p: Progress, time: float, h: float, mode: Mode) -> int:
     """One step within an interval of the drive."""
-    _drive_at(knots, k, time, drive[0])
-    _drive_at(knots, k, time + h, drive[1])
-    for d in range(drive.shape[1]):
-        drive[2, d] = 0.5 * (drive[0, d] + drive[1, d])
-    return one_step(plan, m, drive[0:2], drive[2:3], time, h, mode)
+    rows = p.drive
+    p.ends[0] = time
+    p.ends[1] = time + h
+    _drive_at(knots, p.knot[0], time, rows[0])
+    _drive_at(knots, p.knot[0], time + h, rows[1])
+    for d in range(rows.shape[1]):
+        rows[2, d] = 0.5 * (rows[0, d] + rows[1, d])
+    return one_step(plan, m, Drive(p.ends, rows[0:2], rows[2:3]), time, h, mode)
 
 
 @shared
@@ -245,7 +252,7 @@ def _try_step(
         return -1.0
     for half in range(3):
         at, part = (time, h) if half == 0 else (time + (half - 1) * (0.5 * h), 0.5 * h)
-        if _driven_step(plan, m, knots, p.knot[0], p.drive, at, part, mode):
+        if _driven_step(plan, m, knots, p, at, part, mode):
             return -1.0
         if half == 0:
             _assign(p.once, m.ahead)

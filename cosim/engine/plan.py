@@ -52,7 +52,10 @@ class Mode(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Per part: addresses of its functions, its instance, where its rows are in the other tables, (C,) or (C+1,)."""
+    """Per part: addresses of its functions, its instance, where its rows are in the other tables, (C,) or (C+1,).
+
+    `ramps`: its inputs may change over a step; `follows`: it is stepped from each point of the drive to the next.
+    """
 
     set_real: Integers
     set_slopes: Integers
@@ -62,7 +65,7 @@ class Parts(NamedTuple):
     restore: Integers
     instance: Integers
     ramps: Integers
-    substeps: Integers
+    follows: Integers
     inputs: Indices
     signals: Indices
     extras: Indices
@@ -132,6 +135,14 @@ class Loops(NamedTuple):
     signal: Indices
     matrix: Indices
     least: Reals
+
+
+class Drive(NamedTuple):
+    """The drive over a step: times (J+1,) [s] of its points, its values (J+1, D), its means between them (J, D)."""
+
+    times: Reals
+    samples: Reals
+    means: Reals
 
 
 class Plan(NamedTuple):

@@ -14,9 +14,9 @@ from cosim.engine.plan import (
     SET,
     SLOPES,
     STEP,
+    Drive,
     Memory,
     Plan,
-    Reals,
 )
 
 
@@ -40,13 +40,14 @@ def on_parabola(m: Memory, s: int, h: float) -> float:
 
 
 @hot
-def feed(plan: Plan, m: Memory, c: int, samples: Reals, h: float, sequential: int, mode: int) -> None:
+def feed(plan: Plan, m: Memory, c: int, drive: Drive, h: float, sequential: int, mode: int) -> None:
     """Find what the inputs of part c are at the start and at the end of the step, and what to hold instead.
 
     `samples` (J+1, D) is the drive at the ends of the sub-steps. `sequential`: values of parts that have stepped are
     known at the end. `mode`: what others do; GUESSED takes them from `guess`.
     """
-    inputs, terms, ramps, last = plan.inputs, plan.terms, plan.parts.ramps[c] == 1, samples.shape[0] - 1
+    inputs, terms, ramps, samples = plan.inputs, plan.terms, plan.parts.ramps[c] == 1, drive.samples
+    last = samples.shape[0] - 1
     per_second = 1.0 / h
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
         start = end = held = inputs.constant[i]
@@ -85,15 +86,16 @@ def feed(plan: Plan, m: Memory, c: int, samples: Reals, h: float, sequential: in
 
 
 @shared
-def _part_of_drive(plan: Plan, i: int, samples: Reals, j: int) -> float:
-    """What the drive at the end of a sub-step adds to the straight line over the step."""
+def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, j: int) -> float:
+    """An input at the drive's point j: on the straight line over the step, with the drive as it is there."""
+    last = drive.times.size - 1
+    share = (drive.times[j] - drive.times[0]) / (drive.times[last] - drive.times[0])
+    value: float = m.start[i] + (m.end[i] - m.start[i]) * share
     d = plan.inputs.column[i]
-    last = samples.shape[0] - 1
-    if d < 0 or last == 1:
-        return 0.0
-    line = samples[0, d] + (samples[last, d] - samples[0, d]) * (j / last)
-    part: float = plan.inputs.factor[i] * (samples[j, d] - line)
-    return part
+    if d >= 0:
+        line = drive.samples[0, d] + (drive.samples[last, d] - drive.samples[0, d]) * share
+        value += plan.inputs.factor[i] * (drive.samples[j, d] - line)
+    return value
 
 
 @hot
@@ -125,59 +127,63 @@ def _set_slopes(plan: Plan, m: Memory, c: int) -> int:
 
 
 @shared
-def _ramp_part_of_step(plan: Plan, m: Memory, c: int, samples: Reals, j: int, count: int, h: float) -> int:
-    """Give part c its inputs at the start of sub-step j of `count`, and their slopes."""
+def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, j: int) -> int:
+    """Give part c its inputs at the drive's point j, and their slopes to the next."""
+    h = drive.times[j + 1] - drive.times[j]
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        rise = m.end[i] - m.start[i]
-        a = m.start[i] + rise * (j / count) + _part_of_drive(plan, i, samples, j)
-        b = m.start[i] + rise * ((j + 1) / count) + _part_of_drive(plan, i, samples, j + 1)
-        m.value[i] = a
-        m.rate[i] = (b - a) / (h / count)
+        m.value[i] = _value_at(plan, m, i, drive, j)
+        m.rate[i] = (_value_at(plan, m, i, drive, j + 1) - m.value[i]) / h
     if _set(plan, m, c, m.at.values[c]):
         return 1
     return _set_slopes(plan, m, c)
 
 
 @shared
-def _hold(plan: Plan, m: Memory, c: int, means: Reals, j: int, count: int) -> int:
+def _mean_of_drive(drive: Drive, d: int) -> float:
+    """The exact mean over the step."""
+    total, last = 0.0, drive.times.size - 1
+    for k in range(last):
+        total += drive.means[k, d] * (drive.times[k + 1] - drive.times[k])
+    mean: float = total / (drive.times[last] - drive.times[0])
+    return mean
+
+
+@shared
+def _hold(plan: Plan, m: Memory, c: int, drive: Drive, j: int, count: int) -> int:
     """Give part c, which cannot ramp, what it holds over sub-step j of `count`: the exact mean of the drive."""
     inputs = plan.inputs
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
         held = m.held[i]
         d = inputs.column[i]
-        if d >= 0 and count == means.shape[0]:
-            held += inputs.factor[i] * means[j, d] + inputs.offset[i]
-        elif d >= 0:
-            mean = 0.0
-            for k in range(means.shape[0]):
-                mean += means[k, d]
-            held += inputs.factor[i] * (mean / means.shape[0]) + inputs.offset[i]
+        if d >= 0:
+            mean = drive.means[j, d] if count == drive.means.shape[0] else _mean_of_drive(drive, d)
+            held += inputs.factor[i] * mean + inputs.offset[i]
         m.value[i] = held
     return _set(plan, m, c, m.at.values[c])
 
 
 @hot
-def _give(plan: Plan, m: Memory, c: int, samples: Reals, means: Reals, j: int, count: int, h: float) -> int:
+def _give(plan: Plan, m: Memory, c: int, drive: Drive, j: int, count: int) -> int:
     """Set the inputs of part c for sub-step j of `count`."""
     if plan.parts.ramps[c] == 0:
-        return _hold(plan, m, c, means, j, count)
+        return _hold(plan, m, c, drive, j, count)
     if count > 1:
-        return _ramp_part_of_step(plan, m, c, samples, j, count, h)
+        return _ramp_between(plan, m, c, drive, j)
     if _set(plan, m, c, m.at.starts[c]):
         return 1
     return _set_slopes(plan, m, c)
 
 
 @hot
-def step_part(plan: Plan, m: Memory, c: int, samples: Reals, means: Reals, time: float, h: float, final: int) -> int:
+def step_part(plan: Plan, m: Memory, c: int, drive: Drive, time: float, h: float, final: int) -> int:
     """Step part c and read its signals; 1 where it refused."""
     parts = plan.parts
-    count = parts.substeps[c]
+    count = drive.times.size - 1 if parts.follows[c] == 1 else 1
     for j in range(count):
-        if parts.input_count[c] > 0 and _give(plan, m, c, samples, means, j, count, h):
+        if parts.input_count[c] > 0 and _give(plan, m, c, drive, j, count):
             return 1
-        at, part = (time, h) if count == 1 else (time + h * (j / count), h / count)
-        if failed(m, calls.do_step(parts.do_step[c], parts.instance[c], at, part, final), c, STEP):
+        begin, part = (time, h) if count == 1 else (drive.times[j], drive.times[j + 1] - drive.times[j])
+        if failed(m, calls.do_step(parts.do_step[c], parts.instance[c], begin, part, final), c, STEP):
             return 1
     if parts.signal_count[c] == 0:
         return 0
@@ -193,8 +199,7 @@ def sweep(
     m: Memory,
     first: int,
     last: int,
-    samples: Reals,
-    means: Reals,
+    drive: Drive,
     time: float,
     h: float,
     sequential: int,
@@ -204,7 +209,7 @@ def sweep(
     """Step the parts order[first:last] from `time` by `h` [s]; 1 where one refused."""
     for k in range(first, last):
         c = plan.order[k]
-        feed(plan, m, c, samples, h, sequential, mode)
-        if step_part(plan, m, c, samples, means, time, h, final):
+        feed(plan, m, c, drive, h, sequential, mode)
+        if step_part(plan, m, c, drive, time, h, final):
             return 1
     return 0

@@ -147,9 +147,6 @@ def test_a_component_that_holds_gets_the_exact_mean_of_any_drive_at_any_step(
     assert integral_errors(make, drive, algorithm, drive.duration / whole, can) < 1e-13
 
 
-@pytest.mark.xfail(
-    strict=True, reason="ramps are straight over equal sub-steps: points of the drive within one are cut off"
-)
 @pytest.mark.parametrize("step", [0.003, 0.0013])
 def test_a_component_that_ramps_follows_a_drive_whose_points_lie_within_its_steps(make: Any, step: float) -> None:
     assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
