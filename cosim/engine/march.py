@@ -10,12 +10,14 @@ from cosim.engine.compiled import shared
 from cosim.engine.implicit import restore_parts, save_parts, step_group
 from cosim.engine.meters import accept, add_defects, add_energy, add_limits
 from cosim.engine.plan import (
+    DISCARD,
     DIVERGED,
     DONE,
     GET,
     LOOSE,
     REFUSED,
     REJECTED,
+    STEP,
     STEPS,
     STOPPED,
     STUCK,
@@ -284,16 +286,17 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
         lands = left <= 1.1 * wanted
         h = left if lands else min(wanted, 0.5 * left)  # no sliver is left before the event
         error = _try_step(plan, m, kept, knots, mode, control, p, time, h)
-        if error < 0.0:
+        if error < 0.0 and not (m.failure[0] == DISCARD and m.failure[2] == STEP and h > control.least):
             return REFUSED
-        if not error <= 1.0:
+        if not 0.0 <= error <= 1.0:
             m.counts[REJECTED] += 1
             if restore_parts(plan, m, 0, plan.order.size, 0):
                 return REFUSED
             _copy(kept, m)
             if h <= control.least * 1.0000001:
                 return STUCK
-            shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if error < 1e9 else 0.2
+            known = 0.0 < error < 1e9  # else a part asked for a smaller step, or the result is no number
+            shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if known else 0.2
             p.step[0] = max(control.least, h * shrink)
             continue
         _grow(m, control, p.scale)

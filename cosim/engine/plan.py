@@ -27,6 +27,9 @@ JACOBI, GAUSS_SEIDEL, IMPLICIT = 0, 1, 2
 #: Why the loop stopped.
 DONE, STOPPED, REFUSED, DIVERGED, STUCK = 0, 1, 2, 3, 4
 
+#: The FMI status of a step that a component asks to be made smaller.
+DISCARD = 2
+
 #: Which call was refused.
 SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
 

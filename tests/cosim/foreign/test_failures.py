@@ -3,6 +3,7 @@ than FMI allows."""
 
 import gc
 import logging
+from dataclasses import replace
 
 import pytest
 
@@ -53,6 +54,15 @@ def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march)
     with pytest.raises(StepError, match=r"step from 0.003 s by 0.002 s: .*fmi2Discard. It came to 0.004 s.*smaller"):
         part.step(3e-3, 2e-3)
     part.finish()
+
+
+def test_an_adaptive_run_makes_steps_smaller_that_a_component_discards(foreign, pair):
+    system, scenario = pair(FmuComponent(foreign(flags=STATES), "odd"), "discard", stop=0.1)
+    loose = Adaptive(relative=1.0, largest=0.01)
+    result = run(system, replace(scenario, record_step=0.01), algorithm=loose, step=5e-3)
+    assert result.acceptable and result.rejected_steps > 0
+    assert 1e-4 < result.largest_step <= 1.5e-3
+    assert result.series.time[-1] == 0.1
 
 
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive()], ids=["gauss-seidel", "adaptive"])
