@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from builder.connection import Ends
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, WiringError
@@ -43,11 +44,9 @@ class SspComponent:
 
 
 @dataclass(frozen=True)
-class SspConnection:
-    """An output that feeds an input, both as `component.variable`: `input = factor * output + offset`."""
+class SspConnection(Ends):
+    """An output that feeds an input: `input = factor * output + offset`, in the ends' own units."""
 
-    source: str
-    target: str
     factor: float = 1.0
     offset: float = 0.0
 
@@ -235,10 +234,10 @@ def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None
 
 
 def _connection(links: ET.Element, connection: SspConnection) -> None:
-    source, target = connection.source.partition("."), connection.target.partition(".")
+    (source, output), (target, into) = connection.places
     link = _child(
         links, "ssd", "Connection",
-        startElement=source[0], startConnector=source[2], endElement=target[0], endConnector=target[2],
+        startElement=source, startConnector=output, endElement=target, endConnector=into,
     )  # fmt: skip
     if (connection.factor, connection.offset) != (1.0, 0.0):
         link.set("suppressUnitConversion", "true")  # the factor holds it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from cosim.coupling import Coupling
 from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERPOLATED, JACOBI, PARABOLIC, Mode
@@ -23,8 +23,8 @@ class Accuracy(NamedTuple):
     """What is known of a scheme's error where components ramp their inputs.
 
     Args:
-        order: Of the error in the coupling step.
-        share: How much of what a coupled value missed at the end of a step it missed in the mean over the step.
+        order: Of the error in the coupling step [1].
+        share: How much of what a coupled value missed at the end of a step it missed in the mean over the step [1].
     """
 
     order: int
@@ -62,14 +62,68 @@ class Algorithm(Protocol):
         """What is known of its error where components ramp their inputs."""
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the order in which it steps the components."""
+        """Return the order in which it steps the components.
+
+        Raises:
+            WiringError: It has an order of its own that does not name every component once.
+        """
 
     def mode(self, settling: float) -> Mode:
         """Return how the loop makes a step; limits are watched after `settling` [s]."""
 
 
+class _Explicit:
+    """Makes each step once, with coupling values that are guessed where they are not known yet."""
+
+    __slots__ = ()
+
+    values: str
+    _sweep: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        if self.values not in VALUES:
+            raise InputError(f"coupling values are {', '.join(VALUES)}, not {self.values!r}")
+
+    @property
+    def repeats(self) -> bool:
+        """Steps are made once."""
+        return False
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """By its coupling values."""
+        return _ACCURACY[self.values]
+
+    def mode(self, settling: float) -> Mode:
+        """Return how the loop makes a step; limits are watched after `settling` [s]."""
+        return Mode(self._sweep, VALUES[self.values], 0.0, 0, settling, 1)
+
+
+class _Sequenced:
+    """Steps the components one after the other, in an order that matters."""
+
+    __slots__ = ()
+
+    sequence: tuple[str, ...]
+
+    def order(self, coupling: Coupling) -> tuple[str, ...]:
+        """Return the given sequence, or the one that the dependencies ask for.
+
+        Raises:
+            WiringError: The sequence does not name every component once.
+        """
+        if not self.sequence:
+            return coupling.order()[0]
+        if sorted(self.sequence) != sorted(coupling.components):
+            raise WiringError(
+                f"the sequence {', '.join(self.sequence)} must name every component once: "
+                f"{', '.join(coupling.components)}"
+            )
+        return self.sequence
+
+
 @dataclass(frozen=True, slots=True)
-class Jacobi:
+class Jacobi(_Explicit):
     """Every component steps with what is known at the start of the step.
 
     The exchange that most tools do, with held values. At full damping in the shocks it needs small steps
@@ -79,35 +133,22 @@ class Jacobi:
         values: What coupling values do over a step: `held` at the start's; `interpolated` from the last step's start to
             this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with that and
             its change.
+
+    Raises:
+        InputError: There are no such values.
     """
 
     values: str = "held"
     name: str = "jacobi"
-
-    def __post_init__(self) -> None:
-        _check_values(self.values)
-
-    @property
-    def repeats(self) -> bool:
-        """Steps are made once."""
-        return False
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """By its coupling values."""
-        return _ACCURACY[self.values]
+    _sweep: ClassVar[int] = JACOBI
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
         """Any order gives the same."""
         return tuple(coupling.components)
 
-    def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step."""
-        return Mode(JACOBI, VALUES[self.values], 0.0, 0, settling, 1)
-
 
 @dataclass(frozen=True, slots=True)
-class GaussSeidel:
+class GaussSeidel(_Explicit, _Sequenced):
     """Each component steps with the newest outputs of those before it: they are known at both ends of the step.
 
     Args:
@@ -116,36 +157,19 @@ class GaussSeidel:
         values: What the outputs of components do that have not stepped: `extrapolated` with the last step's slope,
             `parabolic` with that and its change (third order, at a smaller limit of stability), `interpolated` (a step
             late), or `held`; with `held`, known ones are held too, at their newest.
+
+    Raises:
+        InputError: There are no such values.
     """
 
     sequence: tuple[str, ...] = ()
     values: str = "extrapolated"
     name: str = "gauss-seidel"
-
-    def __post_init__(self) -> None:
-        _check_values(self.values)
-
-    @property
-    def repeats(self) -> bool:
-        """Steps are made once."""
-        return False
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """By its coupling values."""
-        return _ACCURACY[self.values]
-
-    def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the given sequence, or the one that the dependencies ask for."""
-        return _sequence(self.sequence, coupling)
-
-    def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step."""
-        return Mode(GAUSS_SEIDEL, VALUES[self.values], 0.0, 0, settling, 1)
+    _sweep: ClassVar[int] = GAUSS_SEIDEL
 
 
 @dataclass(frozen=True, slots=True)
-class Implicit:
+class Implicit(_Sequenced):
     """Every step is repeated until what the components assumed of each other is what they give.
 
     Stable at steps and stiffnesses where explicit exchanges are not. Coupled values are then known at both ends of a
@@ -154,9 +178,12 @@ class Implicit:
 
     Args:
         sequence: As for GaussSeidel.
-        tolerance: Largest disagreement, relative to the largest value of the signal so far; up to a hundred times that
-            where iterations stop to help, since a component's answer may jump by a little.
+        tolerance: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times
+            that where iterations stop to help, since a component's answer may jump by a little.
         iterations: Most iterations of a step before its Jacobian is made anew, and after that before it is given up.
+
+    Raises:
+        InputError: The tolerance does not lie between 0 and 1, or there is to be no iteration.
     """
 
     sequence: tuple[str, ...] = ()
@@ -181,12 +208,8 @@ class Implicit:
         """Third order."""
         return _ACCURACY_OF_IMPLICIT
 
-    def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the given sequence, or the one that the dependencies ask for."""
-        return _sequence(self.sequence, coupling)
-
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step."""
+        """Return how the loop makes a step; limits are watched after `settling` [s]."""
         return Mode(IMPLICIT, EXTRAPOLATED, self.tolerance, self.iterations, settling, 0)
 
 
@@ -199,11 +222,14 @@ class Adaptive:
 
     Args:
         scheme: How each step is made.
-        relative: Local error that is allowed, relative to the largest value so far of each coupled signal.
+        relative: Local error that is allowed [1], relative to the largest value so far of each coupled signal.
         absolute: Local error that is allowed besides, per signal (`component.variable`), in its own unit; by default
             1e-5 m/s, 1e-6 m, 0.01 N.
         least: Smallest step [s]; where it does not do, the run ends and says so.
         largest: Largest step [s].
+
+    Raises:
+        InputError: `relative` or `least` is not positive, or `least` is above `largest`.
     """
 
     scheme: GaussSeidel | Jacobi | Implicit = field(default_factory=GaussSeidel)
@@ -235,25 +261,11 @@ class Adaptive:
         return self.scheme.order(coupling)
 
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step."""
+        """Return how the loop makes a step; limits are watched after `settling` [s]."""
         return self.scheme.mode(settling)._replace(final=0)
 
 
-def _check_values(values: str) -> None:
-    if values not in VALUES:
-        raise InputError(f"coupling values are {', '.join(VALUES)}, not {values!r}")
-
-
-def _sequence(sequence: tuple[str, ...], coupling: Coupling) -> tuple[str, ...]:
-    if not sequence:
-        return coupling.order()[0]
-    if sorted(sequence) != sorted(coupling.components):
-        raise WiringError(
-            f"the sequence {', '.join(sequence)} must name every component once: {', '.join(coupling.components)}"
-        )
-    return sequence
-
-
+#: By name, with the settings that they have unless told otherwise.
 ALGORITHMS: dict[str, Algorithm] = {
     "jacobi": Jacobi(),
     "gauss-seidel": GaussSeidel(),

@@ -12,15 +12,12 @@ from typing import Any
 
 from fmpy import fmi1, fmi2
 
-from cosim.component import Capabilities, Variable
 from cosim.fmu_failure import (
     DISCARD,
     ERROR,
     FATAL,
     PENDING,
-    Place,
     advice,
-    failure_text,
     no_state,
     not_begun,
     returned,
@@ -30,13 +27,14 @@ from cosim.fmu_file import FmuFile, SharedFmu
 from cosim.fmu_instance import FmuInstance, State
 from cosim.fmu_log import FmuLog
 from cosim.functions import FunctionTable
+from cosim.opened_fmu import OpenedFmu
 from eightpost.errors import EightpostError, StepError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
-class FmuComponent:
+class FmuComponent(OpenedFmu):
     """One instance of an FMU in this process; names are resolved once per set of names, so that stepping costs little.
 
     The instance is kept after a run and reset for the next one; it is freed with the component. An FMU that crashes
@@ -56,48 +54,21 @@ class FmuComponent:
     def __init__(
         self, path: str | Path, name: str, *, compile_missing: bool = False, folder: str | Path | None = None
     ) -> None:
-        self._name = name
         shared = None
         if folder is None:
             shared = SharedFmu.of(path, compile_missing=compile_missing)
-            self._fmu = shared.fmu
+            fmu = shared.fmu
         else:
-            self._fmu = FmuFile.unpacked(path, folder)
-        self._log = FmuLog(name, self._fmu.names_in_log, self._fmu.folder)
-        self._instance = FmuInstance(self._fmu, name, self._log, shared)
+            fmu = FmuFile.unpacked(path, folder)
+        self._log = FmuLog(name, fmu.names_in_log, fmu.folder)
+        super().__init__(fmu, name, self._log.messages)
+        self._instance = FmuInstance(fmu, name, self._log, shared)
         # Frees all: with the component, with the interpreter, or on call; a component may begin more than once.
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
-        self._references = self._fmu.references
+        self._references = fmu.references
         self._arrays: dict[tuple[str, ...], tuple[Any, Any]] = {}
-        self._inputs: dict[str, float] = {}
-        self._time = 0.0
         self._slave: Any = None
         self._steps = False
-
-    @property
-    def variables(self) -> Mapping[str, Variable]:
-        """All variables by name."""
-        return self._fmu.variables
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What modelDescription.xml says it can do."""
-        return self._fmu.capabilities
-
-    @property
-    def identity(self) -> str:
-        """The FMU's GUID."""
-        return str(self._fmu.description.guid)
-
-    @property
-    def source(self) -> str:
-        """The FMU's file name."""
-        return self._fmu.path.name
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """What it logged as warnings or worse since it began, each once, and what its results hang on."""
-        return (*self._fmu.conditions, *self._log.messages.all)
 
     @property
     def usable(self) -> bool:
@@ -105,20 +76,39 @@ class FmuComponent:
         return not self._instance.dead
 
     def functions(self) -> FunctionTable:
-        """Return the addresses of the running instance's functions, for the loop."""
+        """Return the addresses of the running instance's functions, for the loop.
+
+        Raises:
+            StepError: It has not begun.
+        """
         self._running()
         return self._instance.functions(self._references)
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
-        """Return the error for a call that the loop made and the FMU refused, and treat the instance accordingly."""
-        self._time = time
-        self._inputs |= inputs
+        """Return the error for a call that the loop made and the FMU refused, and treat the instance accordingly.
+
+        Args:
+            what: The call, as what it failed to do: "step", "set inputs".
+            status: What it returned, an fmi2Status.
+            time: At which the step begins [s].
+            inputs: Values that it was given, in its own units.
+        """
+        self._stand(time, self._inputs | dict(inputs))
         return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Reset the last run's instance or make one, set parameters, set up and enter initialization."""
+        """Reset the last run's instance or make one, set parameters, set up and enter initialization.
+
+        Args:
+            start: Time at which the run starts [s].
+            stop: Time at which it ends [s].
+            parameters: Values by name, in its own units.
+
+        Raises:
+            StepError: It cannot be loaded or instantiated, refuses a value, or failed fatally before.
+        """
         self.finish()
-        self._inputs, self._time = {}, start
+        self._stand(start, {})
         self._slave = self._ready()
         self._log.messages.clear()
         for name, value in parameters.items():
@@ -127,13 +117,25 @@ class FmuComponent:
         self._call("enter initialization", self._slave.enterInitializationMode)
 
     def end_initialization(self) -> None:
-        """Leave initialization mode."""
+        """Leave initialization mode.
+
+        Raises:
+            StepError: It has not begun, or refuses.
+        """
         self._call_without_error("leave initialization", self._running().exitInitializationMode)
         self._steps = True
         self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs."""
+        """Set real inputs.
+
+        Args:
+            names: Of the inputs (N,).
+            values: Theirs (N,), in its own units.
+
+        Raises:
+            StepError: It has not begun, or refuses a value.
+        """
         slave = self._running()
         references, buffer = self._buffers(names)
         buffer[:] = values
@@ -141,7 +143,15 @@ class FmuComponent:
         self._call("set inputs", slave.fmi2SetReal, slave.component, references, len(buffer), buffer)
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives of real inputs."""
+        """Set first derivatives of real inputs, for the next step.
+
+        Args:
+            names: Of the inputs (N,).
+            values: Their derivatives (N,), in its own units per second.
+
+        Raises:
+            StepError: It has not begun, or refuses (`capabilities.interpolates_inputs`).
+        """
         slave = self._running()
         references, _ = self._buffers(names)
         count = len(names)
@@ -150,14 +160,22 @@ class FmuComponent:
         self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return real variables."""
+        """Return the values (N,) of real variables (N,), in its own units.
+
+        Raises:
+            StepError: It has not begun, or refuses.
+        """
         slave = self._running()
         references, buffer = self._buffers(names)
         self._call("get outputs", slave.fmi2GetReal, slave.component, references, len(buffer), buffer)
         return list(buffer)
 
     def step(self, time: float, step: float) -> None:
-        """Do one step; where no state is saved, its end is a point of no return."""
+        """Do one step from `time` by `step` [s]; where no state is saved, its end is a point of no return.
+
+        Raises:
+            StepError: It has not begun, or refuses the step.
+        """
         slave = self._running()
         self._time = time
         final = 0 if self._instance.states else 1
@@ -168,7 +186,7 @@ class FmuComponent:
         """Return its state now, for `restore`; `free` it, or it is freed with the end of the run.
 
         Raises:
-            StepError: It cannot save its state (`capabilities.state`), or fails to.
+            StepError: It has not begun, cannot save its state (`capabilities.state`), or fails to.
         """
         slave = self._running()
         if not self.capabilities.state:
@@ -183,14 +201,18 @@ class FmuComponent:
         """Go back to a state that `save` returned; it stays good for more.
 
         Raises:
-            StepError: The state is not one of this run, or it fails to.
+            StepError: It has not begun, the state is not one of this run, or it fails to.
         """
         slave, known = self._running(), self._known(state)
         self._call("restore a state", slave.fmi2SetFMUstate, slave.component, known.pointer)
-        self._time, self._inputs = known.time, dict(known.inputs)
+        self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Give a state back; its memory serves the next `save`."""
+        """Give a state back; its memory serves the next `save`.
+
+        Raises:
+            StepError: The state is not one of this run.
+        """
         known = self._known(state)
         self._instance.states.remove(known)
         self._instance.spare.append(known.pointer)
@@ -220,7 +242,7 @@ class FmuComponent:
             raise
         except Exception as error:  # fmpy raises bare Exceptions where it cannot load or instantiate
             needed = "install the tool that made it: it cannot run without (needsExecutionTool)"
-            raise self._failure("instantiate", f"{error}.", needed if self._fmu.needs_tool else "") from error
+            raise self._failure("failed to instantiate", f"{error}.", needed if self._fmu.needs_tool else "") from error
 
     def _limit_log(self) -> None:
         """From here on log only what goes wrong: a debug message in every step would cost more than the step."""
@@ -252,14 +274,14 @@ class FmuComponent:
         except fmi1.FMICallException as error:
             raise self._refusal(what, error.status, error.function) from error
         except (OSError, AttributeError) as error:  # Windows raises OSError where an FMU touches memory it must not
-            raise self._failure(what, f"{error}.") from error
+            raise self._failure(f"failed to {what}", f"{error}.") from error
 
     def _call_without_error(self, what: str, function: Callable[..., Any], *arguments: Any) -> None:
         """Call where an error in the log counts too: some FMUs (PythonFMU's) can say it nowhere else."""
         errors = self._log.errors
         self._call(what, function, *arguments)
         if self._log.errors > errors:
-            raise self._failure(what, "it logged an error.")
+            raise self._failure(f"failed to {what}", "it logged an error.")
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """What an FMI status above a warning means, and what may still be called after it."""
@@ -267,7 +289,7 @@ class FmuComponent:
         if status == DISCARD:
             more, to_do = self._discarded() if what.startswith("step") else ("", "its inputs may be out of its range")
             why += more
-        failure = self._failure(what, why, to_do)
+        failure = self._failure(f"failed to {what}", why, to_do)
         if status == FATAL:
             self._instance.abandon()
             self._slave = None
@@ -289,10 +311,3 @@ class FmuComponent:
         if ended.value:
             return f"{until} It wants to end the simulation (fmi2Terminated).", "end the run before, or see why it ends"
         return until, "take a smaller coupling step"
-
-    def _failure(self, what: str, why: str, to_do: str = "") -> StepError:
-        place = Place(self._name, self.source, self._time, self._inputs)
-        said = self._log.messages.last
-        return StepError(
-            failure_text(place, self.variables, failed=f"failed to {what}", why=why, said=said, to_do=to_do)
-        )

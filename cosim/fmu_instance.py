@@ -16,7 +16,7 @@ from fmpy import fmi2
 from cosim.engine import calls
 from cosim.fmu_file import FmuFile, SharedFmu
 from cosim.fmu_log import FmuLog
-from cosim.functions import FunctionTable
+from cosim.functions import FunctionTable, address_of
 from eightpost.errors import StepError
 
 #: All there are in this process: an FMU may be held once only, and fmi2Fatal is for all instances of an FMU.
@@ -89,7 +89,7 @@ class FmuInstance:
             get_real=_address(slave, "GetReal"),
             save=_address(slave, "GetFMUstate"),
             restore=_address(slave, "SetFMUstate"),
-            free=int(ctypes.cast(free, ctypes.c_void_p).value or 0) if _address(slave, "FreeFMUstate") else 0,
+            free=address_of(free) if _address(slave, "FreeFMUstate") else 0,
             instance=int(getattr(slave.component, "value", slave.component)),
             references=references,
             keep=free,
@@ -244,4 +244,4 @@ class _Missing:
 
 def _address(slave: Any, name: str) -> int:
     function = getattr(slave.dll, f"fmi2{name}")
-    return 0 if isinstance(function, _Missing) else int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+    return 0 if isinstance(function, _Missing) else address_of(function)

@@ -19,7 +19,7 @@ from fmpy import fmi2
 
 #: By FMI status: OK, warning, discard, error, fatal, pending.
 LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)
-_WARNING, _ERROR, _FATAL = 1, 3, 4  # fmi2Status
+_ERROR, _FATAL = 3, 4  # fmi2Status
 _VARIABLE = re.compile(r"#(?:#|([ribs]\d+)#)")
 
 
@@ -34,7 +34,7 @@ class Messages:
         self._more = 0
 
     def add(self, text: str) -> None:
-        """Take one more."""
+        """Take one more; of those that are new, the first hundred are kept and the others counted."""
         self._last.append(text)
         if text in self._kept:
             return
@@ -51,7 +51,7 @@ class Messages:
 
     @property
     def all(self) -> tuple[str, ...]:
-        """Each once."""
+        """Each once, and how many more there were."""
         return (*self._kept, *([f"and {self._more} messages more"] if self._more else []))
 
     @property
@@ -60,25 +60,44 @@ class Messages:
         return "; ".join(dict.fromkeys(self._last)) or "it gave no reason"
 
 
-class FmuLog:
-    """The log of one component: logger `cosim.fmu.<component>`, level by FMI status (OK is debug).
+class ComponentLog:
+    """The log of one component: logger `cosim.fmu.<component>`, and the messages that are warnings or worse.
+
+    It holds no component, so that what writes into it does not keep one alive.
 
     Args:
         component: Its name.
+    """
+
+    def __init__(self, component: str) -> None:
+        self.messages = Messages()
+        self._logger = logging.getLogger(f"cosim.fmu.{component}")
+
+    def write(self, level: int, text: str) -> None:
+        """Log, and keep what is a warning or worse; `level` is one of logging's."""
+        self._logger.log(level, "%s", text)
+        if level >= logging.WARNING:
+            self.messages.add(text)
+
+
+class FmuLog(ComponentLog):
+    """The log of an FMU in this process, which writes by callback; level by FMI status (OK is debug).
+
+    Args:
+        component: The component's name.
         names: Variables by the way in which a message may name them, "r12" for "#r12#".
         folder: Where it is unpacked; a library of this log's own goes there.
     """
 
     def __init__(self, component: str, names: Mapping[str, str], folder: Path) -> None:
-        self.messages = Messages()
+        super().__init__(component)
         self.errors = 0
-        self._logger = logging.getLogger(f"cosim.fmu.{component}")
         self._names = names
         self._formatter = _load_formatter(folder)
         self.callbacks = fmi2.fmi2CallbackFunctions()
         self.callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
         self.callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        self._entry = fmi2.fmi2CallbackLoggerTYPE(self._write)
+        self._entry = fmi2.fmi2CallbackLoggerTYPE(self._take)
         self.callbacks.logger = self._entry
         if self._formatter is not None:
             self._formatter.addLoggerProxy(ctypes.byref(self.callbacks))
@@ -89,13 +108,14 @@ class FmuLog:
         if formatter is not None:
             fmpy.freeLibrary(formatter._handle)
 
-    def _write(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
+    def _take(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
         raw = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
         text = _VARIABLE.sub(self._name, raw).strip()
-        self._logger.log(LEVELS[status] if 0 <= status < len(LEVELS) else logging.ERROR, "%s", text)
+        if 0 <= status < len(LEVELS):
+            self.write(LEVELS[status], text)
+        else:
+            self._logger.error("%s", text)
         self.errors += status in (_ERROR, _FATAL)
-        if _WARNING <= status <= _FATAL:
-            self.messages.add(text)
 
     def _name(self, found: re.Match[str]) -> str:
         return "#" if found[1] is None else self._names.get(found[1], found[0])

@@ -14,7 +14,8 @@ from cosim.component import Component
 from cosim.engine import calls
 from eightpost.errors import StepError
 
-_OK, _ERROR = 0, 3
+#: fmi2Status that a callback returns.
+OK, ERROR = 0, 3
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,11 @@ class Native(Protocol):
         """Return the error for a call that it refused."""
 
 
+def address_of(function: Any) -> int:
+    """Return the address of a C function or callback, which must outlive its use."""
+    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+
 def function_table(component: Component) -> FunctionTable:
     """Return a component's functions; those of a Python component are callbacks, which take the GIL."""
     return component.functions() if isinstance(component, Native) else Callbacks(component).table()
@@ -77,17 +83,20 @@ class Callbacks:
 
     def table(self) -> FunctionTable:
         """Return the addresses of callbacks."""
-        functions = {
+        functions = self._functions()
+        addresses = dict.fromkeys(("save", "restore", "free"), 0)
+        addresses |= {name: address_of(function) for name, function in functions.items()}
+        references = {name: k for k, name in enumerate(self._names)}
+        return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
+
+    def _functions(self) -> dict[str, Any]:
+        """Callbacks by their names in a table; those that are left out are not there."""
+        return {
             "set_real": calls.EXCHANGE(self._guarded(self._set)),
             "set_slopes": calls.SLOPES(self._guarded(self._set_slopes)),
             "do_step": calls.STEP(self._guarded(self._step)),
             "get_real": calls.EXCHANGE(self._guarded(self._get)),
         }
-        addresses = {name: int(ctypes.cast(f, ctypes.c_void_p).value or 0) for name, f in functions.items()}
-        references = {name: k for k, name in enumerate(self._names)}
-        return FunctionTable(
-            **addresses, save=0, restore=0, free=0, instance=0, references=references, keep=(self, functions)
-        )
 
     def _guarded(self, function: Callable[..., None]) -> Callable[..., int]:
         def call(_instance: Any, *arguments: Any) -> int:
@@ -95,8 +104,8 @@ class Callbacks:
                 function(*arguments)
             except BaseException as error:  # it goes on in the loop's caller
                 self.error = error
-                return _ERROR
-            return _OK
+                return ERROR
+            return OK
 
         return call
 

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.component import Capabilities, Variable
-from cosim.fmu_failure import Place, failure_text, no_state, not_begun, unknown_state
+from cosim.fmu_failure import no_state, not_begun, unknown_state
 from cosim.fmu_file import FmuFile, remove, temporary_folder
-from cosim.fmu_log import Messages
+from cosim.fmu_log import ComponentLog
 from cosim.functions import FunctionTable
 from cosim.isolation.callbacks import StateCallbacks
 from cosim.isolation.process import Call, EndedError, Process
+from cosim.opened_fmu import OpenedFmu
 from eightpost.errors import InputError, StepError
 
 #: How long a call may take [s].
@@ -44,7 +44,7 @@ _CALLS = {
 }
 
 
-class IsolatedComponent:
+class IsolatedComponent(OpenedFmu):
     """One instance of an FMU in a child process, with a working folder of its own.
 
     Inputs, slopes and saved states go along with the next step, and what was read after the last step comes back with
@@ -58,6 +58,7 @@ class IsolatedComponent:
 
     Raises:
         FmuError: As FmuComponent.
+        InputError: The time limit is not positive.
     """
 
     def __init__(
@@ -65,85 +66,80 @@ class IsolatedComponent:
     ) -> None:
         if not time_limit > 0.0:
             raise InputError(f"component {name!r}: the time limit must be positive, it is {time_limit!r} s")
-        self._name, self._time_limit = name, time_limit
+        self._time_limit = time_limit
         self._folder = temporary_folder()
         self._processes: list[Process] = []
         # Ends the process and removes the folder: with the component, with the interpreter, or on call.
         self.close = weakref.finalize(self, _release, self._processes, self._folder, os.getpid())
-        self._fmu = FmuFile.unpack(path, Path(self._folder, "fmu"), compile_missing=compile_missing)
-        self._log = _Log(name)
+        self._log = ComponentLog(name)
+        fmu = FmuFile.unpack(path, Path(self._folder, "fmu"), compile_missing=compile_missing)
+        super().__init__(fmu, name, self._log.messages)
         self._numbers = itertools.count()
         self._states: set[_State] = set()
         self._pending: list[Call] = []
         self._asked: dict[tuple[str, ...], None] = {}
         self._known: dict[tuple[str, ...], list[float]] = {}
-        self._inputs: dict[str, float] = {}
-        self._time = 0.0
         self._running = False
         self._process = self._start()
-
-    @property
-    def variables(self) -> Mapping[str, Variable]:
-        """All variables by name."""
-        return self._fmu.variables
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What modelDescription.xml says it can do."""
-        return self._fmu.capabilities
-
-    @property
-    def identity(self) -> str:
-        """The FMU's GUID."""
-        return str(self._fmu.description.guid)
-
-    @property
-    def source(self) -> str:
-        """The FMU's file name."""
-        return self._fmu.path.name
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """What it logged as warnings or worse since it began, each once, and what its results hang on."""
-        return (*self._fmu.conditions, *self._log.messages.all)
 
     def functions(self) -> FunctionTable:
         """Return the addresses of callbacks that ask the child, for the loop."""
         return StateCallbacks(self).table()
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
-        """Return the error for a call that failed without one of its own."""
-        self._time = time
-        self._inputs |= inputs
+        """Return the error for a call that failed without one of its own; arguments as of FmuComponent."""
+        self._stand(time, self._inputs | dict(inputs))
         return self._failure(f"failed to {what}", f"it returned {status}.")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """As FmuComponent; in a new process where the last one ended."""
+        """As FmuComponent; in a new process where the last one ended.
+
+        Raises:
+            StepError: The FMU fails to, crashes or hangs.
+        """
         self.finish()
         self._log.messages.clear()
         self._asked.clear()
-        self._inputs, self._time = {}, start
+        self._stand(start, {})
         if not self._process.alive:
             self._process = self._start()
         self._running = True
         self._do(("begin", start, stop, dict(parameters)))
 
     def end_initialization(self) -> None:
-        """Leave initialization mode."""
+        """Leave initialization mode.
+
+        Raises:
+            StepError: It does not run, fails to, crashes or hangs.
+        """
         self._do(("end_initialization",))
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs, with the next step or reading."""
+        """Set real inputs (N,) to values (N,) in its own units, with the next step or reading.
+
+        Raises:
+            StepError: It does not run.
+        """
         numbers = tuple(map(float, values))
         self._inputs.update(zip(names, numbers, strict=True))
         self._later(("set", tuple(names), numbers))
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives of real inputs, with the next step."""
+        """Set first derivatives (N,) of real inputs (N,), in its own units per second, with the next step.
+
+        Raises:
+            StepError: It does not run.
+        """
         self._later(("set_derivatives", tuple(names), tuple(map(float, values))))
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return real variables; those that were read after the last step are here already."""
+        """Return the values (N,) of real variables (N,), in its own units.
+
+        Those that were read after the last step are here already.
+
+        Raises:
+            StepError: It does not run, refuses, crashes or hangs.
+        """
         key = tuple(names)
         self._asked[key] = None
         if key not in self._known:
@@ -152,7 +148,11 @@ class IsolatedComponent:
         return list(self._known[key])
 
     def step(self, time: float, step: float) -> None:
-        """Do one step, and read what was read after the last one."""
+        """Do one step from `time` by `step` [s], and read what was read after the last one.
+
+        Raises:
+            StepError: It does not run, refuses the step, crashes or hangs.
+        """
         self._time = time
         wanted, self._asked = tuple(self._asked), {}
         results = self._do(("step", float(time), float(step)), *(("get", names) for names in wanted))
@@ -160,7 +160,11 @@ class IsolatedComponent:
         self._known = dict(zip(wanted, results[len(results) - len(wanted) :], strict=True))
 
     def save(self) -> object:
-        """As FmuComponent: a number by which the child knows the state."""
+        """As FmuComponent: a number by which the child knows the state.
+
+        Raises:
+            StepError: It cannot save its state (`capabilities.state`), or does not run.
+        """
         if not self.capabilities.state:
             raise StepError(no_state(self._name, self.source))
         self._check_running()
@@ -170,13 +174,21 @@ class IsolatedComponent:
         return state
 
     def restore(self, state: object) -> None:
-        """Go back to a state that `save` returned."""
+        """Go back to a state that `save` returned, with the next step or reading.
+
+        Raises:
+            StepError: It does not run, or the state is not one of this run.
+        """
         known = self._checked(state)
         self._later(("restore", known.number))
-        self._time, self._inputs = known.time, dict(known.inputs)
+        self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Give a state back."""
+        """Give a state back.
+
+        Raises:
+            StepError: It does not run, or the state is not one of this run.
+        """
         known = self._checked(state)
         self._states.discard(known)
         self._pending.append(("free", known.number))
@@ -217,11 +229,6 @@ class IsolatedComponent:
             why = f"it printed {printed[-1]!r}." if printed else "it printed nothing."
             raise self._failure(f"{ended.how} in: {what}", why, _HUNG if ended.hung else _CRASHED) from None
 
-    def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        place = Place(self._name, self.source, self._time, self._inputs)
-        said = self._log.messages.last
-        return StepError(failure_text(place, self.variables, failed=failed, why=why, said=said, to_do=to_do))
-
     def _pass_on_prints(self) -> list[str]:
         printed = self._process.printed()
         for line in printed:
@@ -247,20 +254,6 @@ class _State:
 
     def __init__(self, number: int, time: float, inputs: Mapping[str, float]) -> None:
         self.number, self.time, self.inputs = number, time, inputs
-
-
-class _Log:
-    """Takes what the child passes on; it holds no component, so that a child does not keep one alive."""
-
-    def __init__(self, component: str) -> None:
-        self.messages = Messages()
-        self._logger = logging.getLogger(f"cosim.fmu.{component}")
-
-    def write(self, level: int, text: str) -> None:
-        """Log, and keep what is a warning or worse."""
-        self._logger.log(level, "%s", text)
-        if level >= logging.WARNING:
-            self.messages.add(text)
 
 
 def _release(processes: Sequence[Process], folder: str, owner: int) -> None:

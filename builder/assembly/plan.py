@@ -7,17 +7,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from builder.assembly.parts import Part
+from builder.connection import Ends
 from eightpost.errors import FmuError
 
 _RUN = "run it as separate FMUs (eightpost run)"
 
 
 @dataclass(frozen=True)
-class Link:
-    """A connection, ends as `component.variable`: target = gain (factor source + offset), in the ends' own units."""
+class Link(Ends):
+    """A connection: target = gain (factor source + offset), in the ends' own units."""
 
-    source: str
-    target: str
     gain: float = 1.0
     factor: float = 1.0
     offset: float = 0.0
@@ -87,7 +86,7 @@ def _reasons(assembly: Assembly) -> Iterator[str]:
     names = {part.name: part for part in assembly.parts}
     for link in assembly.links:
         yield from _wrong_link(link, names)
-    linked = {link.source.partition(".")[0] for link in assembly.links}
+    linked = {link.places[0][0] for link in assembly.links}
     for part in assembly.parts:
         if part.name not in linked:
             yield f"{part.name} feeds no other component: connect it with a bond, or leave it out"
@@ -112,7 +111,7 @@ def _wrong_parts(assembly: Assembly) -> Iterator[str]:
 
 
 def _wrong_link(link: Link, names: Mapping[str, Part]) -> Iterator[str]:
-    (source, output), (target, _) = (end.partition(".")[::2] for end in (link.source, link.target))
+    (source, output), (target, _) = link.places
     what = f"{link.source} -> {link.target}"
     if names[source].is_vehicle == names[target].is_vehicle:
         yield f"{what} does not go between a vehicle and a shock: {_RUN}"
@@ -123,9 +122,9 @@ def _wrong_link(link: Link, names: Mapping[str, Part]) -> Iterator[str]:
 def _loops(assembly: Assembly) -> Iterator[str]:
     """The vehicle's outputs to the shocks must not follow a shock force without delay."""
     part = assembly.parts[0]
-    fed = {link.target.partition(".")[2] for link in assembly.links if link.target.startswith(f"{part.name}.")}
+    fed = {name for _, (target, name) in (link.places for link in assembly.links) if target == part.name}
     for link in assembly.links:
-        source, _, output = link.source.partition(".")
+        (source, output), _ = link.places
         if source == part.name and (direct := sorted(fed & set(part.interface.direct.get(output, ())))):
             yield (
                 f"{link.source} -> {link.target} makes a loop without a delay, for {link.source} follows "

@@ -4,33 +4,42 @@ from __future__ import annotations
 
 import ctypes
 from contextlib import suppress
-from dataclasses import replace
 from itertools import count
 from typing import Any, Protocol
 
 from cosim.component import Component
 from cosim.engine import calls
-from cosim.functions import Callbacks, FunctionTable
+from cosim.functions import OK, Callbacks
 from eightpost.errors import EightpostError
-
-_OK = 0
 
 
 class Restorable(Component, Protocol):
     """A component that goes back to earlier states."""
 
     def save(self) -> object:
-        """Return its state now."""
+        """Return its state now.
+
+        Raises:
+            StepError: It fails to.
+        """
 
     def restore(self, state: object) -> None:
-        """Go back to it."""
+        """Go back to a state that `save` returned; it stays good for more.
+
+        Raises:
+            StepError: The state is not one of this run, or it fails to.
+        """
 
     def free(self, state: object) -> None:
-        """Give it back."""
+        """Give back a state that is needed no more."""
 
 
 class StateCallbacks(Callbacks):
-    """Callbacks, and those for states: the loop knows a state by a number, as it knows an FMU's by an address."""
+    """Callbacks, and those for states: the loop knows a state by a number, as it knows an FMU's by an address.
+
+    Args:
+        component: What is called; it must have begun before the loop calls.
+    """
 
     def __init__(self, component: Restorable) -> None:
         super().__init__(component)
@@ -38,16 +47,12 @@ class StateCallbacks(Callbacks):
         self._numbers = count(1)
         self._states: dict[int, object] = {}
 
-    def table(self) -> FunctionTable:
-        """Return the addresses of callbacks."""
-        table = super().table()
-        functions = (
-            calls.SAVE(self._guarded(self._save)),
-            calls.RESTORE(self._guarded(self._restore)),
-            calls.SAVE(self._free_quietly),
-        )
-        save, restore, free = (int(ctypes.cast(f, ctypes.c_void_p).value or 0) for f in functions)
-        return replace(table, save=save, restore=restore, free=free, keep=(self, functions, table.keep))
+    def _functions(self) -> dict[str, Any]:
+        return super()._functions() | {
+            "save": calls.SAVE(self._guarded(self._save)),
+            "restore": calls.RESTORE(self._guarded(self._restore)),
+            "free": calls.SAVE(self._free_quietly),
+        }
 
     def _save(self, slot: int) -> None:
         number = ctypes.c_int64.from_address(slot)
@@ -65,4 +70,4 @@ class StateCallbacks(Callbacks):
         if state is not None:
             with suppress(EightpostError):
                 self._restorable.free(state)
-        return _OK
+        return OK

@@ -1,0 +1,5 @@
+"""One run of a system with one algorithm, from what it is made of to its result."""
+
+from cosim.session.session import RunInterrupted, Session
+
+__all__ = ["RunInterrupted", "Session"]

@@ -1,0 +1,90 @@
+"""Stepping with coupling steps that an error estimate chooses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.algorithm import Adaptive
+from cosim.conversion import to_si
+from cosim.engine.march import Control, Knots, Progress
+from cosim.engine.plan import DONE, STOPPED, STUCK, memory
+from cosim.session.failure import failure
+from cosim.session.running import Ending, Marching, Running
+from cosim.session.setup import Setup
+from cosim.session.times import among, merged
+from eightpost.errors import WiringError
+
+#: Local error that is allowed from the start on, by SI unit: far below what a sensor tells.
+_LEAST_ERROR = {"m/s": 1e-5, "m": 1e-6, "N": 1e-2}
+
+
+def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm: Adaptive) -> Ending:
+    """Step from one recorded time to the next, until the stop, an interrupt, or a step that would be too small.
+
+    Raises:
+        WiringError: A tolerance is given for what is no coupled signal.
+        StepError: A component failed, or the coupling diverged.
+    """
+    knots, control = _knots(setup), _control(setup, algorithm)
+    state = _first_progress(setup.step, control, running.memory.now.size, knots.values.shape[1])
+    kept = memory(running.plan)
+    arguments = (running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
+    while True:
+        end = marching.march(*arguments, max(1, marching.chunk // 10))
+        time = float(state.time[0])
+        if end in (STOPPED, STUCK) or running.memory.failure[3] == 1:
+            return Ending(end, time, least=float(state.smallest[0]), largest=float(state.greatest[0]))
+        if end != DONE:
+            raise failure(setup, running, end, time)
+        marching.progress(min(1.0, time / setup.scenario.stop))
+
+
+def _knots(setup: Setup) -> Knots:
+    """The drive's own points within the run, and every time to land on."""
+    scenario, recorded = setup.scenario, setup.times[setup.recorded == 1][1:]
+    drive = scenario.drive
+    if drive is None:
+        return Knots(np.zeros(0), np.zeros((1, 0)), recorded, np.ones(recorded.size, np.int64))
+    own = drive.series.time - scenario.drive_start
+    own = np.concatenate([[0.0], own[(own > 0.0) & (own < scenario.stop)], [scenario.stop]])
+    values = np.ascontiguousarray(drive.sample(own + scenario.drive_start).T)
+    events = merged(np.concatenate([own[1:], recorded]))
+    return Knots(own, values, events, among(events, recorded, scenario.stop).astype(np.int64))
+
+
+def _control(setup: Setup, algorithm: Adaptive) -> Control:
+    coupled = sorted({source for source, _ in setup.layout.terms})
+    if unknown := sorted(set(algorithm.absolute) - set(coupled)):
+        raise WiringError(f"adaptive: {unknown[0]} is no coupled signal; those are {', '.join(coupled)}")
+    return Control(
+        np.array([setup.layout.signals.index(name) for name in coupled], dtype=np.int64),
+        np.array([algorithm.absolute.get(name, _least_error(setup, name)) for name in coupled]),
+        algorithm.relative,
+        setup.accuracy.order,
+        algorithm.least,
+        min(algorithm.largest, setup.scenario.stop),
+    )
+
+
+def _least_error(setup: Setup, name: str) -> float:
+    """What is allowed of a signal in every step, in its own unit."""
+    conversion, unit = to_si(setup.system.output(name))
+    return _LEAST_ERROR.get(unit, 1e-9) / abs(conversion.factor)
+
+
+def _first_progress(step: float, control: Control, signals: int, channels: int) -> Progress:
+    """Where a run begins that tries `step` [s] first."""
+    first = min(max(step, control.least), control.largest)
+    return Progress(
+        time=np.zeros(1),
+        step=np.array([first]),
+        error=np.ones(1),
+        event=np.zeros(1, np.int64),
+        knot=np.zeros(1, np.int64),
+        smallest=np.full(1, np.inf),
+        greatest=np.zeros(1),
+        scale=np.zeros(control.signal.size),
+        once=np.zeros(signals),
+        drive=np.zeros((3, channels)),
+        ends=np.zeros(2),
+    )

@@ -1,0 +1,58 @@
+"""Why the loop gave up: a component that refused a call, or a coupling that diverged."""
+
+from __future__ import annotations
+
+from cosim.engine.plan import DIVERGED
+from cosim.functions import Callbacks, FunctionTable, Native
+from cosim.session.running import Running
+from cosim.session.setup import Setup
+from eightpost.errors import StepError
+
+#: By the loop's numbers of calls.
+_CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
+
+#: What else may be stable where a scheme is not.
+_OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
+
+
+def failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
+    """Return the error for a loop that ended so: a component's own where it raised one.
+
+    Args:
+        setup: What was run.
+        running: As the loop left it.
+        end: Why it ended, of cosim.engine.plan.
+        time: At which it did [s].
+    """
+    if end == DIVERGED:
+        return _divergence(setup, running, time)
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    name, what = setup.layout.parts[part], _CALLS[call]
+    if (raised := _raised(running.tables[name])) is not None:
+        return raised
+    component = setup.system.components[name]
+    if isinstance(component, Native):
+        return component.refused(what, status, time, _inputs(setup, running, part))
+    return StepError(f"component {name!r} ({component.source}) failed to {what} at {time:g} s")
+
+
+def _divergence(setup: Setup, running: Running, time: float) -> StepError:
+    signal = int(running.memory.failure[1])
+    return StepError(
+        f"the coupling diverged: {setup.layout.signals[signal]} is {running.memory.ahead[signal]:g} after {time:g} s; "
+        f"take a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
+    )
+
+
+def _raised(table: FunctionTable) -> BaseException | None:
+    """What a Python component raised in a callback."""
+    keep = table.keep
+    return keep[0].error if isinstance(keep, tuple) and isinstance(keep[0], Callbacks) else None
+
+
+def _inputs(setup: Setup, running: Running, part: int) -> dict[str, float]:
+    """The values that a part was given last, in its own units."""
+    rows = running.plan.parts.inputs
+    feeds = setup.coupling.feeds[setup.layout.parts[part]]
+    moving = [feed.target for feed in feeds if feed.terms or feed.drive is not None]
+    return dict(zip(moving, running.memory.value[rows[part] : rows[part + 1]].tolist(), strict=True))

@@ -1,0 +1,106 @@
+"""What exists while components step: the loop's arrays, what it records, and the functions that it calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from cosim.engine.march import Tape
+from cosim.engine.plan import Memory, Mode, Plan, memory
+from cosim.equilibrium import Equilibrium, solve_equilibrium
+from cosim.functions import FunctionTable, free_states, function_table
+from cosim.planning import make_plan
+from cosim.recorder import blank_tape
+from cosim.session.setup import Setup
+
+
+@dataclass(frozen=True)
+class Running:
+    """Components that have begun, as the loop sees them.
+
+    Args:
+        plan: What stays as it is.
+        memory: What a run changes.
+        tape: What is recorded.
+        tables: Functions by component.
+    """
+
+    plan: Plan
+    memory: Memory
+    tape: Tape
+    tables: Mapping[str, FunctionTable]
+
+    def stop(self) -> None:
+        """Have the loop stop before its next step."""
+        self.memory.stop.fill(1)
+
+    def free_states(self, setup: Setup) -> None:
+        """Free the states that the loop saved."""
+        free_states([self.tables[name] for name in setup.layout.parts], self.memory.states)
+
+
+@dataclass(frozen=True)
+class Marching:
+    """The loop, and how it is called.
+
+    Args:
+        march: The loop.
+        chunk: How many steps it makes at once.
+        mode: How it makes a step.
+        progress: Told after each call of the loop which share of the run is done, 0 to 1.
+    """
+
+    march: Callable[..., int]
+    chunk: int
+    mode: Mode
+    progress: Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How the loop ended.
+
+    Args:
+        why: DONE, STOPPED or STUCK of cosim.engine.plan.
+        time: Until which it came [s].
+        least: Smallest step that was made [s].
+        largest: Largest step that was made [s].
+    """
+
+    why: int
+    time: float
+    least: float
+    largest: float
+
+
+def begin(setup: Setup) -> Equilibrium:
+    """Begin every component, find the coupled start and leave initialization.
+
+    Raises:
+        StepError: A component failed.
+    """
+    coupling, components = setup.coupling, setup.system.components
+    for name, component in components.items():
+        component.begin(0.0, setup.scenario.stop, setup.system.parameters.get(name, {}))
+    equilibrium = solve_equilibrium(coupling, setup.layout.order)
+    for name in setup.layout.order:
+        components[name].end_initialization()
+        coupling.now.update(coupling.read(name))
+    return equilibrium
+
+
+def prepare(setup: Setup) -> Running:
+    """Return the loop's arrays for components that are at the coupled start."""
+    tables = {name: function_table(component) for name, component in setup.system.components.items()}
+    plan = make_plan(
+        setup.system,
+        setup.coupling,
+        setup.layout,
+        tables,
+        watched=setup.limits.watched,
+        following=setup.following,
+    )
+    m = memory(plan)
+    m.now[:] = m.ahead[:] = m.past[:] = [setup.coupling.now[name] for name in setup.layout.signals]
+    rows = int(setup.recorded.sum()) + 1
+    return Running(plan, m, blank_tape(setup.layout, setup.names, rows), tables)

@@ -1,0 +1,105 @@
+"""One run of a system with one algorithm."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+
+from cosim.algorithm import Adaptive, Algorithm
+from cosim.engine.loop import can_compile, loop
+from cosim.engine.march import record
+from cosim.engine.plan import STOPPED
+from cosim.functions import Native
+from cosim.interrupt import interrupts_deferred
+from cosim.result import Result
+from cosim.scenario import Scenario
+from cosim.session.adaptive import march_adaptive
+from cosim.session.fixed import march_fixed
+from cosim.session.outcome import Outcome
+from cosim.session.running import Ending, Marching, Running, begin, prepare
+from cosim.session.setup import Setup
+from cosim.system import System
+from eightpost.errors import InputError
+
+
+class RunInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a run; `result` holds what was computed."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__("the run was interrupted")
+        self.result = result
+
+
+class Session:
+    """A system, a scenario, an algorithm and a step, ready to run once.
+
+    Args:
+        system: Components and connections.
+        scenario: What is done to them.
+        algorithm: How they are stepped.
+        step: Coupling step [s]; of an adaptive run the first one to try.
+
+    Raises:
+        WiringError: System, scenario and algorithm do not fit together.
+        InputError: The coupling step does not fit.
+    """
+
+    def __init__(self, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> None:
+        self._setup = Setup.of(system, scenario, algorithm, step)
+
+    def run(self, engine: str = "auto", progress: Callable[[float], None] | None = None) -> Result:
+        """Begin, find the coupled start, step to the end. The components are finished whatever happens.
+
+        Args:
+            engine: `compiled`, `python`, or `auto`: compiled where numba is installed and a component is native.
+            progress: Called now and then with the share done, 0 to 1.
+
+        Raises:
+            InputError: The compiled loop is asked for, and numba is not installed.
+            StepError: A component failed, or the coupling diverged.
+            RunInterrupted: Ctrl-C; it holds the result so far.
+        """
+        began = clock.perf_counter()
+        try:
+            equilibrium = begin(self._setup)
+            running = prepare(self._setup)
+            stepping = clock.perf_counter()
+            ending = self._step(running, engine, progress or (lambda _: None))
+            seconds = (stepping - began, clock.perf_counter() - stepping)
+            result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
+            if ending.why == STOPPED:
+                raise RunInterrupted(result)
+            return result
+        finally:
+            for component in self._setup.system.components.values():
+                component.finish()
+
+    def _step(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
+        try:
+            with interrupts_deferred(running.stop):
+                return self._march(running, engine, progress)
+        finally:
+            running.free_states(self._setup)
+
+    def _march(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
+        algorithm = self._setup.algorithm
+        marching = self._marching(engine, progress)
+        record(running.plan, running.memory, running.tape, 0.0)
+        ending = (
+            march_adaptive(self._setup, running, marching, algorithm)
+            if isinstance(algorithm, Adaptive)
+            else march_fixed(self._setup, running, marching)
+        )
+        progress(1.0)
+        return ending
+
+    def _marching(self, engine: str, progress: Callable[[float], None]) -> Marching:
+        """The loop that is asked for; compiling one gains nothing where every component is Python."""
+        setup = self._setup
+        native = any(isinstance(component, Native) for component in setup.system.components.values())
+        march, chunk = loop(
+            engine if native or engine == "compiled" else "python", adaptive=isinstance(setup.algorithm, Adaptive)
+        )
+        if engine == "compiled" and not can_compile():
+            raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
+        return Marching(march, chunk, setup.algorithm.mode(setup.scenario.settling), progress)

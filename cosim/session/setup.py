@@ -1,0 +1,81 @@
+"""What a run is made of: everything resolved and checked before the first component begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cosim.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
+from cosim.coupling import Coupling
+from cosim.limits import LimitWatch
+from cosim.planning import Layout, lay_out
+from cosim.recorder import Flags, recorded_names, recorded_steps
+from cosim.scenario import Scenario
+from cosim.session.checks import check_repeats, check_variable_step
+from cosim.session.times import Times, coupling_times
+from cosim.system import System
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A run before it begins.
+
+    Args:
+        system: Components and connections.
+        scenario: What is done to them.
+        algorithm: How they are stepped.
+        step: Coupling step [s]; of an adaptive run the first one to try.
+        names: What is recorded, as `component.variable`.
+        limits: What is watched at every step.
+        coupling: What feeds every input.
+        layout: Where everything is in the loop's arrays.
+        times: Coupling points (K+1,) [s]; of an adaptive run those that may be recorded.
+        recorded: 1 for each of them that is recorded (K+1,).
+    """
+
+    system: System
+    scenario: Scenario
+    algorithm: Algorithm
+    step: float
+    names: tuple[str, ...]
+    limits: LimitWatch
+    coupling: Coupling
+    layout: Layout
+    times: Times
+    recorded: Flags
+
+    @classmethod
+    def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> Setup:
+        """Resolve and check everything; `step` in s.
+
+        Raises:
+            WiringError: System, scenario and algorithm do not fit together.
+            InputError: The coupling step does not fit.
+        """
+        names = recorded_names(system, scenario)
+        limits = LimitWatch(system)
+        coupling = Coupling(system, scenario, every_step=limits.names, recorded=names)
+        layout = lay_out(coupling, algorithm.order(coupling))
+        own = scenario.record_step if isinstance(algorithm, Adaptive) else None
+        grid = step if own is None else own
+        times = coupling_times(scenario.stop, grid)
+        recorded = recorded_steps(scenario, grid, times.size - 1)
+        check_variable_step(system, algorithm, times, step)
+        check_repeats(system, algorithm)
+        return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded)
+
+    @property
+    def ramps(self) -> bool:
+        """Whether all components follow inputs that change over a step."""
+        return all(c.capabilities.interpolates_inputs for c in self.system.components.values())
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """What is known of the error: the algorithm's, where the components let it have its own."""
+        return self.algorithm.accuracy if self.ramps else HELD_INPUTS
+
+    @property
+    def following(self) -> frozenset[str]:
+        """Components that the drive moves and that take any step: they go from each of its points to the next."""
+        feeds = self.coupling.feeds
+        driven = {name for name, into in feeds.items() if any(feed.drive is not None for feed in into)}
+        return frozenset(name for name in driven if self.system.components[name].capabilities.variable_step)

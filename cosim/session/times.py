@@ -1,0 +1,65 @@
+"""Times that a run lands on [s], alike where they differ by rounding only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.errors import InputError
+
+Times = NDArray[np.float64]
+
+#: Times that differ by less than this share of the run are one.
+ROUNDING = 1e-9
+
+
+def coupling_times(stop: float, step: float) -> Times:
+    """Return the coupling points (K+1,) [s]: whole multiples of the step, so that they do not drift, and the stop.
+
+    Args:
+        stop: Duration of the run [s].
+        step: Coupling step [s].
+
+    Raises:
+        InputError: The step is not positive, or longer than the run.
+    """
+    if not (np.isfinite(step) and 0.0 < step <= stop):
+        raise InputError(f"the coupling step must be positive and at most the run ({stop} s), not {step!r} s")
+    count = max(1, int(np.ceil(stop / step * (1.0 - 1e-12))))
+    times: Times = np.arange(count + 1, dtype=np.float64) * step
+    times[-1] = stop
+    return times
+
+
+def joined(times: Times, others: Times) -> Times:
+    """Return all times in order; of those that differ by rounding only, the first array's, to the bit.
+
+    Args:
+        times: In order (T,) [s], from the run's start to its end.
+        others: Within them (N,) [s].
+    """
+    place = np.searchsorted(times, others)
+    near = np.minimum(np.abs(others - times[np.maximum(place - 1, 0)]), np.abs(others - times[place]))
+    return np.union1d(times, others[near > ROUNDING * times[-1]])
+
+
+def merged(times: Times) -> Times:
+    """Return times (T,) [s] sorted, without those that differ by rounding only."""
+    times = np.sort(times)
+    kept: Times = times[np.append(np.diff(times) > ROUNDING * times[-1], True)]
+    return kept
+
+
+def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
+    """Return which times (T,) [s] differ from one of the chosen ones (R,) [s] by rounding only.
+
+    Args:
+        times: To look at.
+        chosen: In order.
+        stop: Duration of the run [s].
+    """
+    place = np.searchsorted(chosen, times)
+    after = np.abs(times - chosen[np.clip(place, 0, chosen.size - 1)])
+    before = np.abs(times - chosen[np.clip(place - 1, 0, chosen.size - 1)])
+    found: NDArray[np.bool_] = np.minimum(after, before) < ROUNDING * stop
+    return found
