@@ -12,13 +12,12 @@ from builder.assembly.described import described_interface
 from builder.interface import Interface
 from builder.native.sources import SHOCK
 from builder.native.tables import interface_header, layout
-from builder.sources import source_folder
+from builder.sources import shock_kinds, source_folder
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
 
 VEHICLE = "vehicle_ss"
-SHOCKS = ("shock_polylinear", "shock_lpf1", "shock_lpnl2")
 
 #: What a model's compilation unit takes from fmus/common.
 _BENEATH = ("component.h", "elementary.c", "elementary.h", "message.h", "names.h")
@@ -85,7 +84,7 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
     interface = described_interface(root)
     if interface is None:
         raise _CannotBeError(f"is not an FMU of eightpost: its equations are not known here; {_ASSEMBLED}")
-    if interface.kind not in (VEHICLE, *SHOCKS):
+    if interface.kind not in (VEHICLE, *shock_kinds()):
         raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_ASSEMBLED}")
     _refuse_closed(root, members)
     header = members["sources/interface.h"].decode()

@@ -12,7 +12,18 @@ from builder.native.sources import COMMON
 from builder.native.tables import c_number, interface_header, interface_source, layout
 from builder.sources import source_folder
 
-_OWN = ("model.c", "part.h", "part.inc", "part_names.h", "wiring.h")
+_OWN = (
+    "coupled_start.c",
+    "coupling_error.c",
+    "machine.c",
+    "machine.h",
+    "model.c",
+    "part.h",
+    "part.inc",
+    "part_kinds.h",
+    "part_names.h",
+    "wiring.h",
+)
 
 
 def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dict[str, bytes]:

@@ -15,6 +15,7 @@ COMMON = (
     "derivatives.c",
     "elementary.c",
     "elementary.h",
+    "exchange.c",
     "fmu_state.c",
     "instance.h",
     "lifecycle.c",
@@ -26,7 +27,7 @@ COMMON = (
     "step.c",
     "variables.c",
 )
-SHOCK = ("lag.h", "shock.c", "shock.h")
+SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:

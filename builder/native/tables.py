@@ -19,6 +19,9 @@ _SETTABLE = {
 }
 
 
+#: Kinds whose step leaves outputs for when they are asked for.
+_COMPUTED_WHEN_ASKED = ("vehicle_ss", "assembly")
+
 #: Arrays that model.c names even where a model has none of them.
 _NEEDED = {"vehicle_ss": ("offset", "friction_force", "friction_velocity")}
 
@@ -106,6 +109,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "FLAGS": max(1, len(plan.flags)),
         "STATES": max(1, plan.states),
         "REFERENCES": _references(interface.variables),
+        "OUTPUTS_ARE_KEPT": int(interface.kind not in _COMPUTED_WHEN_ASKED),
     }
     lines = [
         f"/* {interface.kind} {interface.version}: generated from interface.toml; do not edit. */",
@@ -162,7 +166,9 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
     """Return interface.c: the table of the variables that a host sees, inputs first, and the start values of all."""
     variables = sorted(variables, key=lambda v: v.causality != "input")
     position = {v.reference: k for k, v in enumerate(variables)}
-    places = [position.get(reference, -1) for reference in range(_references(plan.interface.variables))]
+    references = range(_references(plan.interface.variables))
+    places = [position.get(reference, -1) for reference in references]
+    index = {v.reference: plan.index(v) for v in variables if v.type == "Real"}
     flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]
     lines = [
         f"/* {plan.interface.kind} {plan.interface.version}: generated from interface.toml; do not edit. */",
@@ -173,6 +179,7 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
         "};",
         "",
         f"const int16_t variable_of_reference[REFERENCES] = {{{', '.join(map(str, places))}}};",
+        f"const int16_t real_of_reference[REFERENCES] = {{{', '.join(str(index.get(r, -1)) for r in references)}}};",
         "",
         f"const double start_values[REALS] = {c_array(float(v.start or 0.0) for v, _ in plan.reals)};",
         f"const int64_t start_flags[FLAGS] = {{{', '.join(flags)}}};",

@@ -11,6 +11,7 @@
 
 #undef variables
 #undef variable_of_reference
+#undef real_of_reference
 #undef start_values
 #undef start_flags
 #undef model_work_size
@@ -27,6 +28,7 @@
 
 #define variables fmi2FullName(OF_PART(variables))
 #define variable_of_reference fmi2FullName(OF_PART(variable_of_reference))
+#define real_of_reference fmi2FullName(OF_PART(real_of_reference))
 #define start_values fmi2FullName(OF_PART(start_values))
 #define start_flags fmi2FullName(OF_PART(start_flags))
 #define model_work_size fmi2FullName(OF_PART(model_work_size))

@@ -14,9 +14,8 @@ typedef enum { INSTANTIATED = 1, INITIALIZING = 2, STEPPING = 4, TERMINATED = 8 
 
 typedef struct {
     int64_t phase;
-    int64_t has_stop;
     double time; /* [s] */
-    double stop; /* [s] */
+    double stop; /* [s]; NO_LIMIT where there is none */
     int64_t stale; /* a parameter, or before the start an input, was set: look at all of them anew */
     double slope[INPUTS]; /* first derivatives of the inputs over the next step */
     double state[STATES]; /* what the model keeps from step to step */
@@ -42,6 +41,7 @@ typedef struct {
 /* Generated from interface.toml (interface.c). */
 extern const Variable variables[];
 extern const int16_t variable_of_reference[REFERENCES]; /* -1: no such variable */
+extern const int16_t real_of_reference[REFERENCES]; /* index in Values.at; -1: no such Real variable */
 extern const double start_values[REALS];
 extern const int64_t start_flags[FLAGS];
 
@@ -56,11 +56,18 @@ int model_warns(const Values *v, Message *why);
 /* Set outputs and state from inputs and parameters; 0 if there is no such start. */
 int model_start(Memory *memory, void *work, Message *why);
 /* Advance the state by h [s]; the inputs go linearly from `from` (INPUTS) to those in memory. 0 if it cannot, or if what
- * comes out is not finite. */
+ * comes out is not finite; then the memory is as it was. */
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why);
-/* Bring an output to the last step's end, if the step has left it for when it is asked for. */
-void model_output(Memory *memory, int output);
+/* An output at the last step's end, of a model whose step leaves outputs for when they are asked for. */
+double model_output(const Memory *memory, int output);
 /* d output / d input without delay, of two indices in Values.at, where the instance is now. */
 double model_direct_term(const Memory *memory, int output, int input);
+
+/* A Real variable of an index in Values.at. */
+static inline double value_of(const Memory *memory, int index)
+{
+    return !OUTPUTS_ARE_KEPT && index >= INPUTS && index < INPUTS + OUTPUTS ? model_output(memory, index - INPUTS)
+                                                                            : memory->values.at[index];
+}
 
 #endif

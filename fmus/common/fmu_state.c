@@ -71,9 +71,6 @@ static fmi2Status save(const Component *c, const char *function, const Memory *m
     }
     s->tag = SAVED;
     memcpy(&s->memory, memory, sizeof s->memory);
-    for (int output = 0; output < OUTPUTS; output++) { /* one state, one copy, whatever was asked for before */
-        model_output(&s->memory, output);
-    }
     *state = s;
     return fmi2OK;
 }

@@ -37,6 +37,11 @@ int out_of_range(const Component *c, const char *function, const Variable *varia
 /* variables.c: 0 and a message for a list with a reference that is unknown or of another type. */
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
 
+/* variables.c, derivatives.c: the calls of exchange.c with every check, and a message for what is refused. */
+fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[]);
+fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]);
+fmi2Status slopes_refused(fmi2Component instance, size_t n, int is_null);
+
 /* lifecycle.c: memory from the host, zeroed; 0 and a message where parameters do not fit each other; outputs and state from
  * inputs and parameters, 0 and a message where there is no such start. */
 void *allocated(const Component *c, size_t size);
@@ -67,7 +72,7 @@ static inline const Variable *known_variable(fmi2ValueReference reference)
  * is not an input. */
 static inline int place_of_input(fmi2ValueReference reference)
 {
-    const int place = reference < REFERENCES ? variable_of_reference[reference] : -1;
+    const uint16_t place = reference < REFERENCES ? (uint16_t)variable_of_reference[reference] : UINT16_MAX;
     return place < INPUTS ? place : -1;
 }
 

@@ -3,14 +3,20 @@
 #define EIGHTPOST_LAG_H
 
 #include "elementary.h"
+#include "shock.h"
 
 /* F_lag [N] after h [s] in which F_s goes linearly from start to end [N]:
  * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h), e = exp(-h / tau). */
-static double advance_lag(double lagged, double static_start, double static_end, double time_constant, double h)
+static double advance_lag(LagFactors *f, double lagged, double static_start, double static_end, double time_constant,
+                          double h)
 {
     const double ratio = h / time_constant;
-    const double rise = -exponential_minus_1(-ratio);
-    return lagged + (static_start - lagged) * rise + (static_end - static_start) * (1.0 - rise / ratio);
+    if (ratio != f->ratio) {
+        f->ratio = ratio;
+        f->rise = -exponential_minus_1(-ratio);
+        f->ramp = 1.0 - f->rise / ratio;
+    }
+    return lagged + (static_start - lagged) * f->rise + (static_end - static_start) * f->ramp;
 }
 
 #endif

@@ -11,6 +11,7 @@ static void start_over(Component *c)
     memcpy(c->memory.values.at, start_values, sizeof c->memory.values.at);
     memcpy(c->memory.flag, start_flags, sizeof c->memory.flag);
     c->memory.phase = INSTANTIATED;
+    c->memory.stop = NO_LIMIT;
     c->memory.stale = 1;
 }
 
@@ -31,7 +32,7 @@ static int all_finite(const Memory *m)
 {
     int finite = 1;
     for (int k = 0; k < SIGNALS; k++) {
-        finite &= is_finite(m->values.at[k]);
+        finite &= is_finite(value_of(m, k));
     }
     return finite;
 }
@@ -170,8 +171,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance
         return refused(c, "fmi2SetupExperiment", "the stop time is before the start time, or not finite");
     }
     c->memory.time = start;
-    c->memory.has_stop = has_stop != fmi2False;
-    c->memory.stop = has_stop ? stop : 0.0;
+    c->memory.stop = has_stop ? stop : NO_LIMIT;
     return fmi2OK;
 }
 

@@ -4,12 +4,24 @@
 
 #include "component.h"
 
+/* Of the last step's ratio h / tau: 1 - e and 1 - (1 - e) tau / h. They are kept, since most steps are as long as the last. */
+typedef struct {
+    double ratio, rise, ramp;
+} LagFactors;
+
+/* A stretch of time in which the damper velocity [m/s] and F_s [N] go linearly. */
+typedef struct {
+    double velocity_start, velocity_end;
+    double static_start, static_end;
+    double step; /* [s] */
+} Piece;
+
 /* alpha [1], the share of the lagged force, at a static force [N]. */
 double law_lag_weight(const Parameters *p, double static_force);
 /* d alpha / d F_s [1/N]. */
 double law_lag_weight_slope(const Parameters *p, double static_force);
-/* F_lag [N] after h [s] in which F_s goes linearly from start to end [N]. */
-double law_advance_lag(const Parameters *p, double lagged, double static_start, double static_end, double h);
+/* F_lag [N] after a piece. */
+double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece);
 /* The reason why the law's own parameters do not fit each other, or NULL. */
 const char *law_refuses(const Parameters *p);
 

@@ -4,11 +4,13 @@
 #include "instance.h"
 #include "elementary.h"
 
-/* Honest hosts add up their time: this much of a difference is rounding, not another point. */
+/* Honest hosts add up their time: this much of a difference is rounding, not another point; of a large time, this share. */
+static const double ROUNDING = 1e-9;
+
 static double rounding(double time)
 {
     const double size = time < 0.0 ? -time : time;
-    return 1e-9 * (size > 1.0 ? size : 1.0);
+    return ROUNDING * (size > 1.0 ? size : 1.0);
 }
 
 static fmi2Status bad_step(const Component *c, const char *what, double first, const char *then, double second)
@@ -31,59 +33,56 @@ static fmi2Status checked_step(const Component *c, double time, double h)
     if (time - m->time > rounding(time) || m->time - time > rounding(time)) {
         return bad_step(c, "the step begins at ", time, " s, but the last one ended at ", m->time);
     }
-    if (m->has_stop && time + h - m->stop > rounding(m->stop)) {
+    if (time + h - m->stop > rounding(m->stop)) {
         return bad_step(c, "the step would end at ", time + h, " s, after the stop time of ", m->stop);
     }
     return fmi2OK;
 }
 
-/* What a step changes. */
-typedef struct {
-    double slope[INPUTS];
-    double state[STATES];
-    double signal[SIGNALS];
-} Moving;
-
-static void remember(const Memory *m, Moving *before)
+/* What honest hosts ask: from where the last step ended, and not beyond the stop time. */
+static int goes_on(const Memory *m, double time, double h)
 {
-    memcpy(before->slope, m->slope, sizeof before->slope);
-    memcpy(before->state, m->state, sizeof before->state);
-    memcpy(before->signal, m->values.at, sizeof before->signal);
+    const double apart = time - m->time;
+    return h > 0.0 && apart <= ROUNDING && apart >= -ROUNDING && time + h <= m->stop;
 }
 
-static void recall(Memory *m, const Moving *before)
+static int may_step(const Component *c, double time, double h)
 {
-    memcpy(m->slope, before->slope, sizeof before->slope);
-    memcpy(m->state, before->state, sizeof before->state);
-    memcpy(m->values.at, before->signal, sizeof before->signal);
+    return (goes_on(&c->memory, time, h) || checked_step(c, time, h) == fmi2OK) &&
+           (!c->memory.stale || fits(c, "fmi2DoStep"));
 }
 
 /* Carries the inputs to the end of the step by their derivatives, which hold for one step. */
-static void carry_inputs(Memory *m, double h)
+static void carry_inputs(Memory *m, double h, double *from)
 {
     for (int k = 0; k < INPUTS; k++) {
+        from[k] = m->values.at[k];
         m->values.at[k] += m->slope[k] * h;
-        m->slope[k] = 0.0;
     }
+}
+
+static fmi2Status discarded(Component *c, const double *from, const Message *why)
+{
+    memcpy(c->memory.values.at, from, INPUTS * sizeof *from);
+    logged(c, fmi2Discard, why->length > 0 ? why->text : "fmi2DoStep: the result is not finite; nothing was done");
+    return fmi2Discard;
 }
 
 fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boolean final)
 {
     Component *c = entered(instance, "fmi2DoStep", STEPPING);
     Message why;
-    Moving before;
+    double from[INPUTS];
     why.length = 0; /* of its text there is none yet */
     (void)final; /* whether a state before this point will be set makes no difference */
-    if (c == NULL || checked_step(c, time, h) != fmi2OK || (c->memory.stale && !fits(c, "fmi2DoStep"))) {
+    if (c == NULL || !may_step(c, time, h)) {
         return fmi2Error;
     }
-    remember(&c->memory, &before);
-    carry_inputs(&c->memory, h);
-    if (!model_step(&c->memory, before.signal, h, c->work, &why)) {
-        recall(&c->memory, &before);
-        logged(c, fmi2Discard, why.length > 0 ? why.text : "fmi2DoStep: the result is not finite; nothing was done");
-        return fmi2Discard;
+    carry_inputs(&c->memory, h, from);
+    if (!model_step(&c->memory, from, h, c->work, &why)) {
+        return discarded(c, from, &why);
     }
+    memset(c->memory.slope, 0, sizeof c->memory.slope);
     c->memory.stale = 0;
     c->memory.time = time + h;
     return fmi2OK;

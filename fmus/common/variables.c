@@ -39,7 +39,7 @@ static int asks_for_a_look(const Component *c, const Variable *variable)
     return c->memory.phase != STEPPING || !is_input(variable);
 }
 
-fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     Component *c = entered(instance, "fmi2GetReal", READABLE);
     if (c == NULL) {
@@ -52,11 +52,7 @@ fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], si
         return fmi2Error;
     }
     for (size_t k = 0; k < n; k++) {
-        const Variable *variable = known_variable(vr[k]);
-        if (variable->is_output) {
-            model_output(&c->memory, variable->index - INPUTS);
-        }
-        value[k] = c->memory.values.at[variable->index];
+        value[k] = value_of(&c->memory, known_variable(vr[k])->index);
     }
     return fmi2OK;
 }
@@ -79,21 +75,16 @@ fmi2Status fmi2GetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
     return fmi2OK;
 }
 
-/* What a host sets in every step. */
-static int are_inputs(const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
-    for (size_t k = 0; k < n; k++) {
-        const int place = place_of_input(vr[k]);
-        if (place < 0 || !(value[k] >= variables[place].minimum && value[k] <= variables[place].maximum)) {
-            return 0;
-        }
+    Component *c = entered(instance, "fmi2SetReal", SETTABLE);
+    if (c == NULL) {
+        return fmi2Error;
     }
-    return 1;
-}
-
-static fmi2Status set_reals(Component *c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
-{
     int64_t stale = c->memory.stale;
+    if (n > 0 && (vr == NULL || value == NULL)) {
+        return refused(c, "fmi2SetReal", "an array is NULL");
+    }
     for (size_t k = 0; k < n; k++) {
         const Variable *variable = known(c, "fmi2SetReal", vr[k], REAL);
         if (variable == NULL || !may_be_set(c, "fmi2SetReal", variable) ||
@@ -107,24 +98,6 @@ static fmi2Status set_reals(Component *c, const fmi2ValueReference vr[], size_t 
         stale |= asks_for_a_look(c, variable);
     }
     c->memory.stale = stale;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
-{
-    Component *c = entered(instance, "fmi2SetReal", SETTABLE);
-    if (c == NULL) {
-        return fmi2Error;
-    }
-    if (n > 0 && (vr == NULL || value == NULL)) {
-        return refused(c, "fmi2SetReal", "an array is NULL");
-    }
-    if (c->memory.phase != STEPPING || !are_inputs(vr, n, value)) {
-        return set_reals(c, vr, n, value);
-    }
-    for (size_t k = 0; k < n; k++) {
-        c->memory.values.at[variable_of_reference[vr[k]]] = value[k];
-    }
     return fmi2OK;
 }
 

@@ -16,9 +16,9 @@ double law_lag_weight_slope(const Parameters *p, double static_force)
     return weight > 0.0 && weight < 1.0 ? side / (p->lag_zero_force - p->lag_full_force) : 0.0;
 }
 
-double law_advance_lag(const Parameters *p, double lagged, double static_start, double static_end, double h)
+double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece)
 {
-    return advance_lag(lagged, static_start, static_end, p->time_constant, h);
+    return advance_lag(kept, lagged, piece->static_start, piece->static_end, p->time_constant, piece->step);
 }
 
 const char *law_refuses(const Parameters *p)

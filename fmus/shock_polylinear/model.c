@@ -17,13 +17,12 @@ double law_lag_weight_slope(const Parameters *p, double static_force)
 }
 
 /* F_lag = F_s: there is no lag. */
-double law_advance_lag(const Parameters *p, double lagged, double static_start, double static_end, double h)
+double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece)
 {
     (void)p;
+    (void)kept;
     (void)lagged;
-    (void)static_start;
-    (void)h;
-    return static_end;
+    return piece->static_end;
 }
 
 const char *law_refuses(const Parameters *p)

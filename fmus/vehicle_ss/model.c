@@ -33,22 +33,23 @@ typedef struct {
     double second_re[MODES], second_im[MODES]; /* h phi2 */
 } Factors;
 
-/* Real parts of all modes, then imaginary parts of the pairs; room to the end of the last block. */
+/* Real parts of all modes, then imaginary parts of the pairs, each with room for a multiple of LANES; what fills it up is
+ * zero and stays so. */
 typedef struct {
     double at[STATE_BLOCKS * BLOCK];
 } Modal;
 
-/* The last b u, too: most steps begin with the inputs that the last one ended with. */
+/* The last two b u, too: most steps begin with the inputs that the last one ended with. */
 typedef struct {
     Factors kept[KEPT];
     size_t newest;
-    double input[INPUTS];
-    Modal load;
+    double input[INPUTS]; /* of load[loaded] */
+    size_t loaded;
+    Modal load[2];
 } Work;
 
-/* Memory.state: z; the inputs that the outputs belong to, with friction in them; 1 for each block of outputs that is
- * computed. A block is left until one of its outputs is asked for. */
-enum { REACHED = STATE_COUNT, COMPUTED = REACHED + INPUTS };
+/* Memory.state: z, and the inputs that belong to it, with friction in them. Outputs are computed when they are asked for. */
+enum { REACHED = STATE_COUNT };
 
 /* ---- Factors of a step ---------------------------------------------------------------------------------------------- */
 
@@ -93,7 +94,7 @@ static void discretise(Factors *f, double h)
 
 /* ---- A step --------------------------------------------------------------------------------------------------------- */
 
-static const Factors *factors(Work *work, double h)
+static const Factors *other_factors(Work *work, double h)
 {
     for (size_t k = 0; k < KEPT; k++) {
         if (work->kept[k].h == h) {
@@ -105,12 +106,12 @@ static const Factors *factors(Work *work, double h)
     return &work->kept[work->newest];
 }
 
-/* Eight rows of y = matrix x. A matrix is stored in blocks of eight rows, so that a compiler keeps eight sums in registers
- * and adds in the same order everywhere. */
-static void multiply_block(const double *block, int columns, const double *x, double *y)
+/* y = matrix x. The matrix is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in
+ * registers and adds in the same order everywhere. */
+static void multiply_block(const double *block, const double *x, double *y)
 {
     double sum[BLOCK] = {0.0};
-    for (int c = 0; c < columns; c++, block += BLOCK) {
+    for (int c = 0; c < INPUTS; c++, block += BLOCK) {
         for (int r = 0; r < BLOCK; r++) {
             sum[r] += block[r] * x[c];
         }
@@ -118,59 +119,65 @@ static void multiply_block(const double *block, int columns, const double *x, do
     memcpy(y, sum, sizeof sum);
 }
 
-static void multiply(const double *matrix, int blocks, int columns, const double *x, double *y)
+static const Factors *factors(Work *work, double h)
 {
-    for (int b = 0; b < blocks; b++) {
-        multiply_block(matrix + b * columns * BLOCK, columns, x, y + b * BLOCK);
-    }
+    const Factors *last = &work->kept[work->newest];
+    return last->h == h ? last : other_factors(work, h);
 }
 
 /* b u. */
 static void load(const double *u, Modal *w)
 {
-    multiply(B, STATE_BLOCKS, INPUTS, u, w->at);
+    for (int b = 0; b < STATE_BLOCKS; b++) {
+        multiply_block(B + b * INPUTS * BLOCK, u, w->at + b * BLOCK);
+    }
 }
 
-/* b u, which is kept. */
-static void load_once(Work *work, const double *u, Modal *w)
+/* One row of C times z, as four sums. */
+static double row_times(const double *row, const double *z)
 {
-    if (memcmp(work->input, u, sizeof work->input) != 0) { /* all zero is right from the beginning */
-        memcpy(work->input, u, sizeof work->input);
-        load(u, &work->load);
+    double sum[LANES] = {0.0};
+    for (int k = 0; k < STATE_COUNT; k += LANES) {
+        for (int i = 0; i < LANES; i++) {
+            sum[i] += row[k + i] * z[k + i];
+        }
     }
-    *w = work->load;
+    return (sum[0] + sum[2]) + (sum[1] + sum[3]);
+}
+
+/* b u at both ends of a step. */
+static void load_ends(Work *work, const double *from, const double *to, const Modal **w0, const Modal **w1)
+{
+    const size_t size = sizeof work->input;
+    Modal *begin = &work->load[work->loaded], *end = &work->load[1 - work->loaded];
+    if (memcmp(work->input, from, size) != 0) { /* all zero is right from the beginning */
+        memcpy(work->input, from, size);
+        load(from, begin);
+    }
+    *w0 = *w1 = begin;
+    if (memcmp(from, to, size) != 0) {
+        memcpy(work->input, to, size);
+        load(to, end);
+        work->loaded = 1 - work->loaded;
+        *w1 = end;
+    }
 }
 
 /* z(h) from z, b u0 and b u1. */
-static void advance(const Factors *restrict f, const Modal *restrict z, const Modal *restrict w0,
+static void advance(const Factors *restrict f, const double *restrict z, const Modal *restrict w0,
                     const Modal *restrict w1, Modal *restrict end)
 {
-    const double *x = z->at, *y = z->at + MODE_COUNT, *a = w0->at, *b = w0->at + MODE_COUNT, *c = w1->at,
-                 *d = w1->at + MODE_COUNT;
-    for (int k = 0; k < PAIR_COUNT; k++) {
+    const double *x = z, *y = z + MODES, *a = w0->at, *b = w0->at + MODES, *c = w1->at, *d = w1->at + MODES;
+    for (int k = 0; k < PAIRS; k++) {
         end->at[k] = (f->e_re[k] * x[k] - f->e_im[k] * y[k]) + (f->first_re[k] * a[k] - f->first_im[k] * b[k]) +
                      (f->second_re[k] * c[k] - f->second_im[k] * d[k]);
+        end->at[MODES + k] = (f->e_re[k] * y[k] + f->e_im[k] * x[k]) +
+                             (f->first_re[k] * b[k] + f->first_im[k] * a[k]) +
+                             (f->second_re[k] * d[k] + f->second_im[k] * c[k]);
     }
-    for (int k = 0; k < PAIR_COUNT; k++) {
-        end->at[MODE_COUNT + k] = (f->e_re[k] * y[k] + f->e_im[k] * x[k]) +
-                                  (f->first_re[k] * b[k] + f->first_im[k] * a[k]) +
-                                  (f->second_re[k] * d[k] + f->second_im[k] * c[k]);
-    }
-    for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
+    for (int k = PAIRS; k < MODES; k++) {
         end->at[k] = f->e_re[k] * x[k] + f->first_re[k] * a[k] + f->second_re[k] * c[k];
     }
-}
-
-static void recall_state(const Memory *memory, Modal *z)
-{
-    memcpy(z->at, memory->state, STATE_COUNT * sizeof *z->at);
-}
-
-static void keep_state(Memory *memory, const Modal *z, const double *u)
-{
-    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
-    memcpy(memory->state + REACHED, u, INPUTS * sizeof *u);
-    memset(memory->state + COMPUTED, 0, OUTPUT_BLOCKS * sizeof *u);
 }
 
 /* ---- Friction at the ports ------------------------------------------------------------------------------------------ */
@@ -196,12 +203,11 @@ static int has_friction(const Parameters *p)
 }
 
 /* What friction adds to the inputs in state z. */
-static void add_friction(const Parameters *p, const Modal *z, double *u)
+static void add_friction(const Parameters *p, const double *z, double *u)
 {
-    double v[PORT_BLOCKS * BLOCK];
-    multiply(V, PORT_BLOCKS, STATE_COUNT, z->at, v);
     for (int i = 0; i < PORT_COUNT; i++) {
-        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v[i] / p->friction_velocity[i]);
+        const double v = row_times(C[PORT_OUTPUT[i]], z);
+        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
     }
 }
 
@@ -225,88 +231,73 @@ static void rub(const Parameters *p, const Factors *f, const double *u0, const d
     Modal w0, w1, predicted, corrected;
     memcpy(start, u0, sizeof start);
     memcpy(end, u1, sizeof end);
-    add_friction(p, z, start);
-    add_friction(p, z, end);
+    add_friction(p, z->at, start);
+    add_friction(p, z->at, end);
     load(start, &w0);
     load(end, &w1);
-    advance(f, z, &w0, &w1, &predicted);
+    advance(f, z->at, &w0, &w1, &predicted);
     memcpy(end, u1, sizeof end);
-    add_friction(p, &predicted, end);
+    add_friction(p, predicted.at, end);
     load(end, &w1);
-    advance(f, z, &w0, &w1, &corrected);
+    advance(f, z->at, &w0, &w1, &corrected);
     *z = corrected;
 }
 
 static void step_with_friction(const Parameters *p, Work *work, const double *from, const double *to, double h, int count,
-                               Modal *z)
+                               const double *z, Modal *end)
 {
     const Factors *f = factors(work, h / (double)count);
     double u0[INPUTS], u1[INPUTS];
     memcpy(u0, from, sizeof u0);
+    memcpy(end->at, z, STATE_COUNT * sizeof *z);
     for (int k = 1; k <= count; k++) {
         interpolate(from, to, k == count ? 1.0 : (double)k / (double)count, u1);
-        rub(p, f, u0, u1, z);
+        rub(p, f, u0, u1, end);
         memcpy(u0, u1, sizeof u0);
     }
 }
 
-static void step_without_friction(Work *work, const double *from, const double *to, double h, Modal *z)
+static void step_without_friction(Work *work, const double *from, const double *to, double h, const double *z, Modal *end)
 {
-    Modal w0, w1, end;
-    load_once(work, from, &w0);
-    load_once(work, to, &w1);
-    advance(factors(work, h), z, &w0, &w1, &end);
-    *z = end;
+    const Modal *w0, *w1;
+    load_ends(work, from, to, &w0, &w1);
+    advance(factors(work, h), z, w0, w1, end);
 }
 
 /* ---- Outputs -------------------------------------------------------------------------------------------------------- */
 
-/* Eight outputs: y = C z + D u + static state. */
-static void respond(Memory *memory, int block)
+/* y = C z + D u + static state. */
+double model_output(const Memory *memory, int output)
 {
-    double y[BLOCK];
-    const double *z = memory->state, *u = memory->state + REACHED;
-    const Parameters *p = &memory->values.named.parameters;
-    const int first = block * BLOCK, count = OUTPUTS - first < BLOCK ? OUTPUTS - first : BLOCK;
-    multiply_block(C + first * STATE_COUNT, STATE_COUNT, z, y);
-    for (int k = DIRECT_BEGIN[block]; k < DIRECT_BEGIN[block + 1]; k++) {
-        y[DIRECT_OUTPUT[k] - first] += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
+    const double *u = memory->state + REACHED;
+    double y = row_times(C[output], memory->state);
+    for (int k = DIRECT_BEGIN[output]; k < DIRECT_BEGIN[output + 1]; k++) {
+        y += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
     }
-    for (int k = OFFSET_BEGIN[block]; k < OFFSET_BEGIN[block + 1]; k++) {
-        y[OFFSET_OUTPUT[k] - first] += p->offset[OFFSET_PLACE[k]];
-    }
-    memcpy(memory->values.named.signals.output + first, y, (size_t)count * sizeof *y);
-}
-
-void model_output(Memory *memory, int output)
-{
-    const int block = output / BLOCK;
-    if (memory->state[COMPUTED + block] == 0.0) {
-        respond(memory, block);
-        memory->state[COMPUTED + block] = 1.0;
-    }
+    return OFFSET_OF[output] < 0 ? y : y + memory->values.named.parameters.offset[OFFSET_OF[output]];
 }
 
 /* Far from where an output or the next step could overflow. */
 static int is_sound(const Modal *z)
 {
-    int sound = 1;
-    for (int k = 0; k < STATE_COUNT; k++) {
-        sound &= z->at[k] > -LARGEST && z->at[k] < LARGEST;
+    double sum[LANES] = {0.0};
+    for (int k = 0; k < STATE_COUNT; k += LANES) {
+        for (int i = 0; i < LANES; i++) {
+            sum[i] += z->at[k + i] * z->at[k + i];
+        }
     }
-    return sound;
+    return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
 }
 
 /* Keeps state z, and the inputs there. */
-static void reach(Memory *memory, const Modal *z)
+static void reach(Memory *memory, const Modal *z, int rubs)
 {
-    double u[INPUTS];
-    const Parameters *p = &memory->values.named.parameters;
-    memcpy(u, memory->values.named.signals.input, sizeof u);
-    if (has_friction(p)) {
-        add_friction(p, z, u);
+    double *u = memory->state + REACHED;
+    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
+    memcpy(u, memory->values.named.signals.input, INPUTS * sizeof *u);
+    if (rubs) {
+        add_friction(&memory->values.named.parameters, z->at, u);
     }
-    keep_state(memory, z, u);
 }
 
 /* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
@@ -336,9 +327,9 @@ static void settle(const double *u, Modal *z)
     Modal w;
     load(u, &w);
     for (int k = 0; k < PAIR_COUNT; k++) {
-        const double square = SIGMA[k] * SIGMA[k] + OMEGA[k] * OMEGA[k], re = w.at[k], im = w.at[MODE_COUNT + k];
+        const double square = SIGMA[k] * SIGMA[k] + OMEGA[k] * OMEGA[k], re = w.at[k], im = w.at[MODES + k];
         z->at[k] = -(re * SIGMA[k] + im * OMEGA[k]) / square;
-        z->at[MODE_COUNT + k] = -(im * SIGMA[k] - re * OMEGA[k]) / square;
+        z->at[MODES + k] = -(im * SIGMA[k] - re * OMEGA[k]) / square;
     }
     for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
         z->at[k] = -w.at[k] / SIGMA[k];
@@ -358,39 +349,40 @@ int model_start(Memory *memory, void *work, Message *why)
     if (memory->flag[start_at_equilibrium]) {
         settle(memory->values.named.signals.input, &z);
     }
-    reach(memory, &z);
-    for (int output = 0; output < OUTPUTS; output += BLOCK) {
-        model_output(memory, output);
-    }
+    reach(memory, &z, has_friction(&memory->values.named.parameters));
     return 1;
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
-    Modal z;
-    const Signals *s = &memory->values.named.signals;
+    Modal end;
+    const double *to = memory->values.named.signals.input;
     const Parameters *p = &memory->values.named.parameters;
-    const double count = has_friction(p) ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
+    const int rubs = has_friction(p);
+    const double count = rubs ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
     if (!(count <= MOST_SUB_STEPS)) {
         say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;
     }
-    recall_state(memory, &z);
-    if (count > 0.0) {
-        step_with_friction(p, (Work *)work, from, s->input, h, whole_number_above(count), &z);
+    if (rubs) {
+        step_with_friction(p, (Work *)work, from, to, h, whole_number_above(count), memory->state, &end);
     } else {
-        step_without_friction((Work *)work, from, s->input, h, &z);
+        step_without_friction((Work *)work, from, to, h, memory->state, &end);
     }
-    reach(memory, &z);
-    return is_sound(&z);
+    if (!is_sound(&end)) {
+        return 0;
+    }
+    reach(memory, &end, rubs);
+    return 1;
 }
 
 double model_direct_term(const Memory *memory, int output, int input)
 {
+    const int row = output - INPUTS;
     (void)memory;
-    for (int k = 0; k < DIRECT_COUNT; k++) {
-        if (DIRECT_OUTPUT[k] + INPUTS == output && DIRECT_INPUT[k] == input) {
+    for (int k = DIRECT_BEGIN[row]; k < DIRECT_BEGIN[row + 1]; k++) {
+        if (DIRECT_INPUT[k] == input) {
             return DIRECT_TERM[k];
         }
     }

@@ -1,0 +1,69 @@
+/* The parts of an instance while they are started or stepped, and what the files of an assembly give each other. */
+#ifndef EIGHTPOST_MACHINE_H
+#define EIGHTPOST_MACHINE_H
+
+#include "assembly_data.h"
+#include "component.h"
+#include "part.h"
+
+#define kept_of fmi2FullName(kept_of)
+#define unpack fmi2FullName(unpack)
+#define pack fmi2FullName(pack)
+#define told_by fmi2FullName(told_by)
+#define read_part fmi2FullName(read_part)
+#define feed fmi2FullName(feed)
+#define settle fmi2FullName(settle)
+#define add_defects fmi2FullName(add_defects)
+#define local_error fmi2FullName(local_error)
+#define worst_error fmi2FullName(worst_error)
+
+/* Memory.state: what each part keeps (PARTS_KEEP numbers), then the coupled signals and their slopes, then the meters of
+ * the forces, and the time that they have run. */
+enum {
+    NOW = PARTS_KEEP,
+    SLOPE = NOW + COUPLED,
+    DEFECT = SLOPE + COUPLED,
+    MEAN = DEFECT + FORCES,
+    SPREAD = MEAN + FORCES,
+    DURATION = SPREAD + FORCES
+};
+
+/* Where each part is in the work space, and the coupled signals. */
+typedef struct {
+    void *part[PARTS];
+    double *values[PARTS];
+    double now[COUPLED]; /* at the start of the micro step */
+    double slope[COUPLED]; /* 1/s, over the last one */
+    double ahead[COUPLED]; /* at its end, of parts that have stepped */
+} Machine;
+
+static inline double size_of(double value)
+{
+    return value < 0.0 ? -value : value;
+}
+
+/* What an instance keeps of part p. */
+Kept kept_of(const Memory *memory, int p);
+void unpack(Machine *m, const Memory *memory, void *work);
+/* Keeps the parts, and gives their outputs and local variables. */
+void pack(const Machine *m, Memory *memory);
+/* Says why part p could not, or that its result is not finite. */
+void told_by(int p, const Message *said, Message *why);
+/* Brings the coupled outputs of part p to where the part is. */
+void read_part(Machine *m, int p);
+/* The inputs of part p at both ends of a micro step of h [s]; the vehicle's outputs are known at its end, forces go on with
+ * their slope. */
+void feed(const Machine *m, int p, const double *outside0, const double *outside1, double h, double *from, double *to);
+
+/* Starts the parts with forces that the shocks give at what the vehicle does under them (coupled_start.c); 0 if there are
+ * none. */
+int settle(Machine *m, const double *outside, Message *why);
+
+/* Adds a micro step of h [s] to the meters of the forces (coupling_error.c). */
+void add_defects(const Machine *m, double *state, double h);
+/* N, of force s: root mean square since the start. */
+double local_error(const double *state, int s);
+/* %, of the worst bond. */
+double worst_error(const double *state);
+
+#endif

@@ -1,0 +1,127 @@
+/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity: eightpost/shock/curve.py, operation by operation. */
+#ifndef EIGHTPOST_CURVE_H
+#define EIGHTPOST_CURVE_H
+
+#include "component.h"
+
+/* How many coefficients the polynomials have. */
+enum {
+    INNER = sizeof ((Parameters *)NULL)->curve_inner / sizeof(double),
+    OUTER = sizeof ((Parameters *)NULL)->curve_compression / sizeof(double)
+};
+
+/* c_0 + c_1 s + c_2 s^2 + ... as four sums in powers of s^4, which do not wait for each other. */
+static inline double polynomial(const double *coefficients, int count, double s)
+{
+    const double square = s * s, fourth = square * square;
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    for (int k = count - 1; k >= 0; k--) {
+        sum[k % 4] = sum[k % 4] * fourth + coefficients[k];
+    }
+    return (sum[0] + s * sum[1]) + square * (sum[2] + s * sum[3]);
+}
+
+/* c_1 + 2 c_2 s + 3 c_3 s^2 + ... */
+static inline double polynomial_slope(const double *coefficients, int count, double s)
+{
+    double value = 0.0;
+    for (int k = count - 1; k >= 1; k--) {
+        value = value * s + (double)k * coefficients[k];
+    }
+    return value;
+}
+
+static inline double within(double value, double low, double high)
+{
+    return value < low ? low : value > high ? high : value;
+}
+
+static inline double size_of(double value)
+{
+    return value < 0.0 ? -value : value;
+}
+
+static inline double outer_share(const Parameters *p, double speed)
+{
+    return within((speed - p->curve_transition_speed) / p->curve_transition_width + 0.5, 0.0, 1.0);
+}
+
+static inline double inner_force(const Parameters *p, double v)
+{
+    const double s = v / p->curve_transition_speed;
+    return s * polynomial(p->curve_inner, INNER, s);
+}
+
+static inline const double *outer_coefficients(const Parameters *p, double v)
+{
+    return v > 0.0 ? p->curve_compression : p->curve_rebound;
+}
+
+static inline double outer_force(const Parameters *p, double v)
+{
+    const double s = (size_of(v) - p->curve_transition_speed) / p->curve_transition_speed;
+    return polynomial(outer_coefficients(p, v), OUTER, s);
+}
+
+static inline double fitted_force(const Parameters *p, double v)
+{
+    const double share = outer_share(p, size_of(v));
+    const double inner = share < 1.0 ? inner_force(p, v) : 0.0;
+    const double outer = share > 0.0 ? outer_force(p, v) : 0.0;
+    return (1.0 - share) * inner + share * outer;
+}
+
+static inline double fitted_slope(const Parameters *p, double v)
+{
+    const double side = v > 0.0 ? 1.0 : -1.0, v_t = p->curve_transition_speed;
+    const double share = outer_share(p, size_of(v)), s = v / v_t;
+    const double inner = polynomial(p->curve_inner, INNER, s) + s * polynomial_slope(p->curve_inner, INNER, s);
+    const double outer = side * polynomial_slope(outer_coefficients(p, v), OUTER, (size_of(v) - v_t) / v_t);
+    const double slope = ((1.0 - share) * inner + share * outer) / v_t;
+    return share > 0.0 && share < 1.0
+               ? slope + side * (outer_force(p, v) - inner_force(p, v)) / p->curve_transition_width
+               : slope;
+}
+
+static inline int is_beyond_fit(const Parameters *p, double v)
+{
+    return v > p->curve_compression_speed || v < -p->curve_rebound_speed;
+}
+
+static inline double curve_force(const Parameters *p, double v)
+{
+    const double high = p->curve_compression_speed, low = -p->curve_rebound_speed;
+    if (v > high) {
+        return fitted_force(p, high) + p->curve_compression_slope * (v - high);
+    }
+    if (v < low) {
+        return fitted_force(p, low) + p->curve_rebound_slope * (v - low);
+    }
+    return fitted_force(p, v);
+}
+
+static inline double curve_slope(const Parameters *p, double v)
+{
+    if (is_beyond_fit(p, v)) {
+        return v > 0.0 ? p->curve_compression_slope : p->curve_rebound_slope;
+    }
+    return fitted_slope(p, v);
+}
+
+static inline double scale(const Parameters *p, double v)
+{
+    return v > 0.0 ? p->compression_scale : p->rebound_scale;
+}
+
+/* F_s [N] with the port's scales. */
+static inline double valve_force(const Parameters *p, double v)
+{
+    return scale(p, v) * curve_force(p, v);
+}
+
+static inline double valve_slope(const Parameters *p, double v)
+{
+    return scale(p, v) * curve_slope(p, v);
+}
+
+#endif

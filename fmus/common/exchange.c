@@ -1,0 +1,67 @@
+/* What a host calls in every step, at once: these functions call nothing unless something is unusual, which goes the long way
+ * with every check (variables.c, derivatives.c). */
+#include "instance.h"
+#include "elementary.h"
+
+static int are_inputs(const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        const int place = place_of_input(vr[k]);
+        if (place < 0 || !(value[k] >= variables[place].minimum && value[k] <= variables[place].maximum)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    Component *c = (Component *)instance;
+    if (c == NULL || c->memory.phase != STEPPING || vr == NULL || value == NULL || !are_inputs(vr, n, value)) {
+        return set_reals(instance, vr, n, value);
+    }
+    for (size_t k = 0; k < n; k++) {
+        c->memory.values.at[variable_of_reference[vr[k]]] = value[k];
+    }
+    return fmi2OK;
+}
+
+static int are_first_derivatives(const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        if (place_of_input(vr[k]) < 0 || order[k] != 1 || !is_finite(value[k])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueReference vr[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real value[])
+{
+    Component *c = (Component *)instance;
+    const int is_null = vr == NULL || order == NULL || value == NULL;
+    if (c == NULL || !(c->memory.phase & SETTABLE) || is_null || !are_first_derivatives(vr, n, order, value)) {
+        return slopes_refused(instance, n, is_null);
+    }
+    for (size_t k = 0; k < n; k++) {
+        c->memory.slope[variable_of_reference[vr[k]]] = value[k];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+{
+    const Component *c = (const Component *)instance;
+    if (c == NULL || c->memory.phase != STEPPING || vr == NULL || value == NULL) {
+        return get_reals(instance, vr, n, value);
+    }
+    for (size_t k = 0; k < n; k++) {
+        const int index = vr[k] < REFERENCES ? real_of_reference[vr[k]] : -1;
+        if (index < 0) {
+            return get_reals(instance, vr, n, value);
+        }
+        value[k] = value_of(&c->memory, index);
+    }
+    return fmi2OK;
+}

@@ -1,0 +1,135 @@
+"""A car with four dampers and a quarter car with one, assembled for this platform."""
+
+import shutil
+
+import pytest
+
+from builder.assembly import assemble
+from builder.build import build
+from builder.native.toolchain import SystemCompiler, find_toolchain
+from cosim.system_file import read_case
+from eightpost.commands.assemble import assembly_of
+
+from .hosts import CORNERS, host
+
+#: All laws on one car, gas springs, and a damper that is positive in extension at rr.
+SYSTEM = """
+schema = 1
+name = "a car with four dampers"
+sums = ["car.lr.force"]
+
+[components.car]
+fmu = "{folder}/seven_dof.fmu"
+inputs = {{ heave_force = "-100 lbf", roll_moment = 20.0, "lr.force" = 25.0 }}
+parameters = {{ "lf.static_tire_force" = 3000.0, "rr.friction_force" = 30.0 }}
+
+[components.lf]
+fmu = "{folder}/lpnl2.fmu"
+parameters = {{ gas_stiffness = "10 lbf/in", compression_scale = 1.2 }}
+
+[components.rf]
+fmu = "{folder}/lpf1.fmu"
+
+[components.lr]
+fmu = "{folder}/polylinear.fmu"
+parameters = {{ seal_friction = 20.0 }}
+
+[components.rr]
+fmu = "{folder}/lpnl2.fmu"
+
+[[bond]]
+between = ["car.lf", "lf"]
+
+[[bond]]
+between = ["car.rf", "rf"]
+displacement = false
+
+[[connection]]
+from = "car.rf.displacement"
+to = "rf.displacement"
+gain = 0.5
+
+[[bond]]
+between = ["car.lr", "lr"]
+
+[[bond]]
+between = ["car.rr", "rr"]
+gain = -1.0
+
+[scenario]
+stop = 1.0
+"""
+
+
+@pytest.fixture(scope="session")
+def toolchain():
+    """For this platform alone where there is a compiler: a build for all takes a minute."""
+    found = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
+    return SystemCompiler(found) if found else find_toolchain()
+
+
+@pytest.fixture
+def build_here(toolchain, monkeypatch):
+    """Build FMUs with that compiler."""
+    monkeypatch.setattr("builder.build.find_toolchain", lambda: toolchain)
+    return build
+
+
+@pytest.fixture(scope="session")
+def system_file(fmus, tmp_path_factory):
+    path = tmp_path_factory.mktemp("system") / "system.toml"
+    path.write_text(SYSTEM.format(folder=fmus["lpnl2"].parent.as_posix()))
+    return path
+
+
+@pytest.fixture(scope="session")
+def made(toolchain, tmp_path_factory):
+    """Assemble a case: made(case, name) -> path."""
+    folder = tmp_path_factory.mktemp("assembled")
+
+    def make(case, name):
+        return assemble(assembly_of(case, name), folder / f"{name}.fmu", toolchain=toolchain).path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def case(system_file):
+    return read_case(system_file)
+
+
+@pytest.fixture(scope="session")
+def car(made, case):
+    return made(case, "car_with_shocks")
+
+
+@pytest.fixture(scope="session")
+def measured(car, case):
+    """Outputs of the car and the exact answer at 125 Hz: (names, exact)."""
+    names = [f"car.{corner}.{name}" for name in ("velocity", "tire_force") for corner in CORNERS]
+    return names, host(car, 0.008, parameters={"coupling_step": 1e-5}, outputs=names)
+
+
+@pytest.fixture(scope="session")
+def corner_file(fmus, tmp_path_factory):
+    """A quarter car, whose gas spring shows in every start."""
+    path = tmp_path_factory.mktemp("corner") / "corner.toml"
+    path.write_text(
+        f"""
+schema = 1
+[components.corner]
+fmu = "{fmus["quarter_car"].as_posix()}"
+[components.damper]
+fmu = "{fmus["lpnl2"].as_posix()}"
+[[bond]]
+between = ["corner", "damper"]
+[scenario]
+stop = 1.0
+"""
+    )
+    return path
+
+
+@pytest.fixture(scope="session")
+def corner(corner_file, made):
+    return made(read_case(corner_file), "corner_with_damper")

@@ -1,0 +1,120 @@
+"""An assembly in a host's loop, and its parts in the master and in a host that holds their inputs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import cosim
+from cosim import FmuComponent, GaussSeidel, Scenario
+from eightpost.signals import Drivefile, TimeSeries
+
+CORNERS = ("lf", "rf", "lr", "rr")
+ROADS = tuple(f"car.{corner}.road" for corner in CORNERS)
+STOP = 1.0
+
+
+def road(time):
+    """Four roads (4, K), none like another."""
+    phases = np.arange(4)[:, None]
+    slow, fast = 2.0 * np.pi * (1.1 + 0.3 * phases) * time, 2.0 * np.pi * (9.0 + 1.7 * phases) * time
+    return 0.008 * np.sin(slow) + 0.002 * np.sin(fast + phases)
+
+
+def grid(step):
+    return np.arange(round(STOP / step) + 1) * step
+
+
+def host(path, step, *, ramped=True, parameters=None, later=None, outputs=None):
+    """Run an assembly in a loop of its own; return outputs (P, K+1)."""
+    fmu = FmuComponent(path, "car")
+    time = grid(step)
+    u = road(time)
+    outputs = outputs or observed(fmu)
+    try:
+        fmu.begin(0.0, STOP, parameters or {})
+        fmu.set(ROADS, u[:, 0].tolist())
+        fmu.end_initialization()
+        fmu.set(list(later or ()), list((later or {}).values()))
+        rows = [fmu.get(outputs)]
+        for k in range(time.size - 1):
+            fmu.set(ROADS, u[:, k].tolist())
+            if ramped:
+                fmu.set_derivatives(ROADS, ((u[:, k + 1] - u[:, k]) / step).tolist())
+            fmu.step(k * step, step)
+            rows.append(fmu.get(outputs))
+        return np.array(rows).T
+    finally:
+        fmu.finish()
+
+
+def observed(fmu):
+    """Every output of the parts; the assembly's own estimates are no variables of theirs."""
+    return [n for n, v in fmu.variables.items() if v.causality == "output" and not n.endswith("coupling_error")]
+
+
+def master(case, step, *, drive_step, outputs, algorithm=None):
+    """Run the separate FMUs in the master; return outputs (P, K+1) at the drive's steps, and the result."""
+    time = grid(drive_step)
+    rows = dict(zip(ROADS, road(time), strict=True))
+    drive = Drivefile(TimeSeries.from_channels(time, {n.removeprefix("car."): ("m", v) for n, v in rows.items()}))
+    scenario = Scenario(
+        stop=STOP,
+        drive=drive,
+        targets={n.removeprefix("car."): n for n in ROADS},
+        record=tuple(outputs),
+        record_step=drive_step,
+    )
+    free = {f"car.{n}": 0.0 for n in ("heave_force", "roll_moment", "pitch_moment")}
+    system = replace(case.system, constants=free | dict(case.system.constants))
+    result = cosim.run(system, scenario, algorithm=algorithm or GaussSeidel(), step=step)
+    return np.array([result.series[name] for name in outputs]), result
+
+
+def difference(one, other):
+    """Largest difference of each output, of its largest value."""
+    return np.abs(one - other).max(axis=1) / (np.abs(other).max(axis=1) + 1e-12)
+
+
+def percent(rows, reference):
+    """RMS error of each row in percent of the reference's standard deviation, after the first 0.2 s."""
+    start = rows.shape[1] // 5
+    error = np.sqrt(np.mean((rows - reference)[:, start:] ** 2, axis=1))
+    return 100.0 * error / reference[:, start:].std(axis=1)
+
+
+def held_separately(fmus, case, step, names):
+    """A plain host of separate FMUs: everything held, all stepped at once; (P, K+1)."""
+    parts = {name: FmuComponent(path, name) for name, path in case.fmus.items()}
+    links = [(*c.source.split(".", 1), *c.target.split(".", 1), c.gain) for c in case.system.all_connections]
+    time = grid(step)
+    u = road(time)
+
+    def exchange():
+        fed = {}
+        for source, output, target, name, gain in links:
+            constant = case.system.constants.get(f"{target}.{name}", 0.0)
+            fed.setdefault(target, {})[name] = gain * parts[source].get([output])[0] + constant
+        for target, values in fed.items():
+            parts[target].set(list(values), list(values.values()))
+        return [parts[part].get([variable])[0] for part, _, variable in (n.partition(".") for n in names)]
+
+    try:
+        for name, part in parts.items():
+            part.begin(0.0, STOP, case.system.parameters.get(name, {}))
+        constants = {n: v for n, v in case.system.constants.items() if n not in case.system.sums}
+        parts["car"].set([n.removeprefix("car.") for n in constants], list(constants.values()))
+        parts["car"].set([n.removeprefix("car.") for n in ROADS], u[:, 0].tolist())
+        for _ in range(20):
+            exchange()
+        for part in parts.values():
+            part.end_initialization()
+        rows = [exchange()]
+        for k in range(time.size - 1):
+            parts["car"].set([n.removeprefix("car.") for n in ROADS], u[:, k].tolist())
+            for part in parts.values():
+                part.step(k * step, step)
+            rows.append(exchange())
+        return np.array(rows).T
+    finally:
+        for part in parts.values():
+            part.finish()

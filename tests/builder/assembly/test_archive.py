@@ -1,0 +1,40 @@
+"""The archive of an assembly is that of a native FMU: clean, true and the same bytes each time."""
+
+import shutil
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from builder.assembly import assemble
+from builder.check import GROUPS, Level, check
+from eightpost.archive import read_archive
+from eightpost.commands.assemble import assembly_of
+
+
+def test_check_finds_no_error_and_nothing_that_breaks_an_import(corner):
+    groups = tuple(g for g in GROUPS if g != "ports" and (g != "rebuild" or shutil.which("cmake")))  # it has no port
+    report = check(corner, groups=groups)
+    own = {f.rule.identifier: f.rule.level for f in report.findings} | {"platforms": Level.HINT}  # one platform here
+    assert own == {"terminals": Level.HINT, "platforms": Level.HINT}
+    assert report.done == tuple(GROUPS[group].title for group in groups)
+
+
+def test_the_reference_results_are_what_the_fmu_gives(car):
+    """Of the whole car: the check of the quarter car compares its own."""
+    report = check(car, groups=("reference",))
+    assert report.findings == ()
+    members = read_archive(car)
+    head = members["extra/eightpost/car_with_shocks_ref.csv"].splitlines()[0].decode()
+    assert '"coupling_error"' in head and '"car.rf.hub_acceleration"' in head and '"rr.force"' in head
+
+
+def test_the_same_assembly_gives_the_same_bytes(case, toolchain, tmp_path, car):
+    again = assemble(assembly_of(case, "car_with_shocks"), tmp_path / "car_with_shocks.fmu", toolchain=toolchain)
+    assert again.path.read_bytes() == car.read_bytes()
+
+
+def test_paths_of_archives_stay_those_of_a_native_fmu(car):
+    members = set(read_archive(car))
+    assert {"model.png", "documentation/index.html", "documentation/licenses/license.txt"} <= members
+    listed = {f"sources/{f.get('name')}" for f in ET.fromstring(read_archive(car)["modelDescription.xml"]).iter("File")}
+    assert listed == {m for m in members if m.endswith(".c")}
+    assert Path(car).stat().st_size < 2_000_000

@@ -1,0 +1,23 @@
+"""`eightpost build --assemble`."""
+
+from click.testing import CliRunner
+
+from builder.native.platforms import this_platform
+from eightpost.commands.build import build as command
+
+
+def test_the_command_says_what_was_put_together(system_file, tmp_path, toolchain, monkeypatch):
+    monkeypatch.setattr("builder.assembly.assembled.find_toolchain", lambda: toolchain)
+    output = tmp_path / "dist" / "car_with_shocks.fmu"
+    ran = CliRunner().invoke(command, ["--assemble", str(system_file), "-o", str(output)], env={"COLUMNS": "200"})
+    assert ran.exit_code == 0, ran.output
+    for said in ("lpf1.fmu", "car.lf.velocity", "0.5 ms", "coupling_step", this_platform().name):
+        assert said in ran.output
+    assert output.is_file()
+
+
+def test_the_command_takes_a_system_file_or_sources(system_file):
+    both = CliRunner().invoke(command, ["--assemble", str(system_file), "shock.json"])
+    assert both.exit_code == 2 and "nothing else" in both.output
+    neither = CliRunner().invoke(command, [])
+    assert neither.exit_code == 2 and "Missing argument" in neither.output

@@ -1,0 +1,54 @@
+"""An assembly equals the master, is of second order, and keeps that in hosts that hold their inputs."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cosim import FmuComponent
+
+from .hosts import CORNERS, difference, held_separately, host, master, observed, percent
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.001, 0.004, 0.02])
+def test_it_equals_the_masters_result_at_communication_steps_of_whole_micro_steps(car, case, step):
+    outputs = observed(FmuComponent(car, "car"))
+    expected, _ = master(case, 0.0005, drive_step=step, outputs=outputs)
+    assert difference(host(car, step), expected).max() < 1e-9
+
+
+def test_its_error_estimates_are_those_of_the_masters_result(car, case):
+    names = [f"{corner}.coupling_error" for corner in CORNERS]
+    found = host(car, 0.001, outputs=[*names, "coupling_error"])[:, -1]
+    _, result = master(case, 0.0005, drive_step=0.001, outputs=["lf.force"])
+    expected = [result.coupled[f"car.{corner}"].force_error for corner in CORNERS]
+    assert found[:4] == pytest.approx(expected, rel=1e-6)
+    assert found[4] == pytest.approx(max(c.percent for c in result.coupled.values()), rel=1e-6)
+
+
+def test_a_communication_step_that_is_no_whole_number_of_micro_steps_is_cut_into_equal_ones(car, case):
+    outputs = observed(FmuComponent(car, "car"))
+    expected, _ = master(case, 0.0004, drive_step=0.002, outputs=outputs)
+    assert difference(host(car, 0.002, parameters={"coupling_step": 0.00045}), expected).max() < 1e-9
+
+
+def test_the_error_is_of_second_order_in_the_coupling_step(car, measured):
+    names, exact = measured
+    steps = (0.002, 0.001, 0.0005)
+    errors = [percent(host(car, 0.008, parameters={"coupling_step": h}, outputs=names), exact) for h in steps]
+    ratios = [(coarse / fine).mean() for coarse, fine in pairwise(errors)]
+    assert all(3.4 < ratio < 4.8 for ratio in ratios), ratios
+    assert errors[-1].max() < 0.2
+
+
+def test_in_a_host_that_holds_inputs_at_125_hz_it_is_a_hundred_times_nearer_than_separate_fmus(
+    car, case, fmus, measured
+):
+    """The exact answer to the held roads: what is left is the coupling's error alone."""
+    names, _ = measured
+    exact = host(car, 0.008, ramped=False, parameters={"coupling_step": 1e-5}, outputs=names)
+    inside = percent(host(car, 0.008, ramped=False, outputs=names), exact).max()
+    with np.errstate(over="ignore", invalid="ignore"):
+        separate = percent(held_separately(fmus, case, 0.008, names), exact).max()
+    assert inside < 0.5
+    assert not separate < 100.0 * inside

@@ -1,0 +1,86 @@
+"""Parameters, states and gains of an assembly act as those of its parts."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+
+from builder.assembly import assemble
+from cosim import FmuComponent
+from cosim.system_file import read_case
+from eightpost.commands.assemble import assembly_of
+from eightpost.shock import write_shock
+
+from .hosts import difference, host, master, observed
+
+
+def test_setting_the_parameters_of_one_corner_is_the_same_as_another_fmu_there(
+    car, made, system_file, shocks, build_here, tmp_path
+):
+    law = shocks["lpnl2"].law
+    other = replace(law, time_constant=0.004, curve=replace(law.curve, compression=(1490.0, 500.0, 80.0, 5.0)))
+    write_shock(replace(shocks["lpnl2"], law=other), tmp_path / "other.json")
+    (swapped,) = build_here([tmp_path / "other.json"], tmp_path)
+    swapped_case = read_case(system_file, fmus={"rr": swapped.path})
+    path = made(swapped_case, "swapped")
+    starts = {n: v.start for n, v in FmuComponent(path, "car").variables.items() if n.startswith("rr.")}
+    parameters = {n: v for n, v in starts.items() if v is not None and not n.endswith("coupling_error")}
+    parameters = {n: float(v) for n, v in parameters.items()}
+    found = host(car, 0.004, parameters=parameters)
+    assert np.array_equal(found, host(path, 0.004))
+    assert not np.allclose(found, host(car, 0.004))
+    expected, _ = master(swapped_case, 0.0005, drive_step=0.004, outputs=observed(FmuComponent(path, "car")))
+    assert difference(found, expected).max() < 1e-9
+
+
+def test_a_tunable_parameter_set_between_steps_counts_from_there(car):
+    names = ["lf.force", "car.lf.velocity"]
+    at_once = host(car, 0.004, parameters={"lf.rebound_scale": 1.5}, outputs=names)
+    later = host(car, 0.004, later={"lf.rebound_scale": 1.5}, outputs=names)
+    assert difference(later, at_once).max() < 1e-12
+    assert not np.allclose(later, host(car, 0.004, outputs=names))
+
+
+def test_a_restored_state_goes_on_bit_for_bit(car):
+    folder = extract(str(car))
+    description = read_model_description(folder)
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"]
+    fmu = FMU2Slave(guid=description.guid, unzipDirectory=folder, modelIdentifier="car_with_shocks", instanceName="a")
+    fmu.instantiate()
+    fmu.setupExperiment(startTime=0.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+
+    def run(begin):
+        rows = []
+        for k in range(20):
+            fmu.setReal([references["car.lf.road"]], [0.01 * np.sin(0.3 * k)])
+            fmu.doStep(begin + k * 0.003, 0.003)
+            rows.append(fmu.getReal(outputs))
+        return rows
+
+    run(0.0)
+    state = fmu.getFMUstate()
+    packed = fmu.serializeFMUstate(state)
+    first = run(0.06)
+    fmu.setFMUstate(state)
+    assert run(0.06) == first
+    fmu.setFMUstate(fmu.deSerializeFMUstate(packed))
+    assert run(0.06) == first
+    fmu.freeFMUstate(state)
+    fmu.terminate()
+    fmu.freeInstance()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def test_a_unit_conversion_on_a_connection_is_a_gain(case, made, toolchain, tmp_path, car):
+    plan = assembly_of(case, "car_with_shocks")
+    links = tuple(
+        replace(link, gain=0.25 * link.gain, factor=4.0, offset=0.0) if link.source == "lf.force" else link
+        for link in plan.links
+    )
+    path = assemble(replace(plan, links=links), tmp_path / "converted.fmu", toolchain=toolchain).path
+    assert np.array_equal(host(path, 0.004), host(car, 0.004))

@@ -1,0 +1,54 @@
+"""What cannot be assembled is refused with the reason and what to do."""
+
+from dataclasses import replace
+
+import pytest
+
+from builder.assembly import Link, read_parts
+from builder.documents import Disclosure
+from eightpost.archive import read_archive, write_archive
+from eightpost.commands.assemble import assembly_of
+from eightpost.errors import FmuError
+
+
+def test_every_component_that_cannot_be_a_part_is_named_with_what_to_do(
+    fmus, python_fmus, model_files, build_here, tmp_path
+):
+    shock = next(path for path in model_files if path.stem == "lpnl2")
+    (closed,) = build_here([shock], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+    members = read_archive(fmus["lpf1"])
+    for name, old, new in (("foreign", b'name="eightpost"', b'name="other"'), ("old", b"h / tau", b"h/tau")):
+        changed = {
+            n: c.replace(old, new) if n in ("modelDescription.xml", "sources/lag.h") else c for n, c in members.items()
+        }
+        write_archive(tmp_path / f"{name}.fmu", changed)
+    files = {"a": python_fmus["lpnl2"], "b": closed.path, "c": tmp_path / "foreign.fmu", "d": tmp_path / "old.fmu"}
+    with pytest.raises(FmuError) as refused:
+        read_parts({"car": fmus["seven_dof"], **files})
+    message = str(refused.value)
+    for said in ("a (", "--target native", "b (", "confidential", "c (", "eightpost run", "d (", "build it again"):
+        assert said in message
+    assert "car (" not in message
+
+
+def _plan(case, **changes):
+    return replace(assembly_of(case, "car"), **changes)
+
+
+def test_systems_that_are_no_vehicle_with_its_shocks_are_refused_with_the_reason(case, fmus):
+    plan = assembly_of(case, "car")
+    vehicle = plan.vehicle
+    with pytest.raises(FmuError, match="there are 2 vehicles"):
+        _plan(case, parts=(*plan.parts, replace(vehicle, name="second")))
+    with pytest.raises(FmuError, match="there is no shock"):
+        _plan(case, parts=(vehicle,), links=())
+    with pytest.raises(FmuError, match=r"lf\.force -> rf\.displacement does not go between"):
+        _plan(case, links=(*plan.links, Link("lf.force", "rf.displacement")))
+    with pytest.raises(FmuError, match="is no output"):
+        _plan(case, links=(*plan.links, Link("lf.lagged_force", "car.heave_force")))
+    with pytest.raises(FmuError, match="makes a loop without a delay"):
+        _plan(case, links=(*plan.links, Link("car.lf.hub_acceleration", "lf.displacement")))
+    with pytest.raises(FmuError, match="feeds no other component"):
+        _plan(case, links=tuple(link for link in plan.links if not link.source.startswith("lf.")))
+    with pytest.raises(FmuError, match="cannot begin the names"):
+        _plan(case, parts=(replace(vehicle, name="race-car"), *plan.shocks), links=())
