@@ -19,3 +19,8 @@ def source_folder() -> Path:
         if (folder / "vehicle_ss" / "interface.toml").is_file():
             return folder
     raise FmuError(f"no fmus/ folder beside or inside {_PACKAGE}; install eightpost again")
+
+
+def shock_kinds() -> tuple[str, ...]:
+    """Return the interfaces of shocks: the folders fmus/shock_<law>/."""
+    return tuple(sorted(path.parent.name for path in source_folder().glob("shock_*/interface.toml")))

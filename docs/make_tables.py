@@ -7,11 +7,9 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 FMUS = DOCS.parent / "fmus"
 
-#: Marker in the page -> the file whose own rows stand there.
+#: Marker in the page -> the file whose own rows stand there. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
     "shock": FMUS / "common" / "shock.toml",
-    "shock_lpf1": FMUS / "shock_lpf1" / "interface.toml",
-    "shock_lpnl2": FMUS / "shock_lpnl2" / "interface.toml",
     "vehicle_ss": FMUS / "vehicle_ss" / "interface.toml",
     "assembly": FMUS / "assembly" / "interface.toml",
 }
@@ -22,7 +20,22 @@ _HEADER = "| variable | reference | causality | unit | display | start | range |
 
 def rewrite(page: str) -> str:
     """Return the page with every marked region replaced by the table of its interface."""
-    return _REGION.sub(lambda match: match["start"] + table(SOURCES[match["name"]]) + match["end"], page)
+    return _REGION.sub(lambda match: match["start"] + _region(match["name"]) + match["end"], page)
+
+
+def _region(name: str) -> str:
+    return laws() if name == "laws" else table(SOURCES[name])
+
+
+def laws() -> str:
+    """Return every law's interface: what it is, and the variables that it adds to those of all shocks."""
+    return "".join(map(_law, sorted(FMUS.glob("shock_*/interface.toml"))))
+
+
+def _law(source: Path) -> str:
+    said, kind = tomllib.loads(source.read_text(encoding="utf-8")), source.parent.name
+    text = f"### {kind}\n\n{said['description']}: [equations and limits](../fmus/{kind}/README.md).\n\n"
+    return text + (f"{table(source)}\n" if "variable" in said else "It has no others.\n\n")
 
 
 def table(source: Path) -> str:

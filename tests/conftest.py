@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -13,8 +13,21 @@ import pytest
 from hypothesis import settings
 
 from builder.build import build
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import Zig
 from cosim import FmuComponent
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, Shock, StaticCurve, law_name, write_shock
+from eightpost.shock import (
+    LAWS,
+    Lpf1,
+    Lpnl2,
+    Polylinear,
+    Port,
+    Shock,
+    ShockLaw,
+    StaticCurve,
+    fit_parameters,
+    write_shock,
+)
 from eightpost.vehicle import shipped
 
 # A busy machine must not fail a property: no deadline per example.
@@ -51,19 +64,22 @@ def _curve() -> StaticCurve:
 
 @pytest.fixture(scope="session")
 def shocks() -> dict[str, Shock]:
-    """One shock of each law, by the law's name."""
+    """One shock of each law, by the law's name; a law not named here has the parameters that a fit starts from."""
     port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
-    laws = (
-        Polylinear(_curve(), port=port),
-        Lpf1(_curve(), 0.0013),
-        Lpnl2(_curve(), 0.0013, 800.0, 1600.0, port=port),
-    )
-    return {law_name(type(law)): Shock(law_name(type(law)), law) for law in laws}
+    laws: dict[str, ShockLaw] = {
+        "polylinear": Polylinear(_curve(), port=port),
+        "lpf1": Lpf1(_curve(), 0.0013),
+        "lpnl2": Lpnl2(_curve(), 0.0013, 800.0, 1600.0, port=port),
+    }
+    for name, law in LAWS.items():
+        if name not in laws:
+            laws[name] = law(_curve(), port=port, **{p.name: p.start for p in fit_parameters(law)})
+    return {name: Shock(name, law) for name, law in laws.items()}
 
 
 @pytest.fixture(scope="session")
 def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> list[Path]:
-    """Files of the three shocks, the seven-DOF car and the quarter car: what FMUs are built from."""
+    """Files of the shocks, the seven-DOF car and the quarter car: what FMUs are built from."""
     folder = tmp_path_factory.mktemp("models")
     sources = [shipped("seven_dof"), shipped("quarter_car")]
     for name, shock in shocks.items():
@@ -83,6 +99,23 @@ def python_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path
     """Python FMUs of all models, by name."""
     built = build(model_files, tmp_path_factory.mktemp("python"), target="python")
     return {item.path.stem: item.path for item in built}
+
+
+@pytest.fixture(scope="session")
+def one_platform() -> Callable[[], AbstractContextManager[None]]:
+    """In `with one_platform():` native FMUs are built for this platform alone, to the same bytes: a sixth of the work.
+
+    For FMUs that a test steps, and whose other binaries nobody looks at.
+    """
+
+    @contextmanager
+    def only() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            if this_platform().name in PLATFORMS:
+                patch.setattr(Zig, "platforms", (this_platform(),))
+            yield
+
+    return only
 
 
 Load = Callable[..., FmuComponent]

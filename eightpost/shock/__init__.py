@@ -1,23 +1,32 @@
-"""Shock laws (chapter 3): Polylinear, LPF1, LPNL2. Force from velocity, positive in compression, SI."""
+"""Shock laws (chapter 3): Polylinear, LPF1, LPNL2, Maxwell. Force from velocity, positive in compression, SI."""
 
-from eightpost.shock.curve import StaticCurve
-from eightpost.shock.file import LAWS, Shock, law_name, own_parameters, read_shock, write_shock
-from eightpost.shock.law import Response, ShockLaw
+from eightpost.shock.curve import CurveNumbers, StaticCurve
+from eightpost.shock.file import Shock, read_shock, write_shock
+from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
+from eightpost.shock.laws import LAWS, fit_parameters, law_module, law_name, own_parameters
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
+from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
 
 __all__ = [
     "LAWS",
+    "CurveNumbers",
+    "FitParameter",
     "Lpf1",
     "Lpnl2",
+    "Maxwell",
+    "Piece",
     "Polylinear",
     "Port",
     "Response",
     "Shock",
     "ShockLaw",
     "StaticCurve",
+    "Valve",
+    "fit_parameters",
+    "law_module",
     "law_name",
     "own_parameters",
     "read_shock",

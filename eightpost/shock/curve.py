@@ -1,24 +1,83 @@
 """The static curve F_s = f(v): what a shock would give if it had no lag (Eq 3.23, "Polylinear" of 3.1.5).
 
-Standard library only: the FMU ships this very file.
+Standard library only: the FMU ships this very file. The numbers come from module-level functions of floats, tuples and
+`CurveNumbers`: a compiler such as numba takes them as they are.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 #: Orders of the dissertation's fit (3.3.1).
 INNER_ORDER = 15
 OUTER_ORDER = 3
 
 
+#: At how many speeds of each side `falls_at` looks.
+LOOKS = 256
+
+
+class CurveNumbers(NamedTuple):
+    """The numbers of a `StaticCurve`, under the same names."""
+
+    inner: tuple[float, ...]
+    compression: tuple[float, ...]
+    rebound: tuple[float, ...]
+    transition_speed: float
+    transition_width: float
+    compression_speed: float
+    rebound_speed: float
+    compression_slope: float
+    rebound_slope: float
+
+
 def polynomial(coefficients: tuple[float, ...], s: float) -> float:
-    """Return c_0 + c_1 s + c_2 s^2 + ... by Horner's rule."""
+    """Return c_0 + c_1 s + c_2 s^2 + ... as four sums in powers of s^4: a processor works on all four at once."""
+    square = s * s
+    fourth = square * square
+    low = every_fourth(coefficients, 0, fourth) + s * every_fourth(coefficients, 1, fourth)
+    high = every_fourth(coefficients, 2, fourth) + s * every_fourth(coefficients, 3, fourth)
+    return low + square * high
+
+
+def every_fourth(coefficients: tuple[float, ...], first: int, s: float) -> float:
+    """Return c_j + c_(j+4) s + c_(j+8) s^2 + ..., j being `first`, by Horner's rule."""
     value = 0.0
-    for coefficient in reversed(coefficients):
-        value = value * s + coefficient
+    last = len(coefficients) - 1
+    for k in range(last - (last - first) % 4, first - 1, -4):
+        value = value * s + coefficients[k]
     return value
+
+
+def curve_force(curve: CurveNumbers | StaticCurve, velocity: float) -> float:
+    """Return F_s [N] at a damper velocity [m/s], positive in compression (Eq 3.23)."""
+    high, low = curve.compression_speed, -curve.rebound_speed
+    if velocity > high:
+        return fitted_force(curve, high) + curve.compression_slope * (velocity - high)
+    if velocity < low:
+        return fitted_force(curve, low) + curve.rebound_slope * (velocity - low)
+    return fitted_force(curve, velocity)
+
+
+def fitted_force(curve: CurveNumbers | StaticCurve, velocity: float) -> float:
+    """Return the blended polynomials [N] at a damper velocity [m/s], inside the fitted range."""
+    share = outer_share(curve, abs(velocity))
+    inner = outer = 0.0
+    if share < 1.0:
+        s = velocity / curve.transition_speed
+        inner = s * polynomial(curve.inner, s)
+    if share > 0.0:
+        coefficients = curve.compression if velocity > 0.0 else curve.rebound
+        outer = polynomial(coefficients, (abs(velocity) - curve.transition_speed) / curve.transition_speed)
+    return (1.0 - share) * inner + share * outer
+
+
+def outer_share(curve: CurveNumbers | StaticCurve, speed: float) -> float:
+    """Return the outer cubic's share [1] at a speed [m/s]."""
+    share = (speed - curve.transition_speed) / curve.transition_width + 0.5
+    return min(max(share, 0.0), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,27 +139,29 @@ class StaticCurve:
 
     def force(self, velocity: float) -> float:
         """Return F_s [N] at a damper velocity [m/s], positive in compression (Eq 3.23)."""
-        if velocity > self.compression_speed:
-            return self._fitted(self.compression_speed) + self.compression_slope * (velocity - self.compression_speed)
-        if velocity < -self.rebound_speed:
-            return self._fitted(-self.rebound_speed) + self.rebound_slope * (velocity + self.rebound_speed)
-        return self._fitted(velocity)
+        return curve_force(self, velocity)
 
     def is_beyond_fit(self, velocity: float) -> bool:
         """Say whether a damper velocity [m/s] lies outside the fitted range."""
         return velocity > self.compression_speed or velocity < -self.rebound_speed
 
-    def _fitted(self, velocity: float) -> float:
-        outer_share = self._outer_share(abs(velocity))
-        inner = outer = 0.0
-        if outer_share < 1.0:
-            s = velocity / self.transition_speed
-            inner = s * polynomial(self.inner, s)
-        if outer_share > 0.0:
-            coefficients = self.compression if velocity > 0.0 else self.rebound
-            outer = polynomial(coefficients, (abs(velocity) - self.transition_speed) / self.transition_speed)
-        return (1.0 - outer_share) * inner + outer_share * outer
+    def numbers(self) -> CurveNumbers:
+        """Return the curve as plain numbers."""
+        return CurveNumbers(*(getattr(self, name) for name in CurveNumbers._fields))
 
-    def _outer_share(self, speed: float) -> float:
-        share = (speed - self.transition_speed) / self.transition_width + 0.5
-        return min(max(share, 0.0), 1.0)
+    def falls_at(self) -> float | None:
+        """Return the slowest damper velocity [m/s] of a side at which the force does not rise; None: it rises all over.
+
+        Looked at on `LOOKS` equal steps of each side, and on the slopes beyond.
+        """
+        for side, speed in ((1.0, self.compression_speed), (-1.0, self.rebound_speed)):
+            before = 0.0
+            for k in range(1, LOOKS + 1):
+                velocity = side * speed * (k / LOOKS)
+                force = curve_force(self, velocity)
+                if not side * (force - before) > 0.0:
+                    return velocity
+                before = force
+        if self.compression_slope <= 0.0:
+            return self.compression_speed
+        return -self.rebound_speed if self.rebound_slope <= 0.0 else None

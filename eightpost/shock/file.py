@@ -14,15 +14,10 @@ from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import atomic_path
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.lpf1 import Lpf1
-from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.polylinear import Polylinear
+from eightpost.shock.laws import LAWS, law_name, own_parameters
 from eightpost.shock.port import Port
 
 SCHEMA = 1
-
-#: Every law by the name that files and the command line use.
-LAWS: Mapping[str, type[ShockLaw]] = {"polylinear": Polylinear, "lpf1": Lpf1, "lpnl2": Lpnl2}
 
 
 @dataclass(frozen=True)
@@ -48,16 +43,6 @@ class Shock:
     def law_name(self) -> str:
         """The law's name in files and on the command line."""
         return law_name(type(self.law))
-
-
-def law_name(law: type[ShockLaw]) -> str:
-    """Return the name of a law in files and on the command line."""
-    return next(name for name, known in LAWS.items() if known is law)
-
-
-def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
-    """Return the names of a law's own scalar parameters, without curve and port."""
-    return tuple(f.name for f in dataclasses.fields(law) if f.name not in ("curve", "port"))
 
 
 def write_shock(shock: Shock, path: str | Path) -> None:

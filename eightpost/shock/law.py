@@ -1,7 +1,14 @@
 """What every shock law has in common: a static curve, a lagged force, an output weight, a port.
 
-Standard library only: the FMU ships this very file. A law says two things: how its lagged force follows the static
-one (`advance_lag`) and how much of the lagged force the shock gives (`lag_weight`).
+Standard library only: the FMU ships this very file. A law says two things: how its lagged force follows the velocity
+and the static force (`advance_lag`, `advance_piece`) and how much of the lagged force the shock gives (`lag_weight`).
+
+A law's file is all that the library needs of it (docs/add_a_law.md). Beside its class it has, at module level:
+
+- `weight_core(static_force, own) -> alpha` and `advance_core(lagged, piece, own, valve) -> F_lag`: its numbers, as
+  functions of floats and the tuples below. The class calls them, and a fit compiles the very same ones. `own` are the
+  law's own parameters, in the order of its fields.
+- `FIT_PARAMETERS`: a `FitParameter` for each of those.
 """
 
 from __future__ import annotations
@@ -11,12 +18,57 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import NamedTuple
 
-from .curve import StaticCurve
+from .curve import CurveNumbers, StaticCurve, curve_force
 from .port import Port
 
 #: Largest change of damper velocity [m/s] over which `follow` takes F_s as a straight line, and its most pieces.
 STRAIGHT = 0.01
 MOST_PIECES = 1000
+
+
+class FitParameter(NamedTuple):
+    """How a law's own parameter is fitted where the record does not say better."""
+
+    name: str
+    """Of the field."""
+    unit: str
+    low: float
+    start: float
+    high: float
+    """The bounds and the first guess, in `unit`."""
+    scale: str
+    """"logarithmic" or "linear": in what the search takes its steps."""
+    above: str = ""
+    """The name of the parameter that must stay below this one, if there is one, ..."""
+    gap: float = 0.0
+    """... by at least this much, in `unit`."""
+
+
+class Valve(NamedTuple):
+    """The static force over damper velocity, scales included: what a law's core may ask for."""
+
+    curve: CurveNumbers | StaticCurve
+    compression_scale: float
+    rebound_scale: float
+
+
+class Piece(NamedTuple):
+    """A short stretch of time in which velocity and static force go linearly from start to end."""
+
+    velocity_start: float
+    velocity_end: float
+    """Of the damper [m/s]."""
+    static_start: float
+    static_end: float
+    """F_s there [N]."""
+    step: float
+    """[s]."""
+
+
+def valve_force(valve: Valve, velocity: float) -> float:
+    """Return F_s [N] at a damper velocity [m/s]."""
+    scale = valve.compression_scale if velocity > 0.0 else valve.rebound_scale
+    return scale * curve_force(valve.curve, velocity)
 
 
 class Response(NamedTuple):
@@ -51,6 +103,15 @@ class ShockLaw(ABC):
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
         """Return F_lag [N] after `step` [s] in which F_s goes linearly from start to end [N]."""
 
+    def advance_piece(self, lagged: float, piece: Piece) -> float:
+        """Return F_lag [N] after a piece; for a law that asks for velocities too."""
+        return self.advance_lag(lagged, piece.static_start, piece.static_end, piece.step)
+
+    @property
+    def valve(self) -> Valve:
+        """The static force over damper velocity, as a core takes it."""
+        return Valve(self.curve, self.port.compression_scale, self.port.rebound_scale)
+
     def static_force(self, velocity: float) -> float:
         """Return F_s [N] of the damper at a port velocity [m/s]; also the lagged force in equilibrium."""
         damper_velocity = self.port.motion_ratio * velocity
@@ -60,7 +121,7 @@ class ShockLaw(ABC):
         """Return F_lag [N] after `step` [s]; F_s goes linearly between its values at the two port velocities [m/s]."""
         static_end = self.static_force(velocity_end)
         static_start = static_end if velocity_start == velocity_end else self.static_force(velocity_start)
-        return self.advance_lag(lagged, static_start, static_end, step)
+        return self.advance_piece(lagged, self._piece(velocity_start, velocity_end, static_start, static_end, step))
 
     def follow(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
         """Return F_lag [N] after `step` [s] in which the port velocity [m/s] goes linearly from start to end.
@@ -69,14 +130,18 @@ class ShockLaw(ABC):
         takes one, and is exact.
         """
         count = self._pieces(velocity_start, velocity_end)
-        before = self.static_force(velocity_start)
+        here, before = velocity_start, self.static_force(velocity_start)
         for k in range(1, count + 1):
             share = k / count
-            velocity = velocity_end if k == count else velocity_start + (velocity_end - velocity_start) * share
-            after = self.static_force(velocity)
-            lagged = self.advance_lag(lagged, before, after, step / count)
-            before = after
+            there = velocity_end if k == count else velocity_start + (velocity_end - velocity_start) * share
+            after = before if there == here else self.static_force(there)
+            lagged = self.advance_piece(lagged, self._piece(here, there, before, after, step / count))
+            here, before = there, after
         return lagged
+
+    def _piece(self, start: float, end: float, static_start: float, static_end: float, step: float) -> Piece:
+        ratio = self.port.motion_ratio
+        return Piece(ratio * start, ratio * end, static_start, static_end, step)
 
     def _pieces(self, velocity_start: float, velocity_end: float) -> int:
         change = abs(self.port.motion_ratio * (velocity_end - velocity_start)) / STRAIGHT

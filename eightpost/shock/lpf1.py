@@ -8,7 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .lag import advance
-from .law import ShockLaw, check_time_constant
+from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
+
+#: The bounds of 3.3.2: 0.1 to 10 ms.
+FIT_PARAMETERS = (FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),)
+
+
+def weight_core(static_force: float, own: tuple[float, ...]) -> float:
+    """alpha = 1: all of the lagged force is given."""
+    return 1.0
+
+
+def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
+    """Eq 3.24; own = (tau,)."""
+    return advance(lagged, piece.static_start, piece.static_end, own[0], piece.step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +39,7 @@ class Lpf1(ShockLaw):
 
     def lag_weight(self, static_force: float) -> float:
         """alpha = 1: all of the lagged force is given."""
-        return 1.0
+        return weight_core(static_force, (self.time_constant,))
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
         """Eq 3.24."""

@@ -5,7 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .lag import advance
-from .law import ShockLaw, check_time_constant
+from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
+
+#: The bounds of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, at least 1 lbf apart.
+FIT_PARAMETERS = (
+    FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),
+    FitParameter("lag_full_force", "N", low=44.482216152605, start=500.0, high=4443.77339364524, scale="linear"),
+    FitParameter(
+        "lag_zero_force",
+        "N",
+        low=48.9304377678655,
+        start=2500.0,
+        high=4448.2216152605,
+        scale="linear",
+        above="lag_full_force",
+        gap=4.4482216152605,
+    ),
+)
+
+
+def weight_core(static_force: float, own: tuple[float, ...]) -> float:
+    """alpha = 1 up to F_1, 0 from F_2, linear between; own = (tau, F_1, F_2)."""
+    share = (own[2] - abs(static_force)) / (own[2] - own[1])
+    return min(max(share, 0.0), 1.0)
+
+
+def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
+    """Eq 3.25, first line."""
+    return advance(lagged, piece.static_start, piece.static_end, own[0], piece.step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +59,7 @@ class Lpnl2(ShockLaw):
 
     def lag_weight(self, static_force: float) -> float:
         """alpha = 1 up to `lag_full_force`, 0 from `lag_zero_force`, linear between."""
-        share = (self.lag_zero_force - abs(static_force)) / (self.lag_zero_force - self.lag_full_force)
-        return min(max(share, 0.0), 1.0)
+        return weight_core(static_force, (self.time_constant, self.lag_full_force, self.lag_zero_force))
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
         """Eq 3.25, first line."""

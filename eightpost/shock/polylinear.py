@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .law import ShockLaw
+from .law import FitParameter, Piece, ShockLaw, Valve
+
+FIT_PARAMETERS: tuple[FitParameter, ...] = ()
+
+
+def weight_core(static_force: float, own: tuple[float, ...]) -> float:
+    """alpha = 0: nothing of the lagged force is given."""
+    return 0.0
+
+
+def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
+    """F_lag = F_s: there is no lag."""
+    return piece.static_end
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +25,7 @@ class Polylinear(ShockLaw):
 
     def lag_weight(self, static_force: float) -> float:
         """alpha = 0: nothing of the lagged force is given."""
-        return 0.0
+        return weight_core(static_force, ())
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
         """F_lag = F_s: there is no lag."""

@@ -17,9 +17,9 @@ from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError
-from eightpost.shock import Shock, write_shock
+from eightpost.shock import LAWS, Shock, write_shock
 
-ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+ALL = (*LAWS, "seven_dof", "quarter_car")
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import struct
+import tempfile
 from pathlib import Path
 
 import lief
@@ -175,9 +176,10 @@ def test_the_same_sources_give_the_same_bytes_in_another_folder_without_the_cach
 
 
 def test_no_library_tells_where_it_was_built(binaries):
+    here = (f"{tempfile.gettempdir()}/", f"{Path.home()}/", Path.cwd())
+    places = [b"/home/", b"/Users/", *map(os.fsencode, here)]
     for name, content in binaries.items():
-        for place in (b"/tmp/", b"/home/", b"/root/", b"/Users/", os.fsencode(Path.cwd())):
-            assert place not in content, name
+        assert not [place for place in places if place in content], name
 
 
 def test_zig_keeps_nothing_of_a_library_in_the_cache_that_is_never_emptied(zig, binaries):

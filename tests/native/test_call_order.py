@@ -5,7 +5,9 @@ import math
 
 import pytest
 
-ALL = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car")
+from eightpost.shock import LAWS
+
+ALL = (*LAWS, "seven_dof", "quarter_car")
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 

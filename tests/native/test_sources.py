@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-MODELS = ("polylinear", "lpf1", "lpnl2", "seven_dof", "quarter_car", "assembly")
+from eightpost.shock import LAWS
+
+MODELS = (*LAWS, "seven_dof", "quarter_car", "assembly")
 HERE = Path(__file__).parent
 
 #: What a step and what it calls may take from the C library.
@@ -104,6 +106,7 @@ def test_random_call_sequences_find_nothing_under_the_sanitizers(model, source_f
     """A short run; `make nightly` makes a million calls per FMU."""
     folder = source_folders[model]
     options = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    options += ["-DLONGEST_STEP=1.0"] if model == "assembly" else []  # it cuts a step into pieces of half a millisecond
     options += ["-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
     program = compiler(folder, options, tmp_path / "call_sequences")
     ran = subprocess.run(

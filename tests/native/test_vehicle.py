@@ -182,10 +182,11 @@ def random_model(states, seed):
 
 
 @pytest.mark.parametrize("states", [1, 9, 150])
-def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
+def test_an_identified_model_of_any_order_steps_exactly(tmp_path, one_platform, states):
     model = random_model(states, states)
     write_vehicle(tmp_path / "big.json", IdentifiedVehicle("big", model))
-    (built,) = build([tmp_path / "big.json"], tmp_path)
+    with one_platform():
+        (built,) = build([tmp_path / "big.json"], tmp_path)
     fmu, stepper, expected = FmuComponent(built.path, "big"), LinearStepper(model.A, model.B, model.C, model.D), []
     fmu.begin(0.0, 1e3, {"start_at_equilibrium": False})
     fmu.end_initialization()
@@ -213,7 +214,7 @@ def test_a_free_mass_has_no_modal_form_and_the_error_names_the_python_target(tmp
     assert not (tmp_path / "free.fmu").exists()
 
 
-def test_a_model_without_a_steady_state_refuses_to_start_in_one_and_starts_without(tmp_path):
+def test_a_model_without_a_steady_state_refuses_to_start_in_one_and_starts_without(tmp_path, one_platform):
     model = StateSpace(
         np.array([[0.0]]),
         np.array([[0.1]]),
@@ -224,7 +225,8 @@ def test_a_model_without_a_steady_state_refuses_to_start_in_one_and_starts_witho
         name="drifting",
     )
     write_vehicle(tmp_path / "drift.json", IdentifiedVehicle("drifting", model))
-    (built,) = build([tmp_path / "drift.json"], tmp_path)
+    with one_platform():
+        (built,) = build([tmp_path / "drift.json"], tmp_path)
     fmu = FmuComponent(built.path, "drift")
     fmu.begin(0.0, 1.0, {})
     with pytest.raises(StepError, match="no unique steady state"):

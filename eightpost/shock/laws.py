@@ -1,0 +1,55 @@
+"""Every law there is: each file of this folder with a class of `ShockLaw` is one, under the file's name."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import pkgutil
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from eightpost.shock.law import FitParameter, ShockLaw
+
+#: Files that are not laws; all that import this one are among them.
+_OTHERS = ("curve", "file", "lag", "law", "laws", "port")
+
+
+def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
+    """Return the names of a law's own scalar parameters, without curve and port."""
+    return tuple(f.name for f in dataclasses.fields(law) if f.name not in ("curve", "port"))
+
+
+def law_name(law: type[ShockLaw]) -> str:
+    """Return the name of a law in files and on the command line."""
+    return next(name for name, known in LAWS.items() if known is law)
+
+
+def law_module(law: type[ShockLaw]) -> ModuleType:
+    """Return the module of a law: it has `weight_core`, `advance_core` and `FIT_PARAMETERS`."""
+    return import_module(law.__module__)
+
+
+def fit_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
+    """Return how each of a law's own parameters is fitted, in the order of its fields."""
+    declared: tuple[FitParameter, ...] = law_module(law).FIT_PARAMETERS
+    return declared
+
+
+def _found() -> dict[str, type[ShockLaw]]:
+    """Laws of few parameters come first."""
+    laws: dict[str, type[ShockLaw]] = {}
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if module.name not in _OTHERS:
+            laws |= _laws_in(import_module(f"{__package__}.{module.name}"))
+    return dict(sorted(laws.items(), key=lambda item: (len(own_parameters(item[1])), item[0])))
+
+
+def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
+    classes = [c for _, c in inspect.getmembers(module, inspect.isclass) if c.__module__ == module.__name__]
+    return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
+
+
+#: Every law by the name that files and the command line use.
+LAWS: Mapping[str, type[ShockLaw]] = _found()

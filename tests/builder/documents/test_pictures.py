@@ -1,0 +1,49 @@
+"""The picture and the icon."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from builder.product import shock_product, vehicle_product
+from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
+
+from .members import ALL, PICTURE, members_of
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_pictures_are_the_same_bytes_twice_whatever_the_users_style(archives, products, name):
+    with matplotlib.rc_context({"lines.linewidth": 9.0, "font.size": 30.0, "axes.grid": True, "savefig.dpi": 30}):
+        again = members_of(products[name])
+    assert again == archives[name]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_picture_is_legible_and_the_icon_square_and_neither_tells_who_made_it(archives, name):
+    for member, size in ((PICTURE, (900, 600)), ("terminalsAndIcons/icon.png", (256, 256))):
+        image = Image.open(io.BytesIO(archives[name][member]))
+        assert image.size == size
+        assert set(image.info) <= {"dpi"}
+        colours = np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)
+        assert len(colours) > 20
+
+
+def test_the_curve_in_the_picture_is_the_shocks_own(shocks):
+    shock = shocks["polylinear"]
+    stiffer = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, compression_scale=2.0)))  # fmt: skip # noqa: E501
+    gassed = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, gas_preload=400.0)))  # fmt: skip # noqa: E501
+    first, second, third = (members_of(shock_product(s, "x"))[PICTURE] for s in (shock, stiffer, gassed))
+    assert first != second
+    assert first == third  # the gas force is left out
+
+
+def test_a_model_without_roads_and_tires_has_a_picture_too():
+    model = StateSpace([[0.0, 1.0], [-100.0, -1.0]], [[0.0], [1.0]], [[0.0, 1.0]], [[0.0]],
+                       (Channel("force", "N"),), (Channel("velocity", "m/s"),))  # fmt: skip
+    product = vehicle_product(IdentifiedVehicle("bare", model), "bare")
+    assert Image.open(io.BytesIO(members_of(product)[PICTURE])).size == (900, 600)

@@ -1,0 +1,77 @@
+"""Terminals: one port per corner, whose force flows as the standard's words say."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import fmpy
+import pytest
+from fmu_manipulation_toolbox.terminals import Terminals
+from lxml import etree
+
+from builder.documents.terminals import terminals_and_icons
+from builder.interface import vehicle_interface
+from builder.product import shock_product
+from eightpost.shock import Lpnl2, Shock, StaticCurve
+from eightpost.vehicle import Channel, StateSpace
+
+from .members import ALL, TERMINALS, kinds_of, members_of
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_terminals_and_icons_is_valid_against_the_schema_of_fmi_3(archives, name):
+    folder = Path(fmpy.__file__).parent / "schema" / "fmi3"
+    schema = etree.XMLSchema(etree.parse(str(folder / "fmi3TerminalsAndIcons.xsd")))
+    schema.assertValid(etree.fromstring(archives[name][TERMINALS]))
+
+
+def test_a_shock_has_one_port_whose_force_flows_out():
+    # Read from the file that the standard's rules are for, not from the type behind it.
+    product = shock_product(Shock("x", _any_law()), "x")
+    assert kinds_of(members_of(product)[TERMINALS]) == {
+        "port": {
+            "velocity": ("velocity", "signal"),
+            "displacement": ("displacement", "signal"),
+            "force": ("force", "outflow"),
+        }
+    }
+
+
+def _any_law() -> Lpnl2:
+    curve = StaticCurve(
+        (1.0,) + (0.0,) * 14, (1.0, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), 0.4, 0.01, 1.0, 1.0, 1.0, 1.0
+    )
+    return Lpnl2(curve, 1e-3, 1.0, 2.0)
+
+
+def test_a_vehicle_has_one_port_per_corner_whose_force_flows_in(archives):
+    found = kinds_of(archives["seven_dof"][TERMINALS])
+    assert list(found) == ["lf", "rf", "lr", "rr"]
+    for corner, members in found.items():
+        assert members["velocity"] == (f"{corner}.velocity", "signal")
+        assert members["displacement"] == (f"{corner}.displacement", "signal")
+        assert members["force"] == (f"{corner}.force", "inflow")
+    assert list(kinds_of(archives["quarter_car"][TERMINALS])) == ["port"]
+
+
+def test_kirchhoffs_law_at_the_terminals_gives_the_vehicle_the_shocks_force(archives):
+    """Inflows minus outflows are zero at a connection: with force 1 out of the shock, 1 goes into the vehicle."""
+    sign = {"inflow": 1.0, "outflow": -1.0}
+    shock = sign[kinds_of(archives["lpnl2"][TERMINALS])["port"]["force"][1]]
+    vehicle = sign[kinds_of(archives["quarter_car"][TERMINALS])["port"]["force"][1]]
+    assert -shock * 1.0 / vehicle == 1.0
+
+
+def test_fmutool_connects_a_shock_to_a_corner(archives):
+    shock = next(iter(Terminals.from_xml_source(io.BytesIO(archives["lpnl2"][TERMINALS]))))
+    corner = Terminals.from_xml_source(io.BytesIO(archives["seven_dof"][TERMINALS])).terminals["rr"]
+    assert shock == corner  # of one kind
+    assert set(corner.connect(shock)) == {(f"rr.{name}", name) for name in ("velocity", "displacement", "force")}
+
+
+def test_a_vehicle_without_displacements_has_ports_without_them():
+    model = StateSpace(
+        [[0.0]], [[1.0]], [[1.0]], [[0.0]], (Channel("lf.force", "N"),), (Channel("lf.velocity", "m/s"),)
+    )
+    assert list(kinds_of(terminals_and_icons(vehicle_interface(model)))["lf"]) == ["velocity", "force"]
