@@ -1,22 +1,51 @@
 """Rigs: dynamometer tests, drivefile generators, a virtual dynamometer."""
 
-from eightpost.rig.dynamometer import Sensor, Sensors, measure
-from eightpost.rig.dyno_test import DynoConditions, DynoTest, read_dyno_test
+from eightpost.rig.actuator import Actuator
+from eightpost.rig.damper import BUILDS, CONFIGURATIONS, PhysicalDamper, cavitation, configuration, shim_build
+from eightpost.rig.dynamometer import Damper, Sensor, Sensors, measure, read_out
+from eightpost.rig.dyno_conditions import DynoConditions
+from eightpost.rig.dyno_test import DynoTest, read_dyno_test, read_dyno_tests
 from eightpost.rig.multisine import random_multisine
+from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.rig.peak_velocity_file import read_peak_velocity
+from eightpost.rig.runs import split_runs
+from eightpost.rig.sines import SineTest, sine_test, sine_tests
+from eightpost.rig.steps import bump, static_steps
+from eightpost.rig.temperature import TemperatureEffect, temperature_effect
 from eightpost.rig.track import Track, track_drivefile
 from eightpost.rig.truth_damper import TruthDamper, ValveSide, demo_damper
 
 __all__ = [
+    "BUILDS",
+    "CONFIGURATIONS",
+    "Actuator",
+    "Damper",
     "DynoConditions",
     "DynoTest",
+    "PeakVelocityTable",
+    "PhysicalDamper",
     "Sensor",
     "Sensors",
+    "SineTest",
+    "TemperatureEffect",
     "Track",
     "TruthDamper",
     "ValveSide",
+    "bump",
+    "cavitation",
+    "configuration",
     "demo_damper",
     "measure",
     "random_multisine",
     "read_dyno_test",
+    "read_dyno_tests",
+    "read_out",
+    "read_peak_velocity",
+    "shim_build",
+    "sine_test",
+    "sine_tests",
+    "split_runs",
+    "static_steps",
+    "temperature_effect",
     "track_drivefile",
 ]

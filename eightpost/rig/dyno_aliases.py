@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.units import compatible, is_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
@@ -46,12 +47,18 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
 def _alias(record: RawRecord, channel: str, taken: set[str]) -> MappedChannel | None:
     """Return the one column that has a usual name of `channel`, None where there is none."""
     matches = [name for name in record.names if name not in taken and _plain(name) in _ALIASES[channel]]
-    if channel == "time" and len(matches) > 1:
-        matches = [name for name in matches if name != "T"]
+    if channel == "time":
+        matches = [name for name in matches if name != "T" or (len(matches) == 1 and not _is_heat(record, name))]
     if len(matches) > 1:
         what = f"{' and '.join(map(repr, matches))} could both be it; say which with a channel map"
         raise record.origin.header_fault(FileFormatError, what, channel=channel)
     return MappedChannel(matches[0]) if matches else None
+
+
+def _is_heat(record: RawRecord, name: str) -> bool:
+    """Say whether a column's unit is one of temperature."""
+    unit = record.units[record.names.index(name)]
+    return unit is not None and is_unit(unit) and compatible(unit, "K")
 
 
 def _plain(name: str) -> str:

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_aliases import DYNO_UNITS, dyno_map
+from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
+from eightpost.rig.dyno_notes import notes_of
 from eightpost.signals import faults
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.mapped_series import mapped_series
-from eightpost.signals.read import read_record
+from eightpost.signals.origin import Origin
+from eightpost.signals.read import read_record, read_records
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from eightpost.signals.channel_map import ChannelMap
-    from eightpost.signals.origin import Origin
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -29,21 +31,6 @@ CUTOFF = 50.0
 SHORTEST, FEWEST = 0.5, 200
 
 
-@dataclass(frozen=True, slots=True)
-class DynoConditions:
-    """The conditions of a dynamometer test, as far as they are known.
-
-    Attributes:
-        build: The shock's build, as the team names it.
-        clicks: The adjusters and how they are counted, in the team's words (`1 from closed, rebound`).
-        gas_pressure: [Pa].
-    """
-
-    build: str | None = None
-    clicks: str | None = None
-    gas_pressure: float | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DynoTest:
     """A dynamometer test that passed every check.
@@ -51,10 +38,11 @@ class DynoTest:
     Attributes:
         series: `velocity` [m/s] and `force` [N], where known `displacement` [m] and `temperature` [K]; all
             but the last positive in compression.
-        conditions: Build, clicks, gas pressure.
+        conditions: Build, clicks, gas pressure, and what else is known.
         source: The file, None for a record made in memory.
         sha256: The file's digest, empty without a file.
         derived: What was not measured but computed, in words.
+        notes: What is suspicious in the record, in words (`eightpost.rig.dyno_notes`); a fit repeats them.
     """
 
     series: TimeSeries
@@ -62,6 +50,7 @@ class DynoTest:
     source: Path | None = None
     sha256: str = ""
     derived: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("velocity", "force"):
@@ -79,22 +68,23 @@ def read_dyno_test(
     conditions: DynoConditions | None = None,
     cutoff: float | None = None,
 ) -> DynoTest:
-    """Read and check a shock dynamometer file.
+    """Read and check a shock dynamometer file with one table.
 
     Columns are recognised by their usual names (t, x, disp, v, vel, F, load, temp, ...); a channel map goes
     first. A missing velocity is derived from the displacement by a low-pass and central differences (6.1.2).
-    An offset of the force (static gas force, rod weight) is left in it.
+    An offset of the force (static gas force, rod weight) is left in it. What is suspicious but usable is in the
+    test's notes.
 
     Args:
-        path: A .csv, .txt, .parquet or .mat file.
+        path: A .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file.
         channel_map: Columns by channel, for what is not recognised.
         units: Units by channel name, for columns whose header says none.
         flip: Channels whose sign is turned.
-        conditions: What is known about the shock.
+        conditions: What is known about the shock; goes before what the file's preamble says.
         cutoff: Low-pass cut-off for a derived velocity [Hz]; default 50 Hz, at most 0.4 of the sample rate.
 
     Raises:
-        FileFormatError: The file cannot be read.
+        FileFormatError: The file cannot be read, or holds several tables.
         MissingChannelError: There is no force, or neither velocity nor displacement.
         MissingUnitError: A channel has no unit.
         UnknownUnitError: A unit is not known or of the wrong dimension.
@@ -107,19 +97,60 @@ def read_dyno_test(
         ClippedChannelError: The force sits at the end of its range.
         WrongSignError: The force, or the displacement, is positive the other way.
     """
-    path = Path(path)
-    record = read_record(path)
-    mapping = dyno_map(record, channel_map).flipped(flip)
-    _check_channels(record, mapping)
-    series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
-    _check_record(series, record.origin)
-    derived: tuple[str, ...] = ()
-    if "velocity" not in series:
-        series, derived = _with_velocity(series, cutoff)
-    elif "displacement" in series:
-        _check_displacement_sign(series, record.origin)
-    _check_force(series, record.origin, derived)
-    return DynoTest(series, conditions or DynoConditions(), path, sha256_of(path), derived)
+    reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
+    return reading.test(read_record(path), conditions or DynoConditions())
+
+
+def read_dyno_tests(
+    path: str | Path,
+    *,
+    channel_map: ChannelMap | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+    conditions: DynoConditions | None = None,
+    cutoff: float | None = None,
+) -> tuple[DynoTest, ...]:
+    """Read and check every table of a shock dynamometer file; arguments and errors as for read_dyno_test.
+
+    What a preamble says holds for its table and those below it, until another preamble says otherwise. A time that
+    runs through several tables is kept; splitting a table into runs is `split_runs`.
+    """
+    reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
+    known = DynoConditions()
+    tests = []
+    for record in read_records(path):
+        known = conditions_from(record.preamble)[0].over(known)
+        tests.append(reading.test(record, (conditions or DynoConditions()).over(known)))
+    return tuple(tests)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """How the tables of a file are read."""
+
+    path: Path
+    channel_map: ChannelMap | None
+    units: Mapping[str, str]
+    flip: tuple[str, ...]
+    cutoff: float | None
+
+    def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
+        """Return the checked test of a table."""
+        mapping = dyno_map(record, self.channel_map).flipped(self.flip)
+        _check_channels(record, mapping)
+        series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
+        _check_record(series, record.origin)
+        measured, origin = series.names, record.origin
+        derived: tuple[str, ...] = ()
+        if "velocity" not in series:
+            series, derived = _with_velocity(series, self.cutoff)
+            origin = origin if len(derived) == 1 else Origin(origin.path, None, origin.header_line)
+        elif "displacement" in series:
+            _check_displacement_sign(series, origin)
+        _check_force(series, origin, derived)
+        stated, notes = conditions_from(record.preamble)
+        notes += notes_of(series, measured=measured, origin=origin)
+        return DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:

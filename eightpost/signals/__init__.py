@@ -6,7 +6,7 @@ from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.filters import derivative, lowpass, velocity_from_displacement
 from eightpost.signals.mat_file import write_mat
 from eightpost.signals.parquet_file import parquet_header, write_parquet
-from eightpost.signals.read import read_record, read_series
+from eightpost.signals.read import read_record, read_records, read_series
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.signals.write import write_series
 
@@ -19,6 +19,7 @@ __all__ = [
     "lowpass",
     "parquet_header",
     "read_record",
+    "read_records",
     "read_series",
     "velocity_from_displacement",
     "write_csv",

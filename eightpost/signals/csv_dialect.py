@@ -41,11 +41,16 @@ class Layout:
     padding: int
 
 
-def find_layout(lines: list[str], path: Path) -> Layout:
-    """Find the layout from the first lines of a file.
+def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
+    """Find the layout from the first lines of a file, or of a block of it.
 
     The table is what ends the lines looked at and has a number in every line; the header is the last line
     before it, or the one before that when a line of units stands between.
+
+    Args:
+        lines: Of the file or block.
+        path: The file.
+        offset: Lines of the file above the first of `lines`.
 
     Raises:
         FileFormatError: No table of numbers, or no header above it.
@@ -57,22 +62,22 @@ def find_layout(lines: list[str], path: Path) -> Layout:
     above = [i for i in range(first - 1, -1, -1) if lines[i].strip()]
     if not above:
         what = "there is no header line above the numbers; add one such as `time [s],velocity [m/s],force [N]`"
-        raise FileFormatError(what, path=path, line=first + 1)
+        raise FileFormatError(what, path=path, line=offset + first + 1)
     width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
     header, unit_row, units = above[0], above[0], None
     if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
         units = units_row(split_cells(lines[header], delimiter))
         header = above[1] if units else header
-    names = _header_cells(lines[header], delimiter, width, header + 1, path)
+    names = _header_cells(lines[header], delimiter, width, offset + header + 1, path)
     split = [(cell, None) if units else split_header(cell) for cell in names]
     said = units[: len(names)] if units else [unit for _, unit in split]
     return Layout(
         delimiter=delimiter,
         names=tuple(name for name, _ in split),
         units=tuple(unit or None for unit in said),
-        header_line=header + 1,
-        unit_line=unit_row + 1,
-        first_line=first + 1,
+        header_line=offset + header + 1,
+        unit_line=offset + unit_row + 1,
+        first_line=offset + first + 1,
         padding=width - len(names),
     )
 

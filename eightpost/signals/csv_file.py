@@ -12,6 +12,7 @@ import pyarrow.csv
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
+from eightpost.signals.csv_blocks import Block, find_blocks
 from eightpost.signals.csv_dialect import Layout, find_layout, split_cells
 from eightpost.signals.origin import Origin
 from eightpost.signals.raw_record import RawRecord
@@ -32,16 +33,35 @@ def read_csv(path: str | Path) -> RawRecord:
     delimiters `,`, `;` and tab; the decimal comma with the latter two; UTF-8 and Latin-1.
 
     Raises:
-        FileFormatError: There is no table, no header, or a line of another width.
+        FileFormatError: There is no table or more than one, no header, or a line of another width.
+    """
+    records = read_csv_blocks(path)
+    if len(records) > 1:
+        places = ", ".join(str(record.origin.header_line) for record in records)
+        what = f"there are {len(records)} tables in it (headers in lines {places}); keep one, or read them all"
+        raise FileFormatError(what, path=path, line=records[1].origin.header_line)
+    return records[0]
+
+
+def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read a delimited text file that may hold several tables, each with its header and a preamble of its own.
+
+    Raises:
+        FileFormatError: As for read_csv, in any of the tables.
     """
     path = Path(path)
     lines = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    layout = find_layout(lines, path)
-    body = [line for line in lines[layout.first_line - 1 :] if line.strip()]
-    numbers = np.array([i for i, line in enumerate(lines, 1) if i >= layout.first_line and line.strip()])
-    columns = _columns("\n".join(body), layout, numbers, path)
+    return tuple(_record(lines, block, path) for block in find_blocks(lines))
+
+
+def _record(lines: list[str], block: Block, path: Path) -> RawRecord:
+    """Parse one block of the file's lines."""
+    layout = find_layout(lines[block.start : block.stop], path, offset=block.start)
+    first = layout.first_line
+    numbers = np.array([i for i, line in enumerate(lines[first - 1 : block.stop], first) if line.strip()])
+    columns = _columns("\n".join(lines[i - 1] for i in numbers), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns)
+    return RawRecord(origin, layout.names, layout.units, columns, block.preamble)
 
 
 def _text(content: bytes) -> str:

@@ -135,7 +135,7 @@ def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY
     """
     moving = np.ones(values.size, dtype=bool) if against is None else np.gradient(against) != 0.0
     for signed, end in ((values, "highest"), (-values, "lowest")):
-        clipped = _clipped_samples(signed, moving)
+        clipped = clipped_samples(signed, moving)
         if clipped.size:
             raise origin.fault(
                 ClippedChannelError,
@@ -147,7 +147,7 @@ def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY
             )
 
 
-def _clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp]:
+def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the samples that are clipped at the maximum of `values` (N,), empty when none are."""
     tolerance = 1e-9 * float(np.ptp(values))
     top = float(values.max())

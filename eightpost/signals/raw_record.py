@@ -32,12 +32,14 @@ class RawRecord:
         names: C column names, units stripped.
         units: C units as written, None where the file says none.
         columns: C vectors (N,): numbers, or texts where a cell is not a number.
+        preamble: What stands above the table, one tuple of cells per line.
     """
 
     origin: Origin
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     columns: tuple[NDArray[Any], ...]
+    preamble: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.signals.channel_map import find_time, identity_map
-from eightpost.signals.csv_file import read_csv
+from eightpost.signals.csv_file import read_csv, read_csv_blocks
 from eightpost.signals.mapped_series import mapped_series
 from eightpost.signals.mat_file import read_mat
+from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet
 
 if TYPE_CHECKING:
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
-_READERS = {".csv": read_csv, ".txt": read_csv, ".parquet": read_parquet, ".mat": read_mat}
+_READERS = {
+    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat, ".mf4": read_mdf,
+    ".mdf": read_mdf,
+}  # fmt: skip
+_TEXT = (".csv", ".txt", ".tsv")
 
 
 def read_record(path: str | Path) -> RawRecord:
@@ -38,10 +43,20 @@ def read_record(path: str | Path) -> RawRecord:
     return reader(path)
 
 
+def read_records(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read every table of a text file as read_record reads its only one; other formats hold one.
+
+    Raises:
+        FileFormatError: The file is missing or its format is not known.
+    """
+    path = Path(path)
+    return read_csv_blocks(path) if path.suffix.lower() in _TEXT and path.is_file() else (read_record(path),)
+
+
 def read_series(
     path: str | Path, *, channel_map: ChannelMap | None = None, units: Mapping[str, str] | None = None
 ) -> TimeSeries:
-    """Read a .csv, .txt, .parquet or .mat file as a time series in SI.
+    """Read a .csv, .txt, .parquet, .mat or .mf4 file as a time series in SI.
 
     Without a channel map every column is a channel under its own name (the unit stripped) and the column
     called `time` or `t` is the time.

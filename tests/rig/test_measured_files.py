@@ -1,13 +1,14 @@
 """The measured records of EIGHTPOST_DATA, which cannot be shipped, read as their README says."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eightpost.errors import WrongSignError
-from eightpost.rig.dyno_test import read_dyno_test
+from eightpost.rig import read_dyno_test, read_peak_velocity, split_runs
 
 FOLDER = os.environ.get("EIGHTPOST_DATA")
 pytestmark = pytest.mark.skipif(not FOLDER, reason="EIGHTPOST_DATA does not name the folder of measured records")
@@ -49,3 +50,30 @@ def test_the_magneto_rheological_damper_reads_with_its_own_velocity(name):
     test = read_dyno_test(measured("labcontrol", f"labcontrol_{name}.csv"))
     assert test.derived == ()
     assert test.series.sample_rate == pytest.approx(100.0)
+
+
+def test_the_lag_of_the_undocumented_force_filter_is_said():
+    test = read_dyno_test(measured("ohlins", "ohlins_t1_3_3_24_24_s5_n10_100psi.csv"))
+    assert any(re.match(r"force: it follows velocity by 2\d\.?\d* ms", note) for note in test.notes)
+
+
+@pytest.mark.parametrize("name", OHLINS[:2])
+def test_a_gas_force_that_comes_out_negative_when_force_is_flipped_is_said(name):
+    test = read_dyno_test(measured("ohlins", name), flip=("force",))
+    assert any("at standstill, where gas pushes with a positive force" in note for note in test.notes)
+    other_way = read_dyno_test(measured("ohlins", name), flip=("displacement",))
+    assert not any("at standstill, where gas pushes" in note for note in other_way.notes)
+
+
+def test_a_steady_sine_of_a_hundred_cycles_is_one_run():
+    test = read_dyno_test(measured("ohlins", OHLINS[-1]), flip=("force",))
+    assert split_runs(test) == (test,)
+
+
+def test_the_manufacturers_curves_are_a_table_per_setting():
+    tables = read_peak_velocity(measured("ohlins", "ohlins_vendor_FV_curves_digitised.csv"))
+    assert len(tables) == 11
+    stiffest = next(table for table in tables if table.clicks == "LS0_HS4")
+    # The last points of the two digitised curves: 719 N and -618 N at 0.25 m/s.
+    assert stiffest.compression.max() == pytest.approx(719.0, rel=0.01)
+    assert stiffest.rebound.min() == pytest.approx(-618.0, rel=0.01)

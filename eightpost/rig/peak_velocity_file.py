@@ -1,0 +1,250 @@
+"""Peak-velocity tables from text files, in the layouts that manufacturers and dynamometers give."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eightpost.errors import DataError, FileFormatError, MissingChannelError, UnknownUnitError, WrongSignError
+from eightpost.files import sha256_of
+from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.signals.faults import check_finite
+from eightpost.signals.header import is_number
+from eightpost.signals.read import read_record
+from eightpost.units import compatible, convert
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.signals.raw_record import RawRecord
+
+    Array = NDArray[np.float64]
+
+_SPEED = {"speed", "velocity", "vel", "v", "peakvelocity", "peakspeed", "shaftspeed", "pistonspeed"}
+_FORCE = {"force", "f", "load", "peakforce"}
+_STROKE = {"side", "stroke", "direction", "phase"}
+_SETTING = {"setting", "settings", "clicks", "click", "adjuster"}
+_WORDS = {
+    "compression": ("compression", "comp", "bump", "jounce", "c"),
+    "rebound": ("rebound", "reb", "extension", "r"),
+}
+#: A column of one stroke: its word, then perhaps the clicks.
+_COLUMN = {
+    stroke: re.compile(
+        rf"^(?:{'|'.join(words)})(?![a-z])\.?(?:[\s_]*(?:peak[\s_]*)?force)?[\s_:,-]*(.*)$", re.IGNORECASE
+    )
+    for stroke, words in _WORDS.items()
+}
+_FORCE_WORD = re.compile(r"^(?:peak\s*)?(?:force|load|f)(?![a-z])[\s_:,-]*", re.IGNORECASE)
+#: A table with a signed speed and no word of strokes has fewer lines than a record over time.
+_MOST_LINES = 200
+#: Forces of one speed agree within this share of the largest, or the table contradicts itself.
+SAME_SPEED = 0.05
+
+
+class _Point(NamedTuple):
+    """One force of a table: SI, speed positive."""
+
+    setting: str
+    stroke: str
+    speed: float
+    force: float
+
+
+def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = None) -> tuple[PeakVelocityTable, ...]:
+    """Read the peak-velocity tables of a text file: one per setting of the adjusters, in the file's order.
+
+    Layouts, told apart by the column names (units in them or in a row under them):
+
+    - `speed, compression, rebound`, perhaps with a column `clicks`, or with the clicks in the names (`comp 3, reb 3,
+      comp 6, reb 6`);
+    - `side, setting, speed, force`, one line per point, side being compression or rebound (comp, bump, reb, ...);
+    - a signed `speed` (compression positive) and one column of force per setting.
+
+    Forces are turned so that compression is positive and rebound negative, for the whole file alike: magnitudes, signs
+    as here, and signs the other way are told apart by each stroke's sum. Points at no speed are left out: they are
+    friction and gas. Where the strokes have different speeds, both are taken at all speeds that lie in the range of
+    both, by straight lines between the points. Two forces at one speed are averaged if they agree within 5 % of the
+    largest.
+
+    Args:
+        path: A .csv, .txt or .tsv file; a sheet must be saved as one first.
+        units: Units by column name, or `speed` and `force`, where the file says none.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+        MissingChannelError: There is no speed or force, or a setting lacks a stroke.
+        MissingUnitError: A column has no unit.
+        UnknownUnitError: A unit is not known or of the wrong dimension.
+        NotANumberError: A cell is empty or no number.
+        DataError: Two forces at one speed contradict each other.
+        WrongSignError: Both strokes have negative forces.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
+        raise FileFormatError("sheets are not read; save it as .csv", path=path)
+    record = read_record(path)
+    columns = _Columns(record, dict(units or {}))
+    points = _with_signs(list(columns.points()), path)
+    settings = list(dict.fromkeys(point.setting for point in points))
+    return tuple(_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+
+
+def is_peak_velocity(record: RawRecord) -> bool:
+    """Say whether a record is a peak-velocity table and no record over time: speed, strokes, no time."""
+    plain = [_plain(name) for name in record.names]
+    if {"t", "time", "timestamp", "times"} & set(plain) or not _SPEED & set(plain):
+        return False
+    strokes = {stroke for name in record.names for stroke in _WORDS if _COLUMN[stroke].match(name)}
+    short = record.columns[0].size < _MOST_LINES and not {"displacement", "position", "x"} & set(plain)
+    return strokes == set(_WORDS) or bool(_STROKE & set(plain)) or short
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """The columns of a table and what they hold."""
+
+    record: RawRecord
+    units: Mapping[str, str]
+
+    def points(self) -> Iterator[_Point]:
+        """Yield the points of the table, in whichever layout it is."""
+        speed = self._values(self._need(_SPEED, "speed"), "speed", "m/s")
+        strokes = {i: stroke for i in range(len(self.record.names)) if (stroke := self._stroke_column(i))}
+        sides = self._find(_STROKE)
+        if sides is not None:
+            yield from self._by_side(speed, self.record.columns[sides])
+        elif strokes:
+            yield from self._by_stroke(speed, strokes)
+        else:
+            yield from self._by_sign(speed)
+
+    def _by_side(self, speed: Array, sides: NDArray[np.object_]) -> Iterator[_Point]:
+        force = self._values(self._need(_FORCE, "force"), "force", "N")
+        settings = self._settings()
+        for row, (v, f) in enumerate(zip(np.abs(speed), force, strict=True)):
+            yield _Point(settings[row], self._side(str(sides[row]), row), float(v), float(f))
+
+    def _by_stroke(self, speed: Array, strokes: Mapping[int, tuple[str, str]]) -> Iterator[_Point]:
+        settings = self._settings()
+        for i, (stroke, clicks) in strokes.items():
+            force = self._values(i, self.record.names[i], "N")
+            for row, (v, f) in enumerate(zip(np.abs(speed), force, strict=True)):
+                yield _Point(" ".join(filter(None, (settings[row], clicks))), stroke, float(v), float(f))
+
+    def _by_sign(self, speed: Array) -> Iterator[_Point]:
+        if speed.min() >= 0.0:
+            what = "there are no columns of compression and rebound, no column `side`, and no speed is negative"
+            raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
+        settings = self._settings()
+        columns = [i for i in range(len(self.record.names)) if self._is_force(i)]
+        if not columns:
+            self._need(_FORCE, "force")
+        for i in columns:
+            force = self._values(i, self.record.names[i], "N")
+            name = _FORCE_WORD.sub("", self.record.names[i]) if len(columns) > 1 else ""
+            for row, (v, f) in enumerate(zip(speed, force, strict=True)):
+                stroke = "compression" if v > 0.0 else "rebound"
+                yield _Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
+
+    def _stroke_column(self, i: int) -> tuple[str, str] | None:
+        """Return the stroke and the clicks that a column's name says, None where it says none."""
+        for stroke, pattern in _COLUMN.items():
+            match = pattern.match(self.record.names[i])
+            if match:
+                return stroke, match[1].strip()
+        return None
+
+    def _is_force(self, i: int) -> bool:
+        unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
+        taken = _SPEED | _SETTING | _STROKE
+        try:
+            return unit is not None and compatible(unit, "N") and _plain(self.record.names[i]) not in taken
+        except UnknownUnitError:
+            return False
+
+    def _settings(self) -> list[str]:
+        """Return the setting of each line: its cell in the column of that name, empty without one."""
+        i = self._find(_SETTING)
+        count = self.record.columns[0].size
+        if i is None:
+            return [""] * count
+        cells = self.record.columns[i]
+        name = self.record.names[i].lower()
+        return [f"{name} {float(cell):g}" if is_number(str(cell)) else str(cell) for cell in cells]
+
+    def _side(self, cell: str, row: int) -> str:
+        for stroke, words in _WORDS.items():
+            if cell.strip().lower() in words:
+                return stroke
+        what = f"{cell!r} is neither compression nor rebound; write comp or reb"
+        raise self.record.origin.fault(DataError, what, channel="side", sample=row)
+
+    def _find(self, names: set[str]) -> int | None:
+        return next((i for i, name in enumerate(self.record.names) if _plain(name) in names), None)
+
+    def _need(self, names: set[str], wanted: str) -> int:
+        found = self._find(names)
+        if found is None:
+            what = f"there is no column for it; the file has: {', '.join(self.record.names)}"
+            raise self.record.origin.header_fault(MissingChannelError, what, channel=wanted)
+        return found
+
+    def _values(self, i: int, channel: str, si: str) -> Array:
+        """Return a column (K,) in SI."""
+        given = dict(self.units)
+        if si == "N" and "force" in given:
+            given.setdefault(channel, given["force"])
+        unit = self.record.unit(i, channel=channel, given=given, mapped=None)
+        if not compatible(unit, si):
+            what = f"the unit {unit!r} cannot be converted to {si!r}; is it the right column?"
+            raise self.record.origin.header_fault(UnknownUnitError, what, channel=channel)
+        raw = self.record.numbers(i, channel=channel)
+        check_finite(raw, channel=channel, origin=self.record.origin)
+        return convert(raw, unit, si)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z]", "", name.lower())
+
+
+def _with_signs(points: list[_Point], path: Path) -> list[_Point]:
+    """Leave out what stands still, and turn forces so that compression is positive and rebound negative."""
+    moving = [point for point in points if point.speed > 0.0]
+    sums = {stroke: sum(point.force for point in moving if point.stroke == stroke) for stroke in _WORDS}
+    if sums["compression"] < 0.0 and sums["rebound"] < 0.0:
+        what = "compression and rebound both have negative forces; which is which cannot be told: turn one column"
+        raise WrongSignError(what, path=path, channel="force")
+    signs = {"compression": np.sign(sums["compression"]) or 1.0, "rebound": -np.sign(sums["rebound"]) or 1.0}
+    return [point._replace(force=float(signs[point.stroke]) * point.force) for point in moving]
+
+
+def _table(setting: str, points: list[_Point], path: Path) -> PeakVelocityTable:
+    """Return the table of one setting at the speeds of both strokes that lie in the range of both."""
+    curves = {stroke: _curve(setting, stroke, points, path) for stroke in _WORDS}
+    (low, _), (high, _) = curves.values()
+    speeds = np.union1d(low, high)
+    speeds = speeds[(speeds >= max(low[0], high[0])) & (speeds <= min(low[-1], high[-1]))]
+    compression, rebound = (np.interp(speeds, *curve) for curve in curves.values())
+    return PeakVelocityTable(speeds, compression, rebound, clicks=setting or None, source=path, sha256=sha256_of(path))
+
+
+def _curve(setting: str, stroke: str, points: list[_Point], path: Path) -> tuple[Array, Array]:
+    """Return the rising speeds (K,) and forces (K,) of a stroke."""
+    rows = np.array([(point.speed, point.force) for point in points if point.stroke == stroke])
+    if not rows.size:
+        what = f"the setting {setting or 'of the file'!r} has no point in {stroke}; a table needs both strokes"
+        raise MissingChannelError(what, path=path, channel=stroke)
+    speeds, places = np.unique(rows[:, 0], return_inverse=True)
+    counts = np.bincount(places)
+    forces = np.bincount(places, weights=rows[:, 1]) / counts
+    worst = int(np.argmax(np.abs(rows[:, 1] - forces[places])))
+    if abs(rows[worst, 1] - forces[places[worst]]) > SAME_SPEED * np.abs(rows[:, 1]).max():
+        what = f"{setting or 'the table'} has different forces at {rows[worst, 0]:g} m/s; give every setting a name"
+        raise DataError(what, path=path, channel=stroke)
+    return speeds, forces

@@ -1,0 +1,180 @@
+"""Splitting a dynamometer record into its runs: at pauses, and where amplitude or frequency of a sine change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from eightpost.rig.dyno_notes import notes_of
+from eightpost.rig.dyno_test import FEWEST, SHORTEST, DynoTest
+from eightpost.signals.filters import lowpass
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: At rest the shock moves by less than this share of the record's stroke ...
+REST_SHARE = 0.01
+#: ... over this time [s] at least.
+PAUSE = 0.5
+#: ... and this share of the half cycle beside it: a sine stays within 1 % of its stroke for 13 % of a half cycle.
+PAUSE_SHARE = 0.5
+#: Half cycles belong to one block while stroke and duration stay within this share of the block's median.
+ALIKE = 0.1
+#: Smallest stroke of a half cycle, as a share of the stretch's; what is under it is noise.
+SMALLEST = 0.02
+#: Half cycles that make a block.
+FEWEST_HALVES = 6
+#: Blocks must fill this share of a stretch; otherwise it is no sequence of sines (a random drive), and one run.
+FILLED = 0.75
+
+
+@dataclass(frozen=True, slots=True)
+class _Half:
+    """A half cycle between two turning points: samples, stroke [m], duration [s]."""
+
+    start: int
+    stop: int
+    stroke: float
+    duration: float
+
+    def like(self, block: list[_Half]) -> bool:
+        """Say whether it belongs to a block."""
+        stroke, duration = np.median([half.stroke for half in block]), np.median([half.duration for half in block])
+        return bool(abs(self.stroke - stroke) <= ALIKE * stroke and abs(self.duration - duration) <= ALIKE * duration)
+
+
+def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
+    """Split a record into its runs.
+
+    1. A *pause* is `pause` seconds or more over which the shock moves by less than 1 % of the record's stroke, and
+       which lasts half of the half cycle beside it or longer (a slow sine stands long at its ends). The record is cut
+       there, and pauses are left out.
+    2. A stretch between pauses is cut into half cycles at its turning points. Consecutive ones whose stroke and
+       duration stay within 10 % of their median are a *block* of three cycles or more. Where blocks fill three quarters
+       of the stretch, each is a run, and the cycles between (the machine changes speed) are left out. Otherwise, as in
+       a random drive, the stretch is one run.
+    3. What is under 0.5 s or 200 samples is left out, and said in the notes of the first run.
+
+    Where displacement is not known, the integral of velocity stands in for it. Time keeps its origin.
+
+    Args:
+        test: The record.
+        pause: Shortest pause [s].
+
+    Returns:
+        The runs in their order; the test itself where there is nothing to split.
+    """
+    path = _path(test)
+    stretches = _stretches(test, path, pause)
+    pieces = [piece for stretch in stretches for piece in _blocks(test, path, *stretch)]
+    kept = [piece for piece in pieces if _long_enough(test, *piece)]
+    if len(kept) < 2 and len(pieces) < 2:
+        return (test,)
+    runs = [_run(test, piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
+    if runs and len(kept) < len(pieces):
+        left_out = f"{len(pieces) - len(kept)} runs under {SHORTEST:g} s or {FEWEST} samples are left out"
+        runs[0] = replace(runs[0], notes=(left_out, *runs[0].notes))
+    return tuple(runs) or (test,)
+
+
+def _path(test: DynoTest) -> Array:
+    """Return displacement (N,) [m], without what is above a tenth of the sample rate."""
+    series = test.series
+    if "displacement" in series:
+        path = series["displacement"]
+    else:
+        velocity = series["velocity"] - series["velocity"].mean()
+        path = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(series.time))))
+    rate = series.sample_rate
+    return lowpass(path, rate, min(50.0, 0.1 * rate), order=2)
+
+
+def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int]]:
+    """Return the first sample and the one after the last of each stretch between pauses."""
+    width = max(3, round(pause * test.series.sample_rate))
+    if width >= path.size:
+        return [(0, path.size)]
+    moved = maximum_filter1d(path, width) - minimum_filter1d(path, width)
+    still = moved < REST_SHARE * float(np.ptp(path))
+    # A still window makes all of its samples a pause, not only the middle one.
+    resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
+    turns = np.array(_turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
+    for start, stop in _intervals(resting):
+        if stop - start < PAUSE_SHARE * _half_cycle_beside(turns, start, stop):
+            resting[start:stop] = False
+    return _intervals(~resting) or [(0, path.size)]
+
+
+def _intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first sample and the one after the last of each stretch of True."""
+    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(start), int(stop)) for start, stop in zip(starts, stops, strict=True)]
+
+
+def _half_cycle_beside(turns: NDArray[np.int64], start: int, stop: int) -> float:
+    """Return the samples from the last turning point before a pause to it, or from it to the next if these are more."""
+    before, after = turns[turns < start], turns[turns >= stop]
+    return float(max(start - before[-1] if before.size else 0, after[0] - stop if after.size else 0))
+
+
+def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[int, int]]:
+    """Return the steady sines of a stretch, or the stretch where they do not fill it."""
+    halves = _halves(test.series.time[start:stop], path[start:stop], start)
+    blocks: list[list[_Half]] = []
+    for half in halves:
+        if blocks and half.like(blocks[-1]):
+            blocks[-1].append(half)
+        else:
+            blocks.append([half])
+    steady = [block for block in blocks if len(block) >= FEWEST_HALVES]
+    filled = sum(block[-1].stop - block[0].start for block in steady)
+    if len(steady) < 2 or filled < FILLED * (stop - start):
+        return [(start, stop)]
+    return [(block[0].start, block[-1].stop) for block in steady]
+
+
+def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
+    """Return the half cycles between turning points that are 2 % of the stretch's stroke apart or more."""
+    turns = _turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    return [
+        _Half(a + offset, b + offset, float(abs(path[b] - path[a])), float(time[b] - time[a]))
+        for a, b in pairwise(turns)
+    ]
+
+
+def _turning_points(path: Array, *, threshold: float) -> list[int]:
+    """Return the samples of alternate maxima and minima that are more than `threshold` apart."""
+    extrema = np.flatnonzero(np.diff(np.sign(np.diff(path))) != 0.0) + 1
+    turns: list[int] = []
+    for i in map(int, extrema):
+        if not turns:
+            turns.append(i)
+        elif len(turns) > 1 and (path[i] - path[turns[-1]]) * (path[turns[-1]] - path[turns[-2]]) >= 0.0:
+            turns[-1] = i
+        elif abs(path[i] - path[turns[-1]]) > threshold:
+            turns.append(i)
+    return turns
+
+
+def _long_enough(test: DynoTest, start: int, stop: int) -> bool:
+    time = test.series.time
+    return stop - start >= FEWEST and float(time[stop - 1] - time[start]) >= SHORTEST
+
+
+def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
+    start, stop = piece
+    series = test.series.window(test.series.time[start], test.series.time[stop - 1])
+    said = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
+    measured = None if not _derives_velocity(test) else tuple(n for n in series.names if n != "velocity")
+    return replace(test, series=series, derived=(*test.derived, said), notes=notes_of(series, measured=measured))
+
+
+def _derives_velocity(test: DynoTest) -> bool:
+    return any(what.startswith("velocity from") for what in test.derived)

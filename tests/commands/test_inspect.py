@@ -1,0 +1,67 @@
+"""`eightpost inspect` shows what is in a file: 0 nothing suspicious, 1 notes, 2 refused."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+
+DATA = Path(__file__).parents[2] / "examples" / "data"
+
+
+def inspect(*words):
+    shown = CliRunner().invoke(main, ["inspect", *map(str, words)], env={"COLUMNS": "200"})
+    return shown.exit_code, shown.output
+
+
+def test_a_good_record_is_shown_with_columns_ranges_and_runs():
+    code, shown = inspect(DATA / "dyno_C.csv")
+    assert code == 0, shown
+    for said in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "temperature drift: +2.", "run"):
+        assert said in shown
+    assert "warning" not in shown
+
+
+def test_what_is_suspicious_is_a_warning_and_exit_code_1(tmp_path):
+    lines = (DATA / "dyno_C.csv").read_text().splitlines()
+    header = next(i for i, line in enumerate(lines) if "[" in line)
+    cells = lines[header + 3000].split(",")
+    column = next(i for i, name in enumerate(lines[header].split(",")) if "orce" in name)
+    cells[column] = "9000"
+    lines[header + 3000] = ",".join(cells)
+    path = tmp_path / "spike.csv"
+    path.write_text("\n".join(lines))
+    code, shown = inspect(path)
+    assert code == 1, shown
+    assert "warning force: it jumps by" in shown
+    assert f"at line {header + 3001}" in shown
+
+
+def test_a_refused_file_is_shown_as_it_stands_before_the_error(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("Test,7\nt [s],v [m/s],F\n0,1,2\n1,2,3\n")
+    code, shown = inspect(path)
+    assert code == 2
+    assert "Test | 7" in shown
+    assert "columns: t [s], v [m/s], F (no unit)" in shown
+    assert "error: " in shown
+    assert "--units force=unit" in " ".join(shown.split())
+
+
+def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
+    path = tmp_path / "valve.csv"
+    path.write_text("clicks,speed [m/s],comp [N],reb [N]\n3,0.1,100,200\n3,0.2,150,300\n6,0.1,50,100\n6,0.2,80,160\n")
+    code, shown = inspect(path)
+    assert code == 0, shown
+    assert "peak-velocity table clicks 6: 2 speeds, 0.1 to 0.2 m/s; compression to 80 N, rebound to -160 N" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--units", "force"], "CHANNEL=UNIT")],
+)
+def test_wrong_input_is_exit_code_2(words, said):
+    code, shown = inspect(*words)
+    assert code == 2
+    assert said in shown

@@ -1,0 +1,288 @@
+"""Every kind of fault, put at a random place of a good record, is refused or said: none passes unseen."""
+
+import os
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eightpost import errors
+from eightpost.rig.dyno_test import read_dyno_test
+
+RATE, COUNT = 500.0, 2000
+NAMES = ("t [s]", "x [mm]", "v [mm/s]", "F [N]", "T [degC]")
+T, X, V, F, HEAT = range(5)
+
+
+def good(seed: int) -> np.ndarray:
+    """A (5, N) record of a digressive damper with 1 ms of lag on gas, measured with noise."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(COUNT) / RATE
+    omega = 2.0 * np.pi * np.array([0.5, 1.25, 2.0, 3.5, 6.0])
+    phase = omega * time[:, None] + generator.uniform(0.0, 2.0 * np.pi, 5)
+    size = np.array([8.0, 4.0, 3.0, 1.5, 0.8])
+    x, v, late = (size * np.sin(phase)).sum(1), (size * omega * np.cos(phase)).sum(1), 1e-3
+    behind = (size * omega * np.cos(phase - late * omega)).sum(1)
+    force = 150.0 + 700.0 * np.tanh(behind / 80.0) + 4.0 * behind + x
+    noise = generator.standard_normal((3, COUNT)) * np.array([[0.002], [0.3], [1.0]])
+    heat = 30.0 + 0.2 * time + 0.05 * generator.standard_normal(COUNT)
+    return np.stack([time, x + noise[0], v + noise[1], force + noise[2], heat])
+
+
+def text(columns: np.ndarray, names: tuple[str, ...] = NAMES) -> str:
+    lines = [",".join(f"{value:.9g}" for value in row) for row in columns.T]
+    return "\n".join([",".join(names), *lines]) + "\n"
+
+
+def with_value(row, value):
+    """The cell of `row` (None: any) at a random sample becomes `value`."""
+
+    def put(columns, generator):
+        i = int(generator.integers(1, COUNT))
+        j = int(generator.integers(1, 4)) if row is None else row
+        lines = text(columns).split("\n")
+        cells = lines[i + 1].split(",")
+        cells[j] = value
+        lines[i + 1] = ",".join(cells)
+        return "\n".join(lines)
+
+    return put
+
+
+def time_at(shift):
+    def put(columns, generator):
+        i = int(generator.integers(100, COUNT))
+        columns[T, i] = columns[T, i - shift]
+        return text(columns)
+
+    return put
+
+
+def lost(columns, generator):
+    i, n = int(generator.integers(10, COUNT - 200)), int(generator.integers(2, 150))
+    return text(np.delete(columns, np.s_[i : i + n], axis=1))
+
+
+def lost_and_joined(columns, generator):
+    """The samples are gone, and time goes on as if they were not: where the shock has moved meanwhile."""
+    moved = np.abs(columns[X, 100:] - columns[X, :-100])[50:-250]
+    i = 50 + int(generator.choice(np.flatnonzero(moved > 0.25 * np.ptp(columns[X]))))
+    cut = np.delete(columns, np.s_[i : i + 100], axis=1)
+    cut[T] = columns[T, : cut.shape[1]]
+    return text(cut)
+
+
+def pasted_twice(columns, generator):
+    i, n = int(generator.integers(10, COUNT - 700)), int(generator.integers(60, 300))
+    twice = np.concatenate([columns[:, : i + n], columns[:, i : i + n], columns[:, i + n :]], axis=1)
+    twice[T] = np.arange(twice.shape[1]) / RATE
+    return text(twice)
+
+
+def cut_off(columns, generator):
+    return text(columns[:, : int(generator.integers(2, 199))])
+
+
+def line_cut(columns, generator):
+    lines = text(columns).strip().split("\n")
+    last = lines[int(generator.integers(300, COUNT))].split(",")[: int(generator.integers(1, 5))]
+    return "\n".join([*lines[: int(generator.integers(300, COUNT))], ",".join(last)])
+
+
+def dead(row):
+    def put(columns, generator):
+        columns[row] = generator.uniform(-50.0, 50.0)
+        return text(columns)
+
+    return put
+
+
+def saturated(row):
+    def put(columns, generator):
+        share, low = generator.uniform(0.5, 0.75), generator.random() < 0.5
+        values = -columns[row] if low else columns[row]
+        top = values.min() + share * np.ptp(values)
+        columns[row] = np.minimum(values, top) * (-1.0 if low else 1.0)
+        return text(columns)
+
+    return put
+
+
+def scaled(row, least, greatest):
+    def put(columns, generator):
+        columns[row] *= generator.uniform(least, greatest)
+        return text(columns)
+
+    return put
+
+
+def shifted(row, least, greatest):
+    def put(columns, generator):
+        shift = int(generator.integers(least, greatest)) * int(generator.choice([-1, 1]))
+        moved = np.roll(columns, shift, axis=1)[row]
+        columns[row] = moved
+        return text(columns[:, greatest:-greatest])
+
+    return put
+
+
+def offset(row, least, greatest):
+    """A constant is added, as a share of the range, with either sign or (least < 0) that of the bounds."""
+
+    def put(columns, generator):
+        sign = int(generator.choice([-1, 1])) if least > 0.0 else 1
+        columns[row] += sign * generator.uniform(least, greatest) * np.ptp(columns[row])
+        return text(columns)
+
+    return put
+
+
+def quantised(row):
+    def put(columns, generator):
+        step = np.ptp(columns[row]) / generator.uniform(10.0, 80.0)
+        columns[row] = step * np.round(columns[row] / step)
+        return text(columns)
+
+    return put
+
+
+def sampled_and_held(columns, generator):
+    slow = int(generator.integers(2, 8))
+    kept = slow * (np.arange(COUNT) // slow)
+    return text(np.vstack([columns[:1], columns[1:, kept]]))
+
+
+def spike(row):
+    def put(columns, generator):
+        i = int(generator.integers(60, COUNT - 60))
+        columns[row, i] += generator.choice([-1, 1]) * generator.uniform(0.6, 3.0) * np.ptp(columns[row])
+        return text(columns)
+
+    return put
+
+
+def heating(columns, generator):
+    columns[HEAT] += generator.choice([-1, 1]) * generator.uniform(8.0, 40.0) * np.linspace(0.0, 1.0, COUNT)
+    return text(columns)
+
+
+def renamed(row, name):
+    def put(columns, generator):
+        return text(columns, (*NAMES[:row], name, *NAMES[row + 1 :]))
+
+    return put
+
+
+def other_noise(columns, generator):
+    """The column is not the force: it does not know of the velocity."""
+    columns[F] = 500.0 * generator.standard_normal(COUNT)
+    return text(columns)
+
+
+def two_tables(columns, generator):
+    middle = int(generator.integers(300, COUNT - 300))
+    return text(columns[:, :middle]) + "Test 2\n" + text(columns[:, middle:])
+
+
+#: What is done to the record, and the error that must come.
+REFUSED = {
+    "a NaN": (with_value(None, "nan"), errors.NotANumberError),
+    "an infinite sample": (with_value(None, "-inf"), errors.NotANumberError),
+    "a text": (with_value(None, "#REF!"), errors.NotANumberError),
+    "an empty cell": (with_value(None, ""), errors.NotANumberError),
+    "no time at a sample": (with_value(T, "nan"), errors.NotANumberError),
+    "a repeated time": (time_at(1), errors.DuplicateTimeError),
+    "time going back": (time_at(50), errors.BackwardTimeError),
+    "lost samples": (lost, errors.TimeGapError),
+    "a record that ends early": (cut_off, (errors.TooShortError, errors.FileFormatError)),
+    "a line that ends early": (line_cut, errors.FileFormatError),
+    "a dead force": (dead(F), errors.ConstantChannelError),
+    "a dead velocity": (dead(V), errors.ConstantChannelError),
+    "a dead displacement": (dead(X), errors.ConstantChannelError),
+    "a saturated force": (saturated(F), errors.ClippedChannelError),
+    "a force of the wrong sign": (scaled(F, -1.0, -1.0), errors.WrongSignError),
+    "a velocity of the wrong sign": (scaled(V, -1.0, -1.0), errors.WrongSignError),
+    "a displacement of the wrong sign": (scaled(X, -1.0, -1.0), errors.WrongSignError),
+    "a force without a unit": (renamed(F, "F"), errors.MissingUnitError),
+    "a force in millimetres": (renamed(F, "F [mm]"), errors.UnknownUnitError),
+    "an unknown unit": (renamed(V, "v [furlong/x]"), errors.UnknownUnitError),
+    "no force": (renamed(F, "P [bar]"), errors.MissingChannelError),
+    "no time": (renamed(T, "n [1]"), errors.MissingChannelError),
+    "two forces": (renamed(HEAT, "Load [N]"), errors.FileFormatError),
+    "two tables": (two_tables, errors.FileFormatError),
+}
+
+#: What is done to the record, and what one of its notes must say.
+NOTED = {
+    "a saturated velocity": (saturated(V), "velocity: .* sit at the (high|low)est"),
+    "a saturated displacement": (saturated(X), "displacement: .* sit at the (high|low)est"),
+    "a quantised velocity": (quantised(V), "velocity: quantised"),
+    "a quantised displacement": (quantised(X), "displacement: quantised"),
+    "a quantised force": (quantised(F), "force: quantised"),
+    "an offset of velocity": (offset(V, 0.02, 0.3), "velocity: .*offset"),
+    "a load cell off zero": (offset(F, -0.6, -0.35), "force: .* at standstill.*load cell's zero"),
+    "a load cell far off zero": (offset(F, 0.7, 3.0), "force: .* at standstill.*load cell's zero"),
+    "a force shifted in time": (shifted(F, 7, 16), "force: it (follows|leads) velocity by"),
+    "a displacement shifted in time": (shifted(X, 3, 16), "velocity: it (follows|leads) the slope of displacement"),
+    "samples held": (sampled_and_held, "repeat the one before"),
+    "a part pasted twice": (pasted_twice, "was pasted twice"),
+    "samples lost and joined": (lost_and_joined, "displacement: it jumps|off the slope of displacement"),
+    "a spike in force": (spike(F), "force: it jumps"),
+    "a spike in velocity": (spike(V), "velocity: it jumps"),
+    "a spike in displacement": (spike(X), "displacement: it jumps"),
+    "a shock that warms": (heating, "temperature: it changes by"),
+    "velocity in the wrong unit": (renamed(V, "v [m/s]"), "velocity: it reaches .*check the column's unit"),
+    "displacement in the wrong unit": (renamed(X, "x [in]"), "slope of displacement is 2.* as large; check both units"),
+    "force in the wrong unit": (renamed(F, "F [kN]"), "force: it reaches .*check the column's unit"),
+    "a column that is no force": (other_noise, "force: it correlates with velocity"),
+}
+
+
+def read(content: str):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.csv"
+        path.write_text(content)
+        return read_dyno_test(path)
+
+
+def cases(table: dict):
+    """Any seed for any fault of a table, each fault a few times."""
+    return pytest.mark.parametrize("fault", table)
+
+
+#: Seeds per fault; more of them with EIGHTPOST_EXAMPLES.
+few = settings(max_examples=int(os.environ.get("EIGHTPOST_EXAMPLES", "2")), deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@few
+@given(seeds)
+def test_a_good_record_is_read_without_a_note(seed):
+    assert read(text(good(seed))).notes == ()
+
+
+@cases(REFUSED)
+@few
+@given(seed=seeds)
+def test_a_fault_that_makes_a_record_useless_is_refused_by_its_own_error(fault, seed):
+    put, error = REFUSED[fault]
+    with pytest.raises(error, match=r"run\.csv"):
+        read(put(good(seed), np.random.default_rng(seed)))
+
+
+@cases(NOTED)
+@few
+@given(seed=seeds)
+def test_a_fault_that_leaves_a_record_usable_is_said_or_refused(fault, seed):
+    put, said = NOTED[fault]
+    content = put(good(seed), np.random.default_rng(seed))
+    try:
+        notes = read(content).notes
+    except errors.WrongSignError:  # what is shifted far or is no force may correlate the other way
+        assert fault in ("a force shifted in time", "a column that is no force")
+        return
+    assert any(re.search(said, note) for note in notes), notes

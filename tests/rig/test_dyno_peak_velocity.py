@@ -1,0 +1,92 @@
+"""Peak-velocity tables are read in every layout; what contradicts itself is refused."""
+
+import numpy as np
+import pytest
+
+from eightpost import errors
+from eightpost.rig import read_peak_velocity
+from eightpost.rig.peak_velocity_file import is_peak_velocity
+from eightpost.signals import read_record
+
+SPEED, COMPRESSION, REBOUND = (
+    np.array([0.05, 0.1, 0.25]),
+    np.array([100.0, 180.0, 300.0]),
+    np.array([-200.0, -330.0, -500.0]),
+)
+
+#: The same table in every layout: at 3 clicks as above, at 6 clicks half of it (where the layout has clicks).
+LAYOUTS = {
+    "one setting": "speed [m/s],compression [N],rebound [N]\n.05,100,-200\n.1,180,-330\n.25,300,-500\n",
+    "magnitudes": "speed [m/s],comp force [N],reb force [N]\n.05,100,200\n.1,180,330\n.25,300,500\n",
+    "the other signs": "speed [m/s],bump [N],extension [N]\n.05,-100,200\n.1,-180,330\n.25,-300,500\n",
+    "falling speeds and rest": "speed [m/s],C [N],R [N]\n.25,300,-500\n.1,180,-330\n.05,100,-200\n0,5,2\n",
+    "preamble and units row": "Valve 17\nClicks from closed\nV,C 3,R 3,C 6,R 6\nmm/s,kN,kN,kN,kN\n"
+    "50,.1,.2,.05,.1\n100,.18,.33,.09,.165\n250,.3,.5,.15,.25\n",
+    "clicks in a column": "clicks;speed [m/s];comp [N];reb [N]\n3;0,05;100;-200\n3;0,1;180;-330\n3;0,25;300;-500\n"
+    "6;0,05;50;-100\n6;0,1;90;-165\n6;0,25;150;-250\n",
+    "a line per point": "side,setting,v_mm_s,F_N\n"
+    "comp,3,50,100\ncomp,3,100,180\ncomp,3,250,300\nreb,3,50,-200\nreb,3,100,-330\nreb,3,250,-500\n"
+    "comp,6,50,50\ncomp,6,100,90\ncomp,6,250,150\nreb,6,50,-100\nreb,6,100,-165\nreb,6,250,-250\n",
+    "signed speed": "velocity [m/s],F 3 [N],F 6 [N]\n-.25,-500,-250\n-.1,-330,-165\n-.05,-200,-100\n.05,100,50\n"
+    ".1,180,90\n.25,300,150\n",
+}
+
+
+def written(folder, content, name="table.csv"):
+    path = folder / name
+    path.write_text(content)
+    return path
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_gives_the_same_table(tmp_path, layout):
+    path = written(tmp_path, LAYOUTS[layout])
+    assert is_peak_velocity(read_record(path))
+    first, *others = read_peak_velocity(path)
+    for name, expected in (("speed", SPEED), ("compression", COMPRESSION), ("rebound", REBOUND)):
+        np.testing.assert_allclose(getattr(first, name), expected)
+    assert first.source == path
+    if others:
+        assert "3" in first.clicks
+        assert "6" in others[0].clicks
+        np.testing.assert_allclose(others[0].rebound, REBOUND / 2.0)
+
+
+def test_strokes_with_other_speeds_meet_on_straight_lines_between_the_points(tmp_path):
+    content = "side,v_mm_s,F_N\ncomp,100,200\ncomp,200,400\ncomp,400,600\nreb,50,-10\nreb,150,-100\nreb,300,-400\n"
+    (table,) = read_peak_velocity(written(tmp_path, content))
+    np.testing.assert_allclose(table.speed, [0.1, 0.15, 0.2, 0.3])
+    np.testing.assert_allclose(table.compression, [200.0, 300.0, 400.0, 500.0])
+    np.testing.assert_allclose(table.rebound, [-55.0, -100.0, -200.0, -400.0])
+
+
+def test_a_record_over_time_is_no_peak_velocity_table(tmp_path):
+    content = "t_s,x_mm,v_mm_s,F_N\n0,1,2,3\n1,2,3,4\n"
+    assert not is_peak_velocity(read_record(written(tmp_path, content)))
+
+
+HEAD = "speed [m/s],comp [N],reb [N]\n"
+BROKEN = {
+    "a stroke is missing": ("speed [m/s],comp [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "in rebound"),
+    "no stroke at all": ("speed [m/s],F [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "no speed is negative"),
+    "no speed": ("a [m/s],comp [N],reb [N]\n.1,1,2\n", errors.MissingChannelError, "channel 'speed'"),
+    "no unit": ("speed,comp [N],reb [N]\n.1,1,2\n.2,2,3\n", errors.MissingUnitError, "channel 'speed'"),
+    "a force in millimetres": ("speed [m/s],comp [mm],reb [N]\n.1,1,2\n", errors.UnknownUnitError, "'comp'"),
+    "two forces at a speed": (HEAD + ".1,100,2\n.1,200,2\n.2,300,3\n", errors.DataError, "different forces at 0.1"),
+    "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError, "cannot be told"),
+    "an empty cell": (HEAD + ".1,1,\n.2,2,3\n", errors.NotANumberError, "line 2, channel 'reb'"),
+    "a side that is none": ("side,v_mm_s,F_N\nup,1,2\nreb,1,2\n", errors.DataError, "line 2, channel 'side': 'up'"),
+    "one speed": (HEAD + ".1,1,2\n", errors.TooShortError, "1 speeds"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_table_is_refused_with_its_place(tmp_path, case):
+    content, error, said = BROKEN[case]
+    with pytest.raises(error, match=r"table\.csv.*" + said):
+        read_peak_velocity(written(tmp_path, content))
+
+
+def test_sheets_are_asked_for_as_text(tmp_path):
+    with pytest.raises(errors.FileFormatError, match=r"save it as \.csv"):
+        read_peak_velocity(written(tmp_path, "", "table.xlsx"))

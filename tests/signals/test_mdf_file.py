@@ -1,0 +1,61 @@
+"""MDF files: the channels of one time axis, in the units of the file."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from eightpost.errors import FileFormatError
+from eightpost.signals import read_record, read_series
+
+TIME = np.arange(500) / 250.0
+FORCE = np.round(100.0 * np.cos(TIME)).astype(np.int16)
+
+
+@pytest.fixture
+def asammdf():
+    return pytest.importorskip("asammdf", reason="asammdf is an extra: pip install 'eightpost[mdf]'")
+
+
+def written(asammdf, path, *groups, version="4.10", comment=""):
+    with asammdf.MDF(version=version) as mdf:
+        for group in groups:
+            mdf.append([asammdf.Signal(values, time, name=name, unit=unit) for name, unit, time, values in group])
+        mdf.header.comment = comment
+        mdf.save(path, overwrite=True)
+    return path
+
+
+@pytest.mark.parametrize(("suffix", "version"), [(".mf4", "4.10"), (".mdf", "3.30")])
+def test_channels_of_one_time_axis_are_read_in_si(asammdf, tmp_path, suffix, version):
+    groups = [("x", "mm", TIME, np.sin(TIME)), ("F", "kN", TIME, FORCE)], [("T", "degC", TIME, TIME + 20.0)]
+    series = read_series(written(asammdf, tmp_path / f"run{suffix}", *groups, version=version))
+    np.testing.assert_allclose(series.time, TIME)
+    np.testing.assert_allclose(series["x"], np.sin(TIME) / 1000.0)
+    np.testing.assert_allclose(series["F"], 1000.0 * FORCE)
+    np.testing.assert_allclose(series["T"], TIME + 293.15)
+
+
+def test_the_comment_of_the_file_is_its_preamble(asammdf, tmp_path):
+    group = [("x", "mm", TIME, np.sin(TIME))]
+    path = written(asammdf, tmp_path / "run.mf4", group, comment="Shock ID: A & B\nGas: 50 psi")
+    assert read_record(path).preamble == (("Shock ID: A & B",), ("Gas: 50 psi",))
+
+
+def test_channels_on_several_time_axes_are_refused(asammdf, tmp_path):
+    groups = [("x", "mm", TIME, np.sin(TIME))], [("F", "N", TIME[::2], FORCE[::2])]
+    with pytest.raises(FileFormatError, match=r"run\.mf4, channel 'F': it has 250 samples on a time axis of its own"):
+        read_record(written(asammdf, tmp_path / "run.mf4", *groups))
+
+
+def test_a_file_that_is_no_mdf_is_refused(asammdf, tmp_path):
+    (tmp_path / "run.mf4").write_bytes(b"nonsense" * 100)
+    with pytest.raises(FileFormatError, match=r"run\.mf4: not an MDF file"):
+        read_record(tmp_path / "run.mf4")
+
+
+def test_without_asammdf_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "run.mf4").write_bytes(b"MDF     ")
+    with pytest.raises(FileFormatError, match=r"run\.mf4: .*pip install 'eightpost\[mdf\]'"):
+        read_record(tmp_path / "run.mf4")
