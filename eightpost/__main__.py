@@ -20,7 +20,10 @@ from eightpost.errors import EightpostError, InputError
 #: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
 #: because its libraries take seconds to load.
 VERBS = {
+    "dyno": "Test a physical shock on the virtual dynamometer.",
+    "inspect": "Show what is in a dynamometer file, and what is suspicious in it.",
     "fit": "Fit a shock law to a dynamometer file.",
+    "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
     "run": "Run a system of coupled FMUs.",

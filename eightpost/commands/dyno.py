@@ -1,0 +1,194 @@
+"""`eightpost dyno`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost import __version__, units
+from eightpost.errors import InputError, ParameterError
+from eightpost.files import check_output_folder
+from eightpost.rig import (
+    CONFIGURATIONS,
+    Actuator,
+    bump,
+    cavitation,
+    configuration,
+    random_multisine,
+    read_out,
+    shim_build,
+    sine_test,
+    static_steps,
+)
+from eightpost.rig.damper import SHIMS_OF_BUILD
+from eightpost.rig.dyno_program import RANDOM_DURATION, program
+from eightpost.signals.csv_file import write_csv
+from eightpost.signals.parquet_file import write_parquet
+
+if TYPE_CHECKING:
+    from eightpost.rig import PhysicalDamper
+    from eightpost.signals import Drivefile, TimeSeries
+
+#: Units of a .csv, as dynamometers write them; a .parquet is in SI.
+_CSV_UNITS = {"displacement": "in", "velocity": "in/s", "force": "lbf", "temperature": "degF"}
+_CSV_DECIMALS = {"time": 4, "displacement": 4, "velocity": 2, "force": 1, "temperature": 1}
+
+_TESTS = ("random", "sine", "static", "bump", "all")
+
+
+@dataclass(frozen=True, slots=True)
+class _Specimen:
+    """A damper and what it is called in files."""
+
+    damper: PhysicalDamper
+    title: str
+
+
+@click.command()
+@click.option("--configuration", "number", type=int, metavar="1..12", help="A shock of Table 3.1, by its row.")
+@click.option("--build", metavar="COMPRESSION/REBOUND",
+              help="A shock on a linear piston by two codes of Table 7.2, as in Table 7.3: C/B.")  # fmt: skip
+@click.option("--gas", "gas_text", metavar="PRESSURE", help="Of a --build, gauge; default '150 psi'.")
+@click.option("--clicks", type=int, help="Rebound bleed of a --build, 0 to 28, more is more open; default 1.")
+@click.option("--test", "test_name", type=click.Choice(_TESTS), default="random", show_default=True,
+              help="all: every test of 3.2.3, a file each, into a folder.")  # fmt: skip
+@click.option("--amplitude", metavar="LENGTH", help="Of the sine, as '1 in'.")
+@click.option("--speed", metavar="SPEED", help="The sine's peak velocity, as '10 in/s'.")
+@click.option("--duration", metavar="TIME", help="Of the random test; default '30 s'. The signal repeats every 10 s.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True,
+              help="Of the random phases and of the sensors' noise.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
+              help="A .csv or .parquet file; a folder for all.")  # fmt: skip
+def dyno(  # one parameter per option
+    number: int | None,
+    build: str | None,
+    gas_text: str | None,
+    clicks: int | None,
+    test_name: str,
+    amplitude: str | None,
+    speed: str | None,
+    duration: str | None,
+    seed: int,
+    output: Path,
+) -> None:
+    """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
+
+    The shock is none of the laws that are fitted: two compressible chambers, shim valves, head valve, gas, friction
+    (docs/dynamometer.md). Position is counted from the 3 in offset; force is positive in compression.
+
+    \b
+    Examples:
+      eightpost dyno --configuration 1 --test random --seed 1 -o dyno.parquet
+      eightpost dyno --build C/B --gas '150 psi' --clicks 14 -o c_b.csv
+      eightpost dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o sine.parquet
+      eightpost dyno --configuration 1 --test all -o tests/
+    """
+    console = Console()
+    _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
+    specimen = _specimen(number, build, gas_text, clicks)
+    console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
+    if test_name == "all":
+        check_output_folder(output)
+        for name, drivefile in program(seed=seed).items():
+            _run(console, specimen, drivefile, name, seed, output / f"{name}.parquet")
+        return
+    _check_file(output)
+    drivefile = _drivefile(test_name, amplitude=amplitude, speed=speed, duration=duration, seed=seed)
+    _run(console, specimen, drivefile, test_name, seed, output)
+
+
+def _check_options(test_name: str, *, amplitude: str | None, speed: str | None, duration: str | None) -> None:
+    """Refuse options that the test has no use for, and a sine without its two."""
+    if test_name == "sine" and not (amplitude and speed):
+        raise InputError("a sine needs --amplitude '1 in' and --speed '10 in/s'; --test all runs those of Table 3.3")
+    if test_name != "sine" and (amplitude or speed):
+        raise InputError(f"--amplitude and --speed are the sine's; with --test {test_name} leave them out")
+    if test_name != "random" and duration:
+        raise InputError(f"--duration is the random test's; with --test {test_name} leave it out")
+
+
+def _specimen(number: int | None, build: str | None, gas_text: str | None, clicks: int | None) -> _Specimen:
+    if (number is None) == (build is None):
+        raise InputError("say which shock: --configuration 1 to 12 (Table 3.1), or --build such as C/B")
+    if number is not None:
+        return _configured(number, gas_text, clicks)
+    gas = _si(gas_text or "150 psi", "Pa", "--gas")
+    clicks = 1 if clicks is None else clicks
+    damper = shim_build(str(build), clicks=clicks, gas_pressure=gas)
+    nominal = units.convert(damper.nominal_damping(), "N.s/m", "lbf.s/in")
+    what = f"{build}, {units.convert(gas, 'Pa', 'psi'):.4g} psi, {clicks} clicks"
+    return _Specimen(damper, f"{what}; nominal damping {nominal:.1f} lbf/(in/s)")
+
+
+def _configured(number: int, gas_text: str | None, clicks: int | None) -> _Specimen:
+    if gas_text is not None or clicks is not None:
+        raise InputError("Table 3.1 sets gas and clicks of a --configuration; leave --gas and --clicks out")
+    damper, setting = configuration(number), CONFIGURATIONS[number]
+    shims = SHIMS_OF_BUILD[setting.build]
+    psi = units.convert(setting.gas_pressure, "Pa", "psi")
+    return _Specimen(
+        damper,
+        f"configuration {number}: build {setting.build} ({shims.compression}/{shims.rebound}, head valve "
+        f"{shims.head}), {psi:.0f} psi, {setting.clicks} clicks",
+    )
+
+
+def _drivefile(
+    test_name: str, *, amplitude: str | None, speed: str | None, duration: str | None, seed: int
+) -> Drivefile:
+    if test_name == "sine":
+        return sine_test(_si(str(amplitude), "m", "--amplitude"), _si(str(speed), "m/s", "--speed")).drivefile
+    if test_name == "random":
+        seconds = _si(duration, "s", "--duration") if duration else RANDOM_DURATION
+        if not 0.5 <= seconds <= 600.0:
+            raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
+        return random_multisine(seed, duration=seconds)
+    return static_steps() if test_name == "static" else bump()
+
+
+def _check_file(output: Path) -> None:
+    if output.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{output}: write a .csv or a .parquet file, or --test all into a folder")
+    if output.is_dir():
+        raise InputError(f"{output} is a folder; name a file in it")
+
+
+def _run(console: Console, specimen: _Specimen, drivefile: Drivefile, name: str, seed: int, path: Path) -> None:
+    """Run a test, write it, and say what happened."""
+    truth = specimen.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
+    note = f"SYNTHETIC: eightpost dyno {__version__}, {specimen.title}, test {name}, seed {seed}"
+    _write(read_out(truth, seed=seed), path, note)
+    console.print(f"{name}: {_summary(truth)}; wrote {path}", highlight=False, soft_wrap=True)
+
+
+def _summary(truth: TimeSeries) -> str:
+    force = units.convert(truth["force"], "N", "lbf")
+    found = cavitation(truth)
+    lowest = units.convert(found.lowest, "Pa", "psi")
+    verdict = "cavitates" if found.cavitates else "does not cavitate"
+    share = f"{100.0 * found.share:.1f} % of the time under 30 kPa" if found.share else "never under 30 kPa"
+    return (
+        f"{truth.duration:.1f} s at {truth.sample_rate:.0f} Hz, force {force.min():.0f} to {force.max():.0f} lbf, std "
+        f"{force.std():.1f} lbf; {verdict} (a chamber {share}, lowest {lowest:.1f} psi absolute)"
+    )
+
+
+def _write(series: TimeSeries, path: Path, note: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".parquet":
+        write_parquet(series, path, note=note)
+    else:
+        write_csv(series, path, units=_CSV_UNITS, decimals=_CSV_DECIMALS, preamble=(note,))
+
+
+def _si(text: str, unit: str, option: str) -> float:
+    number, given = units.quantity(text)
+    try:
+        return units.convert(number, given, unit)
+    except InputError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error

@@ -1,0 +1,45 @@
+"""A physical damper that no fitted law contains: the truth of the virtual dynamometer."""
+
+from eightpost.rig.damper.body import Cylinder, GasChamber, Seals
+from eightpost.rig.damper.builds import (
+    BUILDS,
+    CONFIGURATIONS,
+    SHIMS_OF_BUILD,
+    Setting,
+    Shims,
+    configuration,
+    digressive,
+    linear,
+    shim_build,
+)
+from eightpost.rig.damper.cavitation import Cavitation, cavitation
+from eightpost.rig.damper.fluid import Fluid
+from eightpost.rig.damper.physical import PhysicalDamper
+from eightpost.rig.damper.shims import SHIM_SETS, ShimStack
+from eightpost.rig.damper.valves import Bleed, HeadValve, MainPiston, Orifices, ShimValve
+
+__all__ = [
+    "BUILDS",
+    "CONFIGURATIONS",
+    "SHIMS_OF_BUILD",
+    "SHIM_SETS",
+    "Bleed",
+    "Cavitation",
+    "Cylinder",
+    "Fluid",
+    "GasChamber",
+    "HeadValve",
+    "MainPiston",
+    "Orifices",
+    "PhysicalDamper",
+    "Seals",
+    "Setting",
+    "ShimStack",
+    "ShimValve",
+    "Shims",
+    "cavitation",
+    "configuration",
+    "digressive",
+    "linear",
+    "shim_build",
+]

@@ -1,0 +1,102 @@
+"""Cylinder, rod, gas chamber and seals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.rig.damper.fluid import ATMOSPHERE
+from eightpost.units import convert
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """Bore, rod, and the two chambers at mid-travel.
+
+    Attributes:
+        bore: [m]; pistons of race monotubes are 36 to 46 mm.
+        rod: Diameter [m]; 1/2 to 5/8 in. 5/8 in and 150 psi give the 46 lbf of static gas force usual for this kind.
+        compression_length: Of the compression chamber (main piston to head valve) at displacement 0 [m].
+        rebound_length: Of the rebound chamber at displacement 0 [m].
+    """
+
+    bore: float = convert(1.75, "in", "m")
+    rod: float = convert(0.625, "in", "m")
+    compression_length: float = convert(5.0, "in", "m")
+    rebound_length: float = convert(4.0, "in", "m")
+
+    @property
+    def compression_area(self) -> float:
+        """A_c of the piston's free face [m2]."""
+        return 0.25 * math.pi * self.bore**2
+
+    @property
+    def rod_area(self) -> float:
+        """A_rod [m2]."""
+        return 0.25 * math.pi * self.rod**2
+
+    @property
+    def rebound_area(self) -> float:
+        """A_r of the piston's rod side [m2]."""
+        return self.compression_area - self.rod_area
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """Least and largest displacement [m]: a tenth of each chamber is left."""
+        return -0.9 * self.rebound_length, 0.9 * self.compression_length
+
+
+@dataclass(frozen=True, slots=True)
+class GasChamber:
+    """Nitrogen behind a floating piston without mass: p V^n = const.
+
+    Attributes:
+        pressure: Gauge, at displacement 0 [Pa].
+        volume: At displacement 0 [m3].
+        exponent: n [1]; 1 very slow, 1.4 very fast.
+    """
+
+    pressure: float
+    volume: float = convert(4.8, "in^3", "m^3")
+    exponent: float = 1.25
+
+    @property
+    def charge(self) -> float:
+        """Absolute pressure at displacement 0 [Pa]."""
+        return self.pressure + ATMOSPHERE
+
+    def at(self, volume: float) -> float:
+        """Return the absolute pressure [Pa] at a volume [m3]."""
+        return float(self.charge * (self.volume / volume) ** self.exponent)
+
+
+@dataclass(frozen=True, slots=True)
+class Seals:
+    """Dry friction of rod seal, bearing, piston ring and floating piston, as Dahl has it.
+
+        dF / dx = s (1 - sign(v) F / F_c)
+
+    The force stays while the rod rests, as the static test finds (3.4.3).
+
+    Attributes:
+        drag: F_c [N]; 3 to 5 lbf (3.4.3).
+        length: F_c / s, over which the drag turns around [m].
+    """
+
+    drag: float = convert(4.0, "lbf", "N")
+    length: float = 5e-5
+
+    def force(self, displacement: Array) -> Array:
+        """Return the drag (N,) [N] along a displacement (N,) [m], from zero; exact where no sample hides a turn."""
+        drag, force = self.drag, 0.0
+        found = [0.0]
+        for step in np.diff(displacement).tolist():
+            end = math.copysign(drag, step)
+            force = end + (force - end) * math.exp(-abs(step) / self.length)
+            found.append(force)
+        return np.array(found)

@@ -1,0 +1,136 @@
+"""Lagged laws beat static ones on the physical damper, and `eightpost dyno` writes what the fit reads."""
+
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.ident import fit_shock
+from eightpost.ident.validation.evaluation import evaluate
+from eightpost.rig import (
+    CONFIGURATIONS,
+    Actuator,
+    DynoTest,
+    cavitation,
+    configuration,
+    measure,
+    random_multisine,
+    read_dyno_test,
+    read_out,
+    sine_test,
+)
+from eightpost.signals import parquet_header
+
+#: All twelve take a minute or two: EIGHTPOST_NIGHTLY=1 runs them, otherwise one of each build that does not cavitate.
+NUMBERS = tuple(CONFIGURATIONS) if os.environ.get("EIGHTPOST_NIGHTLY") else (1, 12)
+
+
+@cache
+def records(number):
+    """A record to fit, one of another phase draw, and whether it cavitates; but for build 1 short ones by day."""
+    duration = 10.0 if number == 1 or len(NUMBERS) > 2 else 5.0
+    damper, actuator = configuration(number), Actuator()
+    drives = [random_multisine(seed, duration=duration).series for seed in (1, 2)]
+    responses = [damper.respond(actuator.follow(drive), rate=2000.0) for drive in drives]
+    seen, unseen = (DynoTest(read_out(response, seed=i)) for i, response in enumerate(responses))
+    return seen, unseen, cavitation(responses[0]).cavitates
+
+
+@cache
+def fit(number, law):
+    seen = records(number)[0]
+    return fit_shock(seen, law, segment=(1.0, seen.series.duration))
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_lag_halves_the_error_on_another_phase_draw_unless_it_cavitates(number):
+    _, unseen, cavitates = records(number)
+    segment = (1.0, unseen.series.duration)
+    static, lagged = (evaluate(fit(number, law).shock, unseen, segment=segment).rms for law in ("polylinear", "lpf1"))
+    # 3.4.1 has 45 % for the cavitating build 2 at 50 psi and 60 to 75 % for most others.
+    assert cavitates == (number in (5, 6))
+    assert 1.0 - lagged / static >= (0.35 if cavitates else 0.6)
+
+
+def test_build_1_is_near_table_3_4():
+    static, lagged = (fit(1, law) for law in ("polylinear", "lpf1"))
+    assert static.deviation / 4.4482216 == pytest.approx(366.5, rel=0.03)
+    assert static.percent == pytest.approx(8.0, abs=1.5)
+    assert lagged.percent == pytest.approx(2.2, abs=0.6)
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["dyno", *arguments])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_file_reads_back_as_a_dynamometer_test(tmp_path, suffix):
+    path = tmp_path / f"sub/dyno{suffix}"
+    result = run(
+        "--build", "C/B", "--gas", "150 psi", "--clicks", "14", "--duration", "2 s", "--seed", "7", "-o", str(path)
+    )
+    assert result.exit_code == 0, result.output
+    assert "C/B, 150 psi, 14 clicks" in result.output
+    assert "does not cavitate" in result.output
+    test = read_dyno_test(path)
+    assert set(test.series.names) == {"displacement", "velocity", "force", "temperature"}
+    assert test.series.sample_rate == pytest.approx(2000.0)
+    note = parquet_header(path)["note"] if suffix == ".parquet" else path.read_text().splitlines()[0]
+    assert note.lstrip('"').startswith("SYNTHETIC: eightpost dyno")
+    assert "seed 7" in note
+
+
+def test_the_same_seed_gives_the_same_file_and_it_is_what_the_library_makes(tmp_path):
+    paths = [tmp_path / f"{i}.parquet" for i in range(2)]
+    for path in paths:
+        asked = ("--configuration", "5", "--test", "sine", "--amplitude", "0.5 in", "--speed", "20 in/s", "--seed", "3")
+        assert run(*asked, "-o", str(path)).exit_code == 0
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    drivefile = sine_test(0.0127, 0.508).drivefile
+    made = measure(configuration(5), drivefile, actuator=Actuator(), seed=3)
+    np.testing.assert_allclose(read_dyno_test(paths[0]).series["force"], made["force"], atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        ((), "say which shock"),
+        (("--configuration", "1", "--build", "B/B"), "say which shock"),
+        (("--configuration", "13"), "1 to 12"),
+        (("--configuration", "1", "--clicks", "3"), "leave --gas and --clicks out"),
+        (("--build", "B"), "COMPRESSION/REBOUND"),
+        (("--build", "B/Z"), "Table 7.2"),
+        (("--build", "B/B", "--clicks", "99"), "0 to 28"),
+        (("--build", "B/B", "--gas", "150"), "no unit"),
+        (("--build", "B/B", "--gas", "3 in"), "--gas"),
+        (("--build", "B/B", "--gas", "9000 psi"), "0 to 400 psi"),
+        (("--configuration", "1", "--test", "sine"), "--amplitude"),
+        (("--configuration", "1", "--test", "sine", "--amplitude", "9 in", "--speed", "10 in/s"), "travel"),
+        (("--configuration", "1", "--test", "sine", "--amplitude", "0 in", "--speed", "10 in/s"), "above 0"),
+        (("--configuration", "1", "--test", "bump", "--speed", "10 in/s"), "leave them out"),
+        (("--configuration", "1", "--duration", "0.1 s"), "0.5 to 600"),
+        (("--configuration", "1", "--test", "bump", "--duration", "5 s"), "leave it out"),
+    ],
+)
+def test_bad_input_is_refused_with_exit_code_2_and_no_output(tmp_path, arguments, what):
+    path = tmp_path / "out.parquet"
+    result = run(*arguments, "-o", str(path))
+    assert result.exit_code == 2, result.output
+    assert what in " ".join(result.output.split())
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("name", ["out.xlsx", "."])
+def test_an_output_that_cannot_be_is_refused(tmp_path, name):
+    assert run("--configuration", "1", "-o", str(tmp_path / name)).exit_code == 2
+
+
+@pytest.mark.skipif(not os.environ.get("EIGHTPOST_NIGHTLY"), reason="18 tests take half a minute; EIGHTPOST_NIGHTLY=1")
+def test_all_writes_every_test_of_chapter_3(tmp_path):
+    assert run("--configuration", "1", "--test", "all", "-o", str(tmp_path)).exit_code == 0
+    names = {path.stem for path in tmp_path.glob("*.parquet")}
+    assert {"random", "random_validation", "static", "bump", "sine_1in_1ips"} <= names
+    assert len(names) == 18
