@@ -1,0 +1,49 @@
+"""Random tests: the error of Table 3.5 (3.4.1), and what is left in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from eightpost.ident.validation.evaluation import evaluate
+from eightpost.ident.validation.residual import residual_of
+
+if TYPE_CHECKING:
+    from eightpost.ident.validation.evaluation import Validation
+    from eightpost.ident.validation.record import Record
+    from eightpost.ident.validation.residual import Residual
+    from eightpost.shock import Shock
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomValidation:
+    """A shock on a random or track record.
+
+    Attributes:
+        prediction: Over seconds 1 to 10, or as `evaluate` chooses.
+        residual: Spectra and coherence; None for a record under 2.5 s.
+    """
+
+    prediction: Validation
+    residual: Residual | None
+
+    @property
+    def rms(self) -> float:
+        """Of the error [N]."""
+        return self.prediction.rms
+
+    @property
+    def percent(self) -> float:
+        """Of the measured force's standard deviation."""
+        return self.prediction.percent
+
+    @property
+    def beyond(self) -> float:
+        """Share of the samples outside the fitted velocities [1]."""
+        return self.prediction.beyond
+
+
+def validate_random(shock: Shock, record: Record, *, cutoff: float | None = None) -> RandomValidation:
+    """Return a shock's error on a random record (Table 3.5)."""
+    prediction = evaluate(shock, record.test, cutoff=cutoff)
+    return RandomValidation(prediction, residual_of(prediction))

@@ -1,0 +1,177 @@
+"""report.html: one validation in one file that loads nothing, for the screen and for paper."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+from markupsafe import Markup, escape
+from plotly.offline import get_plotlyjs
+
+from eightpost import __version__
+from eightpost.files import atomic_path
+from eightpost.ident.validation.field_units import field_factor, field_unit, shown
+from eightpost.ident.validation.notes import notes_on
+from eightpost.ident.validation.printed import SOURCE
+from eightpost.ident.validation.report.bump_figures import bump_figure
+from eightpost.ident.validation.report.random_figures import random_figure
+from eightpost.ident.validation.report.sine_figures import sine_figures
+from eightpost.ident.validation.report.static_figures import overlay, static_figure
+from eightpost.ident.validation.report.verdict import verdict
+from eightpost.ident.validation.tables import (
+    Amount,
+    bump_table,
+    loop_table,
+    peak_table,
+    random_table,
+    sine_groups,
+    sine_table,
+    static_table,
+    table_3_4,
+    table_3_5,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from eightpost.ident.validation.report.figure import Figure
+    from eightpost.ident.validation.study import ValidationStudy
+    from eightpost.ident.validation.tables import Cell, ResultTable
+
+_UNITS = ("N", "m", "m/s", "N/m", "J", "N2/Hz")
+
+
+def write_validation_report(
+    path: str | Path, study: ValidationStudy, *, limit: float | None = None, title: str = "Shock validation"
+) -> Path:
+    """Write a validation as an interactive page; it replaces an old one only when it is whole.
+
+    Args:
+        path: The file, such as out/report.html.
+        study: What was validated.
+        limit: Highest error [percent of standard deviation], for the verdict.
+        title: Heading of the page.
+
+    Returns:
+        The file.
+    """
+    path = Path(path)
+    content = page(study, limit=limit, title=title)
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+    return path
+
+
+def page(study: ValidationStudy, *, limit: float | None, title: str) -> str:
+    """Return the page's HTML; names of shocks, records and files are escaped."""
+    figures: list[dict[str, Any]] = []
+    sections = [_placed(section, figures) for section in _sections(study)]
+    content = {"figures": figures, "units": {unit: [field_factor(unit), field_unit(unit)] for unit in _UNITS}}
+    return _template().render(
+        title=title,
+        verdict=verdict(study, limit),
+        notes=notes_on(study, limit),
+        sections=sections,
+        tables=(table_3_5(study), table_3_4(study)),
+        named=any(record.configuration for record in study.records),
+        study=study,
+        source=SOURCE,
+        version=__version__,
+        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        figures=compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode()),
+        plotly=_plotly(),
+        style=Markup(_text("page.css")),
+        script=Markup(_text("page.js")),
+    )
+
+
+def _sections(study: ValidationStudy) -> Iterator[tuple[str, str, list[ResultTable], list[Figure]]]:
+    """Return identifier, heading, tables and figures of each kind of record that there is."""
+    random, static, bump = (study.of_kind(kind) for kind in ("random", "static", "bump"))
+    if random:
+        yield "random", "Random records", [random_table(study)], [random_figure(*found) for found in random]
+    groups = sine_groups(study)
+    if groups:
+        tables, figures = [], []
+        for rows in groups.values():
+            tables += [sine_table(rows), loop_table(rows), peak_table(rows)]
+            figures += list(sine_figures(rows))
+        yield "sine", "Sine records", tables, figures
+    if static:
+        drawn = [static_figure(*found) for found in static]
+        yield (
+            "static",
+            "Static records",
+            [static_table(study)],
+            [*([overlay(static)] if len(static) > 1 else []), *drawn],
+        )
+    if bump:
+        yield "bump", "Bump records", [bump_table(study)], [bump_figure(*found) for found in bump]
+
+
+def _placed(section: tuple[str, str, list[ResultTable], list[Figure]], figures: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return a section for the template; its figures are added to those of the page and known by their place."""
+    identifier, heading, tables, drawn = section
+    places = [(len(figures) + k, figure.caption, figure.height) for k, figure in enumerate(drawn)]
+    figures += [figure.content() for figure in drawn]
+    return {"id": identifier, "heading": heading, "tables": tables, "figures": places}
+
+
+def cell(value: Cell) -> Markup:
+    """Return a cell's content: text, or an amount in both unit systems."""
+    if not isinstance(value, Amount):
+        return escape(value)
+    field, si = (_minus(shown(v, value.digits)) for v in (field_factor(value.unit) * value.value, value.value))
+    return Markup(field) if field == si else _both(field, si)
+
+
+def unit(si: str) -> Markup:
+    """Return a unit in both systems."""
+    return _both(field_unit(si), si) if field_unit(si) != si else escape(si)
+
+
+def caption(text: str) -> Markup:
+    """Return a caption with the units in braces in both systems."""
+    return Markup(escape(text).replace("{N}", unit("N")))
+
+
+def compressed(content: bytes) -> str:
+    """Return bytes compressed (gzip) in base 64: letters that cannot end a script element."""
+    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode("ascii")
+
+
+def _both(field: str, si: str) -> Markup:
+    return Markup('<span class="us">{}</span><span class="si">{}</span>').format(field, si)
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _template() -> jinja2.Template:
+    """The page with everything that is filled in escaped, and a name that is missing an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("eightpost.ident.validation.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"cell": cell, "unit": unit, "caption": caption}
+    return environment.get_template("page.html")
+
+
+@cache
+def _plotly() -> str:
+    return compressed(get_plotlyjs().encode())
+
+
+def _text(name: str) -> str:
+    return files("eightpost.ident.validation.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,167 @@
+"""Sine tests: the error by amplitude and velocity (3.4.2, Fig 3.20), and the loops (Fig 3.21)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.errors import ParameterError, TooShortError
+from eightpost.ident.shock.record.preparation import CUTOFF, LARGEST_SHARE
+from eightpost.ident.shock.record.segment import FILTER_EDGE
+from eightpost.ident.validation.evaluation import evaluate
+from eightpost.ident.validation.kinds import frequency_of
+from eightpost.ident.validation.motion import displacement_of, moving_part
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.ident.validation.evaluation import Validation
+    from eightpost.ident.validation.record import Record
+    from eightpost.shock import Shock
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: The hysteresis is looked for up to this share of the peak speed: at the very peak the two branches meet.
+_BRANCH = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """The last period of a sine test.
+
+    Attributes:
+        displacement: (N,) [m] about its mean.
+        velocity: (N,) [m/s].
+        force: (N,) [N].
+        energy: What the damper takes up in a period, the area of the force-displacement loop [J].
+        hysteresis: Largest difference of force at equal velocity between the two branches of the force-velocity loop,
+            up to 90 % of the peak speed [N].
+        compression_peak: Largest force [N].
+        rebound_peak: Least force [N].
+    """
+
+    displacement: Array
+    velocity: Array
+    force: Array
+    energy: float
+    hysteresis: float
+    compression_peak: float
+    rebound_peak: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SineValidation:
+    """A shock on a sine record.
+
+    Attributes:
+        prediction: Over whole periods.
+        frequency: Of the sine [Hz].
+        amplitude: Half the peak-to-peak displacement, low-passed [m].
+        measured: The last period.
+        predicted: The same period by the law.
+    """
+
+    prediction: Validation
+    frequency: float
+    amplitude: float
+    measured: Loop
+    predicted: Loop
+
+    @property
+    def speed(self) -> float:
+        """Peak speed of a sine of this amplitude and frequency [m/s]."""
+        return 2.0 * np.pi * self.frequency * self.amplitude
+
+    @property
+    def rms(self) -> float:
+        """Of the error [N]."""
+        return self.prediction.rms
+
+    @property
+    def percent(self) -> float:
+        """Of this record's standard deviation."""
+        return self.prediction.percent
+
+    @property
+    def beyond(self) -> float:
+        """Share of the samples outside the fitted velocities [1]."""
+        return self.prediction.beyond
+
+
+def validate_sine(shock: Shock, record: Record, *, cutoff: float | None = None) -> SineValidation:
+    """Return a shock's error on a sine record: over whole periods, the first of three or more left out.
+
+    Raises:
+        ParameterError: The record has no single frequency.
+        TooShortError: There is no whole period.
+    """
+    frequency = record.frequency or frequency_of(record.test.series)
+    if frequency is None:
+        raise ParameterError(f"{record.name} has no single frequency: it is no sine test; give another --kind for it")
+    prediction = evaluate(shock, record.test, segment=_periods(record, frequency, cutoff), cutoff=cutoff)
+    displacement = displacement_of(prediction.measured)
+    last = prediction.measured.time >= prediction.measured.time[-1] - 1.0 / frequency
+    moved, velocity = displacement[last] - displacement[last].mean(), prediction.measured["velocity"][last]
+    measured, predicted = prediction.measured["force"][last], prediction.predicted["force"][last]
+    return SineValidation(
+        prediction=prediction,
+        frequency=frequency,
+        amplitude=0.5 * float(np.ptp(displacement)),
+        measured=loop_of(moved, velocity, measured),
+        predicted=loop_of(moved, velocity, predicted),
+    )
+
+
+def loop_of(displacement: Array, velocity: Array, force: Array) -> Loop:
+    """Return a loop from one period (N,) of displacement [m], velocity [m/s] and force [N]."""
+    return Loop(
+        displacement=displacement,
+        velocity=velocity,
+        force=force,
+        energy=_area(displacement, force),
+        hysteresis=_hysteresis(displacement, velocity, force),
+        compression_peak=float(force.max()),
+        rebound_peak=float(force.min()),
+    )
+
+
+def _area(displacement: Array, force: Array) -> float:
+    """Return the area [J] within a closed loop by the trapezoidal rule."""
+    means = 0.5 * (force + np.roll(force, -1))
+    return float(means @ (np.roll(displacement, -1) - displacement))
+
+
+def _hysteresis(displacement: Array, velocity: Array, force: Array) -> float:
+    """Return the largest difference [N] between the branches below and above the middle of the stroke."""
+    reach = _BRANCH * min(velocity.max(), -velocity.min())
+    grid = np.linspace(-reach, reach, 181)
+    below, above = (_branch(velocity[side], force[side], grid) for side in (displacement < 0.0, displacement >= 0.0))
+    return float(np.abs(below - above).max())
+
+
+def _branch(velocity: Array, force: Array, grid: Array) -> Array:
+    """Return the force on a branch, along which the velocity rises or falls all the way, at velocities of a grid."""
+    order = np.argsort(velocity)
+    return np.asarray(np.interp(grid, velocity[order], force[order]))
+
+
+def _periods(record: Record, frequency: float, cutoff: float | None) -> tuple[float, float]:
+    """Return start and stop [s], from the record's start, of its whole periods."""
+    series: TimeSeries = record.test.series
+    part, period = moving_part(series), 1.0 / frequency
+    start, stop = float(part.time[0] - series.time[0]), float(part.time[-1] - series.time[0])
+    # The low-pass rings where the motion sets in and where it ends, as it does at the ends of the record.
+    edge = FILTER_EDGE / (cutoff or min(CUTOFF, LARGEST_SHARE * series.sample_rate))
+    if stop - start >= period + 2.0 * edge:
+        start, stop = start + edge, stop - edge
+    start, stop = max(start, edge), min(stop, series.duration - edge)
+    if stop - start >= 3.0 * period:
+        start += period
+    count = int((stop - start) / period + 1e-6)
+    if count < 1:
+        what = f"it moves for {stop - start:.3g} s, less than one period of {frequency:.4g} Hz"
+        raise TooShortError(what, path=record.test.source)
+    return stop - count * period, stop

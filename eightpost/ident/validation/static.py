@@ -1,0 +1,220 @@
+"""Static tests: force over displacement in both directions, gas rate, seal drag (3.4.3, Fig 3.22 and 3.23)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.ident.shock.laws.simulation import simulate
+from eightpost.ident.validation.evaluation import as_measured, reference_of
+from eightpost.ident.validation.kinds import block_means
+from eightpost.ident.validation.motion import standing, stretches
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from eightpost.ident.validation.record import Record
+    from eightpost.shock import Shock
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+Direction = Literal["start", "compression", "rebound"]
+
+#: Of each hold the first 5 s and the last second are left out (3.4.3); of a hold under 12 s half and a twentieth.
+SETTLING, ENDING, _SHORT = 5.0, 1.0, 12.0
+
+#: Shortest hold [s].
+_SHORTEST = 1.0
+
+#: Rate to which the record is averaged [Hz]: what the holds do takes seconds.
+_RATE = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A position that was held.
+
+    Attributes:
+        start: Of what is averaged [s].
+        stop: Of what is averaged [s].
+        displacement: Mean [m], as the record counts it.
+        force: Mean of the measured force [N].
+        predicted: Mean of the law's force [N].
+        direction: Of the move that led to it; `start` for the first.
+    """
+
+    start: float
+    stop: float
+    displacement: float
+    force: float
+    predicted: float
+    direction: Direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticValidation:
+    """A shock on a static record.
+
+    Attributes:
+        holds: In time.
+        series: The record, averaged to 100 Hz at most: displacement [m], force [N] and predicted_force [N].
+        compression_rate: Least-squares slope of the holds that were reached in compression [N/m]; None with under two.
+        rebound_rate: The same in rebound [N/m].
+        gas_rate: Slope with half the hysteresis taken off each direction [N/m].
+        hysteresis: Mean difference of the forces of the two directions at the same displacement [N]; None where their
+            displacements do not overlap.
+        predicted_rate: Slope of the law's forces over all holds [N/m].
+        settling: What was left out at the beginning of the holds [s]: 5, or what the shortest hold allowed.
+    """
+
+    holds: tuple[Hold, ...]
+    series: TimeSeries
+    compression_rate: float | None
+    rebound_rate: float | None
+    gas_rate: float
+    hysteresis: float | None
+    predicted_rate: float
+    settling: float
+
+    @property
+    def seal_drag(self) -> float | None:
+        """Half the hysteresis between the directions [N] (3.4.3)."""
+        return None if self.hysteresis is None else 0.5 * self.hysteresis
+
+    @property
+    def rms(self) -> float:
+        """Of measured less predicted force over the holds, their drag included [N]."""
+        return float(np.sqrt(np.mean([(hold.force - hold.predicted) ** 2 for hold in self.holds])))
+
+    @property
+    def percent(self) -> None:
+        """None: a static record has no spread that the error could be held against."""
+        return
+
+    @property
+    def beyond(self) -> float:
+        """0: a shock that stands is within every fitted range of velocities."""
+        return 0.0
+
+
+def validate_static(shock: Shock, record: Record) -> StaticValidation:
+    """Return rates, drag and the error of a law on a static record.
+
+    Args:
+        shock: Its gas force is compared; its drag is a function of velocity, so at rest it has none.
+        record: Steps of displacement with a hold after each.
+
+    Raises:
+        MissingChannelError: There is no displacement.
+        ParameterError: There are fewer than two displacements that are held for a second or more.
+    """
+    if "displacement" not in record.test.series:
+        raise MissingChannelError(
+            "a static test needs it; without it only the other kinds can be validated",
+            path=record.test.source,
+            channel="displacement",
+        )
+    series = _predicted(shock, record)
+    holds, settling = _holds(series)
+    if len({round(hold.displacement, 4) for hold in holds}) < 2:
+        raise ParameterError(
+            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements; a static test is "
+            "steps with a hold after each (Fig 3.12); if it is another test, give its --kind"
+        )
+    hysteresis = _hysteresis(holds)
+    return StaticValidation(
+        holds=holds,
+        series=series,
+        compression_rate=_rate_of(_towards(holds, "compression")),
+        rebound_rate=_rate_of(_towards(holds, "rebound")),
+        gas_rate=_gas_rate(holds, hysteresis or 0.0),
+        hysteresis=hysteresis,
+        predicted_rate=_slope(holds, [hold.predicted for hold in holds]),
+        settling=settling,
+    )
+
+
+def _predicted(shock: Shock, record: Record) -> TimeSeries:
+    """Return the averaged record with the law's force."""
+    even = record.test.series
+    even = even if even.is_uniform else even.resample(even.sample_rate)
+    names = ("displacement", "velocity", "force")
+    series = block_means(even.select(names), int(even.sample_rate // _RATE))
+    reference = reference_of(shock, float(series["displacement"].mean()))
+    about = series.with_channel("displacement", "m", series["displacement"] - reference)
+    return series.with_channel("predicted_force", "N", simulate(as_measured(shock), about))
+
+
+def _holds(series: TimeSeries) -> tuple[tuple[Hold, ...], float]:
+    """Return the holds, and what was left out at their beginning [s]."""
+    spans = [
+        (float(series.time[first]), float(series.time[last]))
+        for first, last in stretches(standing(series))
+        if series.time[last] - series.time[first] >= _SHORTEST
+    ]
+    settling = min([SETTLING, *(0.5 * (stop - start) for start, stop in spans if stop - start < _SHORT)])
+    means: list[Hold] = []
+    for start, stop in spans:
+        length = stop - start
+        ending = ENDING if length >= _SHORT else 0.05 * length
+        first = start + (SETTLING if length >= _SHORT else 0.5 * length)
+        part = series.window(first, stop - ending)
+        moved = float(part["displacement"].mean())
+        force, predicted = float(part["force"].mean()), float(part["predicted_force"].mean())
+        way = _direction(means[-1].displacement, moved) if means else "start"
+        means.append(Hold(first, stop - ending, moved, force, predicted, way))
+    return tuple(means), settling
+
+
+def _direction(before: float, after: float) -> Direction:
+    return "compression" if after > before else "rebound"
+
+
+def _towards(holds: Iterable[Hold], direction: Direction) -> list[Hold]:
+    return sorted((hold for hold in holds if hold.direction == direction), key=lambda hold: hold.displacement)
+
+
+def _slope(holds: Iterable[Hold], forces: list[float]) -> float:
+    """Return the least-squares slope of forces [N] over the holds' displacements [N/m]."""
+    return float(np.polyfit([hold.displacement for hold in holds], forces, 1)[0])
+
+
+def _rate_of(holds: list[Hold]) -> float | None:
+    if len({hold.displacement for hold in holds}) < 2:
+        return None
+    return _slope(holds, [hold.force for hold in holds])
+
+
+def _gas_rate(holds: tuple[Hold, ...], hysteresis: float) -> float:
+    """Return the slope of the forces [N/m] with half the hysteresis taken off; the first hold has no direction."""
+    sign = {"compression": -0.5, "rebound": 0.5}
+    used = [hold for hold in holds if hold.direction in sign]
+    if len({hold.displacement for hold in used}) < 2:
+        return _slope(holds, [hold.force for hold in holds])
+    return _slope(used, [hold.force + sign[hold.direction] * hysteresis for hold in used])
+
+
+def _hysteresis(holds: tuple[Hold, ...]) -> float | None:
+    """Return the mean difference [N] between the directions' curves at the displacements that both reach."""
+    up, down = _towards(holds, "compression"), _towards(holds, "rebound")
+    if not (up and down):
+        return None
+    low, high = (end(side[k].displacement for side in (up, down)) for end, k in ((max, 0), (min, -1)))
+    # Positions come back to within the actuator's error only.
+    tolerance = 0.01 * (max(h.displacement for h in holds) - min(h.displacement for h in holds))
+    if low > high + tolerance:
+        return None
+    held = [hold.displacement for hold in (*up, *down) if low - tolerance <= hold.displacement <= high + tolerance]
+    return float(np.mean(_curve(up, held) - _curve(down, held)))
+
+
+def _curve(holds: list[Hold], displacement: list[float]) -> Array:
+    """Return the forces [N] of one direction at displacements (N,) [m], linear between its holds."""
+    known = [hold.displacement for hold in holds]
+    return np.asarray(np.interp(displacement, known, [hold.force for hold in holds]))

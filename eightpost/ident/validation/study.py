@@ -1,0 +1,175 @@
+"""Several shocks on many records (3.4): each shock on each record of the same damper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isclose
+from typing import TYPE_CHECKING, Any
+
+from eightpost.errors import ParameterError
+from eightpost.ident.validation.bump import BumpValidation, validate_bump
+from eightpost.ident.validation.configuration import configuration_of
+from eightpost.ident.validation.random import RandomValidation, validate_random
+from eightpost.ident.validation.sine import SineValidation, validate_sine
+from eightpost.ident.validation.static import StaticValidation, validate_static
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from eightpost.ident.validation.record import Record
+    from eightpost.shock import Shock
+
+Outcome = RandomValidation | SineValidation | StaticValidation | BumpValidation
+
+#: A prediction of which more than this share lies outside the fitted velocities says little about the fit.
+MOST_BEYOND = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A shock on a record.
+
+    Attributes:
+        label: Of the shock: its name, and its law.
+        shock: As fitted.
+        record: What it was to predict.
+        outcome: How it did, by the record's kind.
+        is_fit_record: Whether the shock was fitted to this very record, so that it validates nothing.
+    """
+
+    label: str
+    shock: Shock
+    record: Record
+    outcome: Outcome
+    is_fit_record: bool
+
+    @property
+    def is_mostly_beyond(self) -> bool:
+        """Whether more than half of the record lies outside the fitted velocities."""
+        return self.outcome.beyond > MOST_BEYOND
+
+    def is_within(self, limit: float | None) -> bool:
+        """Say whether the error is no more than a limit [percent of standard deviation]; static records have none."""
+        return limit is None or self.outcome.percent is None or self.outcome.percent <= limit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidationStudy:
+    """Shocks on records.
+
+    Attributes:
+        shocks: By label, in the order given.
+        records: In the order given.
+        cases: Every pair that belongs together, record by record.
+        unpaired: Why other pairs were left out, a sentence each.
+    """
+
+    shocks: dict[str, Shock]
+    records: tuple[Record, ...]
+    cases: tuple[Case, ...]
+    unpaired: tuple[str, ...]
+
+    def of_kind(self, kind: str) -> tuple[tuple[Record, tuple[Case, ...]], ...]:
+        """Return the records of a kind that have cases, with them."""
+        found = [(record, self.of_record(record)) for record in self.records if record.kind == kind]
+        return tuple((record, cases) for record, cases in found if cases)
+
+    def of_record(self, record: Record) -> tuple[Case, ...]:
+        """Return the cases of a record."""
+        return tuple(case for case in self.cases if case.record is record)
+
+    def is_acceptable(self, limit: float | None = None) -> bool:
+        """Say whether no case is mostly beyond its fit, none over a limit [percent], and every record has one."""
+        judged = all(case.is_within(limit) and not case.is_mostly_beyond for case in self.cases)
+        return judged and all(self.of_record(record) for record in self.records)
+
+
+def validate(shocks: Sequence[Shock], records: Sequence[Record], *, cutoff: float | None = None) -> ValidationStudy:
+    """Validate shocks on records (3.4).
+
+    A shock is held against a record unless both say a condition (configuration, build, clicks, gas pressure) and
+    they differ.
+
+    Args:
+        shocks: Of one damper with several laws, or of several dampers.
+        records: Of any kinds.
+        cutoff: Of the low-pass [Hz]; default 50, of bumps 200, at most 0.4 of the sampling rate.
+
+    Raises:
+        ParameterError: There is no shock or no record, or a record is not what its kind says.
+        TooShortError: A record has too few samples.
+    """
+    if not shocks or not records:
+        raise ParameterError(f"a validation needs a shock and a record; there are {len(shocks)} and {len(records)}")
+    labelled = _labelled(shocks)
+    cases: list[Case] = []
+    unpaired: list[str] = []
+    for record in records:
+        for label, shock in labelled.items():
+            if why := mismatch(shock, record):
+                unpaired.append(f"{label} was not held against {record.name}: {why}")
+                continue
+            outcome = _outcome(shock, record, cutoff)
+            fitted = {entry.get("sha256") for entry in shock.inputs}
+            cases.append(Case(label, shock, record, outcome, record.digest in fitted))
+    return ValidationStudy(labelled, tuple(records), tuple(cases), tuple(unpaired))
+
+
+def _outcome(shock: Shock, record: Record, cutoff: float | None) -> Outcome:
+    match record.kind:
+        case "random":
+            return validate_random(shock, record, cutoff=cutoff)
+        case "sine":
+            return validate_sine(shock, record, cutoff=cutoff)
+        case "bump":
+            return validate_bump(shock, record, cutoff=cutoff)
+        case "static":  # its holds are averaged, not low-passed
+            return validate_static(shock, record)
+
+
+def mismatch(shock: Shock, record: Record) -> str | None:
+    """Return which condition differs between a shock and a record, or None: what only one of them says is no matter."""
+    mine, other = dict(shock.conditions), record.conditions
+    number = configuration_of(mine)
+    if number is not None and record.configuration is not None:
+        if number == record.configuration:
+            return None
+        return f"configuration {number} is not {record.configuration}"
+    for name in ("build", "clicks", "gas_pressure [Pa]"):
+        if mine.get(name) is not None and other.get(name) is not None and not _alike(mine[name], other[name]):
+            return f"{name} {mine[name]!r} is not {other[name]!r}"
+    return None
+
+
+def law_title(law: str) -> str:
+    """Return a law's name as people write it.
+
+    >>> law_title("lpnl2"), law_title("polylinear")
+    ('LPNL2', 'Polylinear')
+    """
+    return law.upper() if any(letter.isdigit() for letter in law) else law.capitalize()
+
+
+def names_of(cases: Sequence[Case]) -> tuple[str, ...]:
+    """Return a name for the shock of each case: its law where the laws tell them apart, else the whole label."""
+    laws = tuple(law_title(case.shock.law_name) for case in cases)
+    return laws if len(set(laws)) == len(laws) else tuple(case.label for case in cases)
+
+
+def _alike(first: Any, second: Any) -> bool:
+    try:
+        return isclose(float(first), float(second), rel_tol=0.01)
+    except (TypeError, ValueError):
+        return str(first).strip().lower() == str(second).strip().lower()
+
+
+def _labelled(shocks: Iterable[Shock]) -> dict[str, Shock]:
+    """Return shocks by name and law, numbered where that is not enough."""
+    found: dict[str, Shock] = {}
+    for shock in shocks:
+        title = f"{shock.name} {law_title(shock.law_name)}"
+        label, k = title, 2
+        while label in found:
+            label, k = f"{title} ({k})", k + 1
+        found[label] = shock
+    return found

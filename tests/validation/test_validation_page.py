@@ -1,0 +1,115 @@
+"""The report in a browser and on paper: it draws every figure, changes units, loads nothing, complains of nothing."""
+
+import base64
+import importlib.util
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.ident.validation import record_of, validate
+from eightpost.ident.validation.report import write_validation_report
+from eightpost.ident.validation.report.page import page
+
+from .conftest import INCH, POUND, shock_of
+
+
+def _browser_module():
+    place = Path(__file__).parents[1] / "cosim" / "test_report_in_browser.py"
+    spec = importlib.util.spec_from_file_location("eightpost_report_in_browser", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def browser(tmp_path):
+    """Headless Chromium, ended with the test."""
+    known = _browser_module()
+    program = next(filter(None, map(shutil.which, known._NAMES)), None)
+    if program is None or sys.platform == "win32":
+        pytest.skip("needs a Chromium on the PATH, and a system with inherited file descriptors")
+    opened = known._Browser(program, tmp_path / "profile")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="module")
+def study(lagged, static_curve, random_test, sine_test, static_test, bump_test):
+    records = [record_of(random_test(1), name="random", configuration=1), record_of(bump_test, name="bump")]
+    records += [record_of(sine_test(a, v), name=f"sine {a} {v}") for a, v in ((0.5, 5.0), (0.25, 10.0), (0.1, 5.0))]
+    records += [record_of(static_test, name=name) for name in ("static", "again")]
+    return validate([static_curve, lagged], records)
+
+
+_PLOTS = "[...document.querySelectorAll('.js-plotly-plot')]"
+
+
+@pytest.mark.slow
+def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(browser, study, tmp_path):
+    path = write_validation_report(tmp_path / "report.html", study, limit=10.0)
+    browser.call("Page.navigate", url=path.as_uri())
+    browser.until("document.body && document.body.dataset.drawn === 'all'")
+    assert browser.evaluate("document.getElementById('trouble').hidden")
+    assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    # random 1, sines 4 (map, over frequency, two of loops), static 2 and their overlay, bump 1
+    assert browser.evaluate(f"{_PLOTS}.length") == 9
+    assert browser.evaluate(f"{_PLOTS}.every((p) => p.querySelectorAll('.trace').length === p.data.length)")
+
+    loops = "document.querySelector('#sine').querySelectorAll('.plot')[2]"
+    x = json.loads(browser.evaluate(f"JSON.stringify({loops}.data[0].x)"))
+    case = next(case for case in study.cases if case.record.name == "sine 0.5 5.0")
+    assert max(x) == pytest.approx(case.outcome.measured.velocity.max() / INCH, rel=0.01)
+    bubbles = "document.querySelector('#sine .plot').data[0].text"
+    errors = [c.outcome.rms for c in study.cases if c.record.kind == "sine" and c.shock.law_name == "polylinear"]
+    np.testing.assert_allclose(
+        [float(text) for text in json.loads(browser.evaluate(f"JSON.stringify({bubbles})"))],
+        np.array(errors) / POUND,
+        rtol=0.01,
+    )
+    assert browser.evaluate(f"{loops}.layout.yaxis.title.text") == "force [lbf]"
+    browser.evaluate("document.querySelector('input[value=si]').click()")
+    assert browser.evaluate(f"{loops}.layout.yaxis.title.text") == "force [N]"
+    assert "lbf" not in browser.evaluate("document.querySelector('#random table').innerText")
+
+    pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 20
+
+    asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+    assert [event for event in browser.events if event["method"] in trouble] == []
+
+
+@pytest.mark.slow
+def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
+    path = write_validation_report(tmp_path / "report.html", study)
+    browser.call("Page.navigate", url=path.as_uri())
+    browser.until("document.body && document.body.dataset.drawn === 'all'")
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    # A4 landscape within 12 mm margins, at 96 pixels to the inch
+    width = int((297 - 24) / 25.4 * 96)
+    browser.call("Emulation.setDeviceMetricsOverride", width=width, height=700, deviceScaleFactor=1, mobile=False)
+    wide = "[...document.querySelectorAll('table, .plot svg.main-svg')].map((e) => e.getBoundingClientRect().right)"
+    assert browser.evaluate(f"Math.max(...{wide})") <= width + 1
+    assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
+
+
+def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test):
+    named = validate([shock_of(truth, name="<b>x")], [record_of(random_test(1), name="</script><i>")])
+    html = page(named, limit=0.0001, title="a < b")
+    assert "<b>x" not in html
+    assert "</script><i>" not in html
+    assert "Not acceptable." in html
+    assert "over the limit of 0.0001" in html
+    assert "No record of this validation does" in html
+
+
+def test_a_good_validation_is_said_to_be_good(lagged, random_test):
+    study = validate([lagged], [record_of(random_test(1))])
+    assert "Every error is within 1 %" in page(study, limit=1.0, title="t")
+    assert "No limit was given" in page(study, limit=None, title="t")

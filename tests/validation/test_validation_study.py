@@ -1,0 +1,112 @@
+"""Several shocks on many records: what belongs together, what is acceptable, what is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident.shock.report.description import digest_of
+from eightpost.ident.validation import notes_on, record_of, validate
+from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4
+from eightpost.ident.validation.tables import Amount, beside_printed, random_table, static_table, table_3_4, table_3_5
+from eightpost.rig.dyno_test import DynoConditions
+
+from .conftest import POUND, shock_of
+
+
+def test_each_law_is_held_against_each_record(lagged, static_curve, random_test, bump_test, static_test):
+    records = [record_of(test, name=str(k)) for k, test in enumerate((random_test(1), bump_test, static_test))]
+    study = validate([static_curve, lagged], records)
+    assert list(study.shocks) == ["known Polylinear", "known LPF1"]
+    assert [(case.label, case.record.name) for case in study.cases] == [
+        (label, name) for name in "012" for label in study.shocks
+    ]
+    assert len(random_table(study).rows) == 2
+    assert len(static_table(study).rows) == 2
+
+
+def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
+    study = validate([lagged, lagged], [record_of(random_test(1))])
+    assert list(study.shocks) == ["known LPF1", "known LPF1 (2)"]
+
+
+@pytest.mark.parametrize(
+    ("said", "conditions", "together"),
+    [
+        ({"configuration": 2}, DynoConditions(), True),
+        ({"build": "A"}, DynoConditions(build="a"), True),
+        ({"build": "A"}, DynoConditions(build="B"), False),
+        ({"gas_pressure [Pa]": 344738.0}, DynoConditions(gas_pressure=1034214.0), False),
+        (
+            {"configuration": 1},
+            DynoConditions(build="Build 1", clicks="14 from closed", gas_pressure=344738.0),
+            False,
+        ),
+    ],
+)
+def test_what_was_measured_under_other_conditions_is_left_out_and_said(truth, random_test, said, conditions, together):
+    study = validate([shock_of(truth, **said)], [record_of(random_test(1, conditions))])
+    assert len(study.cases) == together
+    assert study.is_acceptable() is together
+    assert bool(study.unpaired) is not together
+
+
+def test_the_record_of_the_fit_is_recognised(lagged, random_test):
+    own = replace(lagged, inputs=({"name": "fit.csv", "sha256": digest_of(random_test(1))},))
+    study = validate([own], [record_of(random_test(1)), record_of(random_test(2))])
+    assert [case.is_fit_record for case in study.cases] == [True, False]
+    assert any("validates nothing" in note for note in notes_on(study))
+
+
+def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_test):
+    narrow = replace(truth, curve=replace(truth.curve, compression_speed=0.1, rebound_speed=0.1))
+    study = validate([shock_of(narrow)], [record_of(random_test(1))])
+    assert study.cases[0].outcome.beyond > 0.5
+    assert not study.is_acceptable()
+    assert any("extrapolation" in note for note in notes_on(study))
+
+
+def test_a_limit_is_kept_or_not(lagged, static_curve, random_test):
+    record = record_of(random_test(1))
+    assert validate([lagged], [record]).is_acceptable(1.0)
+    assert not validate([static_curve], [record]).is_acceptable(1.0)
+
+
+def test_another_zero_of_the_load_cell_is_said(truth, random_test):
+    shifted = shock_of(replace(truth, port=replace(truth.port, gas_preload=0.0)))
+    study = validate([shifted], [record_of(random_test(1))])
+    assert any("offset" in note for note in notes_on(study))
+    assert study.cases[0].outcome.prediction.offset == pytest.approx(truth.port.gas_preload, abs=0.5)
+
+
+def test_a_study_needs_a_shock_and_a_record(lagged):
+    with pytest.raises(ParameterError, match="1 and 0"):
+        validate([lagged], [])
+
+
+def test_the_printed_tables_agree_with_what_the_text_says_of_them():
+    """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
+    assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
+    less = [1.0 - c.rms_lbf[law] / c.rms_lbf["polylinear"] for c in CONFIGURATIONS for law in ("lpf1", "lpnl2")]
+    assert np.round(min(less), 2) >= 0.45
+    assert np.round(max(less), 2) <= 0.75
+    assert all(c.rms_lbf["lpnl2"] <= c.rms_lbf["lpf1"] for c in CONFIGURATIONS)
+    for law, row in TABLE_3_4.items():
+        if law != "polylinear":
+            reduction = 100.0 * (1.0 - row.rms_lbf / TABLE_3_4["polylinear"].rms_lbf)
+            assert reduction == pytest.approx(row.percent_less_than_static, abs=0.2)
+        assert row.percent_of_deviation == pytest.approx(100.0 * row.rms_lbf / 366.5, abs=0.05)
+
+
+def test_ours_stands_beside_the_printed_error_of_its_configuration(lagged, static_curve, random_test):
+    study = validate([static_curve, lagged], [record_of(random_test(1), configuration=7)])
+    shown = table_3_5(study)
+    heads = [head for head, _ in shown.heads]
+    row, other = shown.rows[6], shown.rows[5]
+    printed, ours = heads.index("LPF1: printed"), heads.index("LPF1: printed") + 1
+    assert row[printed].value == pytest.approx(6.1 * POUND)
+    assert row[ours] == Amount(study.cases[1].outcome.rms, "N")
+    assert other[ours] == "–"
+    assert [line[0] for line in beside_printed(study).rows] == 2 * ["7: Build 2, 1 click, 150 psi"]
+    assert [line[1] for line in table_3_4(study).rows] == ["Polylinear", "LPF1", "LPNL2", "Polylinear", "LPF1"]
