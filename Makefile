@@ -1,7 +1,8 @@
 # Two commands do everything on a machine with Python 3.11, git and make:
 #   make demo   installs and runs the main job on shipped data
 #   make test   installs, checks style, types and imports, and passes the tests
-#   make nightly  a million random FMI call sequences on each FMU under sanitizers (about a minute; needs a C compiler)
+#   make nightly  what takes minutes: a million random FMI call sequences on each FMU under sanitizers (needs a C compiler),
+#                 coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
@@ -31,6 +32,7 @@ unit: $(INSTALLED)
 
 nightly: $(INSTALLED)
 	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native
+	$(BIN)/pytest -n 2 -m nightly
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py
