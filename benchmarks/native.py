@@ -10,6 +10,7 @@ outputs. Ratios are of one run on one machine; absolute times are that machine's
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import statistics
 import subprocess
@@ -142,7 +143,8 @@ def _states(path: Path) -> int:
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
         text = archive.read("sources/vehicle_data.h").decode() if "sources/vehicle_data.h" in names else ""
-    return int(text.partition("STATE_COUNT = ")[2].split()[0]) if text else 1
+    counts = dict(re.findall(r"\b([A-Z]+_COUNT) = (\d+)", text))
+    return int(counts["MODE_COUNT"]) + int(counts["PAIR_COUNT"]) if text else 1
 
 
 def _compiler() -> list[str] | None:

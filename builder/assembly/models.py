@@ -19,8 +19,6 @@ from eightpost.vehicle.friction import PortFriction, ports_of
 
 Array = NDArray[np.float64]
 
-_BLOCK = 8  # rows that lie side by side: builder/native/vehicle_data.py
-
 
 def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
     """Return what a part's variables start with in the assembly, by the part's own names."""
@@ -68,19 +66,19 @@ def vehicle_model(assembly: Assembly) -> VehicleModel:
     offsets = np.zeros(len(outputs))
     added = [v.name for v in named.variables if v.causality == "parameter" and v.type == "Real"]
     added = [name for name in added if not name.rpartition(".")[2].startswith("friction")]
-    for output, place in zip(data.integers("OFFSET_OUTPUT"), data.integers("OFFSET_PLACE"), strict=True):
-        offsets[output] = float(values[added[place]]) if added else 0.0  # there is a row where there is none
+    for output, place in enumerate(data.integers("OFFSET_OF")):
+        offsets[output] = float(values[added[place]]) if place >= 0 else 0.0
     return VehicleModel(stepper, friction, offsets, bool(values["start_at_equilibrium"]))
 
 
 class _Data:
-    """The constants of a vehicle_data.h."""
+    """The constants of a vehicle_data.h, as builder/native/vehicle_data.py writes them."""
 
     def __init__(self, text: str) -> None:
         text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
         self._arrays = {
-            name: [float(cell) for cell in re.split(r"[,\s]+", cells.strip().rstrip(",").strip()) if cell]
-            for name, cells in re.findall(r"static const \w+ (\w+)\[[^\]]*\] = \{(.*?)\};", text, flags=re.DOTALL)
+            name: [float(cell) for cell in re.findall(r"[^{},\s]+", cells)]
+            for name, cells in re.findall(r"static const \w+ (\w+)\[[^;]*?\] = \{(.*?)\};", text, flags=re.DOTALL)
         }
         self._counts: Mapping[str, int] = {name: int(n) for name, n in re.findall(r"\b([A-Z_]+) = (\d+)", text)}
 
@@ -89,17 +87,25 @@ class _Data:
 
     def state_space(self, inputs: int, outputs: int) -> tuple[Array, Array, Array, Array]:
         """Return A (n, n), B (n, m), C (p, n), D (p, m); the state is all real parts, then the imaginary parts."""
-        modes, pairs = self._counts["MODE_COUNT"], self._counts["PAIR_COUNT"]
+        modes, pairs, room = (self._counts[name] for name in ("MODE_COUNT", "PAIR_COUNT", "MODES"))
+        used = np.concatenate([np.arange(modes), room + np.arange(pairs)])
         sigma, omega = (np.array(self._arrays[name])[:modes] for name in ("SIGMA", "OMEGA"))
         A = np.diag(np.concatenate([sigma, sigma[:pairs]]))
         for k in range(pairs):
             A[k, modes + k], A[modes + k, k] = -omega[k], omega[k]
-        D = np.zeros((outputs, inputs))
-        for k in range(self._counts["DIRECT_COUNT"]):
-            place = self.integers("DIRECT_OUTPUT")[k], self.integers("DIRECT_INPUT")[k]
-            D[place] = self._arrays["DIRECT_TERM"][k]
-        return A, self._matrix("B", modes + pairs, inputs), self._matrix("C", outputs, modes + pairs), D
+        blocks = np.array(self._arrays["B"]).reshape(-1, inputs, self._counts["BLOCK"])
+        B = blocks.transpose(0, 2, 1).reshape(-1, inputs)[used]
+        C = np.array(self._arrays["C"]).reshape(outputs, -1)[:, used]
+        return A, B, C, self._direct(inputs, outputs)
 
-    def _matrix(self, name: str, rows: int, columns: int) -> Array:
-        blocks = np.array(self._arrays[name]).reshape(-1, columns, _BLOCK)
-        return blocks.transpose(0, 2, 1).reshape(-1, columns)[:rows]
+    def _direct(self, inputs: int, outputs: int) -> Array:
+        begins, columns, terms = (
+            self.integers("DIRECT_BEGIN"),
+            self.integers("DIRECT_INPUT"),
+            self._arrays["DIRECT_TERM"],
+        )
+        D = np.zeros((outputs, inputs))
+        for row in range(outputs):
+            for k in range(begins[row], begins[row + 1]):
+                D[row, columns[k]] = terms[k]
+        return D
