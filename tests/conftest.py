@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -11,6 +12,7 @@ from types import ModuleType
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from builder.build import build
 from builder.native.platforms import PLATFORMS, this_platform
@@ -29,6 +31,11 @@ from eightpost.shock import (
     write_shock,
 )
 from eightpost.vehicle import shipped
+
+# Linear algebra in one thread, here and in what tests start: the threads of two workers wait for each other, and a
+# decomposition of 150 states then lasts a second in place of 50 ms.
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+threadpool_limits(1, "blas")
 
 # A busy machine must not fail a property: no deadline per example.
 settings.register_profile("eightpost", deadline=None)

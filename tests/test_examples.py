@@ -88,9 +88,10 @@ def test_the_fmpy_only_loop_gives_what_our_master_gives(workplace, fmus, shocks,
     assert change == pytest.approx(tire[-1] - tire[0], abs=0.5)
 
 
-def test_the_quarter_car_example_runs(workplace, shocks):
+def test_the_quarter_car_example_runs(workplace, shocks, one_platform):
     write_shock(shocks["lpnl2"], workplace / "dist" / "dyno_A.json")
-    build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
+    with one_platform():
+        build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
     case = read_case(workplace / "examples" / "quarter_car.toml")
     scenario = replace(case.scenario, stop=3.0)
     result = cosim.run(case.system, scenario, algorithm=case.algorithm, step=case.step)

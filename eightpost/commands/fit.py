@@ -12,18 +12,27 @@ from rich.markup import escape
 from eightpost import units
 from eightpost.errors import InputError
 from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
+from eightpost.ident.shock.curve.shape import Shape
 from eightpost.ident.shock.fit import GasTreatment, LawName, RecipeName
-from eightpost.rig import DynoConditions, DynoTest, read_dyno_test
+from eightpost.ident.shock.solvers.robust import Robust
+from eightpost.rig import DynoConditions, DynoTest, read_dyno_tests, split_runs
 from eightpost.shock import LAWS, write_shock
 from eightpost.signals import ChannelMap
 
 
 @click.command()
-@click.argument("dyno_file", metavar="DYNO", type=click.Path(path_type=Path))
+@click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--law", type=click.Choice(list(LAWS)), default="lpnl2", show_default=True, help="Shock law.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Shock file; default: DYNO with .json here.")
 @click.option("--recipe", type=click.Choice(get_args(RecipeName)), default="joint", show_default=True,
               help="joint: all parameters together. boggs: one after the other, as in 3.3.")  # fmt: skip
+@click.option("--shape", type=click.Choice(get_args(Shape)), default="auto", show_default=True,
+              help="Of the curve. auto: free, but held from falling. free: as the record has it. monotone: it never "
+              "falls. passive: it never pushes the way the velocity goes.")  # fmt: skip
+@click.option("--order", default="auto", show_default=True, metavar="auto|N",
+              help="Of the inner polynomial: by cross-validation, or 1 to 15.")  # fmt: skip
+@click.option("--robust", type=click.Choice(get_args(Robust)), default="auto", show_default=True,
+              help="auto: outliers are weighed down where there are any. huber, tukey: in any case.")  # fmt: skip
 @click.option("--gas", type=click.Choice(get_args(GasTreatment)), default="estimate", show_default=True,
               help="What the force channel holds. estimate: gas force, fitted and kept in the shock. included: gas "
               "force that the car's static load already counts: fitted and left out of the shock. subtracted: none, "
@@ -33,6 +42,7 @@ from eightpost.signals import ChannelMap
 )
 @click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/signs_and_units.md.")
 @click.option("--flip", multiple=True, metavar="CHANNEL", help="Turn a channel that is positive the other way.")
+@click.option("--split", is_flag=True, help="Split each record at its pauses and where a sine changes; fit the runs.")
 @click.option(
     "--segment", nargs=2, type=float, metavar="START STOP", help="Seconds of the record to fit; default 1 10."
 )
@@ -46,14 +56,18 @@ from eightpost.signals import ChannelMap
 @click.pass_context
 def fit(  # one parameter per option
     ctx: click.Context,
-    dyno_file: Path,
+    dyno_files: tuple[Path, ...],
     law: LawName,
     output: Path | None,
     recipe: RecipeName,
+    shape: Shape,
+    order: str,
+    robust: Robust,
     gas: GasTreatment,
     unit_words: tuple[str, ...],
     map_file: Path | None,
     flip: tuple[str, ...],
+    split: bool,
     segment: tuple[float, float] | None,
     cutoff: float | None,
     transition_speed: str | None,
@@ -63,33 +77,49 @@ def fit(  # one parameter per option
     gas_pressure: str | None,
     plot: Path | None,
 ) -> None:
-    """Fit a shock law to a dynamometer file.
+    """Fit a shock law to a dynamometer file, or to several runs of one build together.
 
-    DYNO is a .csv, .parquet or .mat file with time, force, and velocity or displacement; units in its header, in a
-    channel map, or by --units. Exits 1 if the fit did not converge.
+    DYNO is a .csv, .txt, .parquet, .mat or .mf4 file with time, force, and velocity or displacement; units in its
+    header, in a channel map, or by --units. Several tables in a file are several runs. Exits 1 if the fit did not
+    converge.
 
     \b
     Examples:
       eightpost fit dyno.csv --law lpnl2 -o shock.json
+      eightpost fit run1.csv run2.csv --law lpf1 --order 9 --shape monotone -o shock.json
+      eightpost fit sines.csv --split -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
     console = Console()
-    output = output or Path(f"{dyno_file.stem}.json")
-    _check_output(output, dyno_file)
-    test = read_dyno_test(
-        dyno_file,
-        channel_map=ChannelMap.read(map_file) if map_file else None,
-        units=dict(_pair(word) for word in unit_words),
-        flip=flip,
-        conditions=DynoConditions(build, clicks, _si(gas_pressure, "Pa")),
-        cutoff=cutoff,
-    )
-    show_test(console, test)
+    output = output or Path(f"{dyno_files[0].stem}.json")
+    _check_output(output, dyno_files[0])
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    tests = [
+        test
+        for dyno_file in dyno_files
+        for test in read_dyno_tests(
+            dyno_file,
+            channel_map=channel_map,
+            units=dict(_pair(word) for word in unit_words),
+            flip=flip,
+            conditions=DynoConditions(build, clicks, _si(gas_pressure, "Pa")),
+            cutoff=cutoff,
+        )
+    ]
+    if split:
+        tests = [run for test in tests for run in split_runs(test)]
+    for test in tests:
+        show_test(console, test)
+    if len(tests) > 1:
+        console.print(f"{len(tests)} runs are fitted together: one curve, one law", highlight=False)
     found = fit_shock(
-        test,
+        tests,
         law,
         recipe=recipe,
         gas=gas,
+        shape=shape,
+        order=_order(order),
+        robust=robust,
         name=name,
         segment=segment,
         cutoff=cutoff,
@@ -134,6 +164,14 @@ def _check_output(output: Path, dyno_file: Path) -> None:
         raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
     if output.suffix != ".json":
         raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
+
+
+def _order(word: str) -> int | None:
+    if word == "auto":
+        return None
+    if not word.isdigit():
+        raise click.BadParameter(f"{word!r}: write auto, or a number from 1 to 15", param_hint="--order")
+    return int(word)
 
 
 def _pair(word: str) -> tuple[str, str]:

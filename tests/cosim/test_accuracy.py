@@ -35,17 +35,28 @@ def bench():
 
 
 @pytest.fixture(scope="module")
+def build_fmus(bench, one_platform):
+    """Build car.fmu and a law's shock.fmu: build_fmus(law, folder)."""
+
+    def build(law, folder):
+        with one_platform():
+            bench.build_fmus(law, folder)
+
+    return build
+
+
+@pytest.fixture(scope="module")
 def drive():
     return Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
 
 
 @pytest.fixture(scope="module")
-def damped(bench, drive, shocks, tmp_path_factory):
+def damped(bench, build_fmus, drive, shocks, tmp_path_factory):
     """All damping in LPNL2 shocks with a gas spring, on 4 s of the track: the case, and the folder of its FMUs."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=50.0, gas_stiffness=700.0))
     assert isinstance(law, Lpnl2)
     folder = tmp_path_factory.mktemp("accuracy")
-    bench.build_fmus(law, folder)
+    build_fmus(law, folder)
     return bench.make_case(law, drive, 4.0), folder
 
 
@@ -135,9 +146,9 @@ def closed_loop(car, damper, drive, stop):
     )
 
 
-def linear_errors(bench, drive, law, damper, folder, steps):
+def linear_errors(build_fmus, drive, law, damper, folder, steps):
     """Worst corner's error in percent of the standard deviation, by quantity and step."""
-    bench.build_fmus(law, folder)
+    build_fmus(law, folder)
     car = read_vehicle(ROOT / "examples" / "car.toml").coupled()
     expected = closed_loop(car, damper, drive, 4.0)
     channels = tuple(f"car.{c}.{quantity}" for c in CORNERS for quantity in ("velocity", "tire_force"))
@@ -152,20 +163,20 @@ def linear_errors(bench, drive, law, damper, folder, steps):
 
 
 @pytest.mark.slow
-def test_with_linear_shocks_the_coupled_fmus_equal_python_controls_closed_loop(bench, drive, tmp_path):
+def test_with_linear_shocks_the_coupled_fmus_equal_python_controls_closed_loop(build_fmus, drive, tmp_path):
     """Table 5.1's front damper without any lag: 1 % and better at 1 ms, of second order."""
     rate = 16.67 * 175.12683524647636
     law, damper = Polylinear(linear_curve(rate)), control.ss([], [], [], rate * np.eye(4))
-    check_linear(linear_errors(bench, drive, law, damper, tmp_path, LINEAR_STEPS))
+    check_linear(linear_errors(build_fmus, drive, law, damper, tmp_path, LINEAR_STEPS))
 
 
 @pytest.mark.slow
-def test_with_linear_lagged_shocks_the_coupled_fmus_equal_python_controls_closed_loop(bench, drive, tmp_path):
+def test_with_linear_lagged_shocks_the_coupled_fmus_equal_python_controls_closed_loop(build_fmus, drive, tmp_path):
     """30 lbf/(in/s) behind a lag of 1.3 ms."""
     rate, tau = 30.0 * 175.12683524647636, 0.0013
     damper = control.ss(-np.eye(4) / tau, np.eye(4) / tau, rate * np.eye(4), 0)
     law = Lpf1(linear_curve(rate), tau)
-    check_linear(linear_errors(bench, drive, law, damper, tmp_path, LINEAR_STEPS))
+    check_linear(linear_errors(build_fmus, drive, law, damper, tmp_path, LINEAR_STEPS))
 
 
 def check_linear(errors):
@@ -175,10 +186,10 @@ def check_linear(errors):
         assert -np.diff(np.log2(rows)) == pytest.approx(2.0, abs=0.1)
 
 
-def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(bench, shocks, tmp_path):
+def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(build_fmus, shocks, tmp_path):
     """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=500.0, gas_stiffness=700.0))
-    bench.build_fmus(law, tmp_path)
+    build_fmus(law, tmp_path)
     system = load_system(tmp_path)
     loads = {f"car.{name}": 0.0 for name in (*LOADS, *(f"{c}.road" for c in CORNERS))}
     system = cosim.System(system.components, system.bonds, constants=loads)

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.basis import CurveBasis
-from eightpost.ident.shock.lagging import lag
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.curve.basis import CurveBasis
+from eightpost.ident.shock.laws.simulation import simulate
+from eightpost.ident.shock.record.lagging import lag
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.multisine import random_multisine
 from eightpost.shock import Port, StaticCurve

@@ -1,251 +1,197 @@
-"""Fit a shock law to a dynamometer test (3.3)."""
+"""Fit a shock law to dynamometer tests (3.3)."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.basis import CurveBasis, working_basis
-from eightpost.ident.shock.boggs import Boggs
-from eightpost.ident.shock.description import conditions_of, digest_of, fit_of
-from eightpost.ident.shock.dynamics import dynamics_for
-from eightpost.ident.shock.findings import findings
-from eightpost.ident.shock.fitted_curve import fitted_curve
-from eightpost.ident.shock.force_model import ForceModel
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.joint import Joint
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.parameters import parameters_of
-from eightpost.ident.shock.preparation import prepare
-from eightpost.ident.shock.simulation import simulate
-from eightpost.shock import Port, Shock
-from eightpost.signals import TimeSeries
+from eightpost.ident.shock.curve.shape import Shape
+from eightpost.ident.shock.force.gas import gas_columns
+from eightpost.ident.shock.force.limits import limits_for
+from eightpost.ident.shock.force.models import Models
+from eightpost.ident.shock.laws.choice import dynamics_for
+from eightpost.ident.shock.record.runs import prepare_runs
+from eightpost.ident.shock.report.result import ShockFit, Story, result_of
+from eightpost.ident.shock.solvers.boggs import Boggs
+from eightpost.ident.shock.solvers.joint import Joint
+from eightpost.ident.shock.solvers.robust import (
+    Robust,
+    weighed_down,
+    weights_for,
+    without_motion_spikes,
+    without_spikes,
+)
+from eightpost.ident.shock.solvers.screening import screened_force
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import LAWS
+from eightpost.shock.curve import INNER_ORDER
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.shock.basis import Join, WorkingBasis
-    from eightpost.ident.shock.limits import Limits
-    from eightpost.ident.shock.parameters import Parameter
-    from eightpost.ident.shock.preparation import Prepared
-    from eightpost.ident.shock.solution import Solution
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.shock import ShockLaw
+    from eightpost.ident.shock.record.runs import Runs
+    from eightpost.ident.shock.solvers.solution import Solution
 
     Array = NDArray[np.float64]
 
-LawName = Literal["polylinear", "lpf1", "lpnl2"]
+#: A name in `LAWS`: every law file adds one.
+LawName = str
 RecipeName = Literal["joint", "boggs"]
 GasTreatment = Literal["estimate", "included", "subtracted"]
 
-#: Recipes by name.
-RECIPES: dict[str, Joint | Boggs] = {"joint": Joint(), "boggs": Boggs()}
-
-#: Fewest samples that an outer cubic is fitted to; with fewer it is the straight continuation of the inner part.
-FEWEST_OUTER = 50
+#: How often spikes are looked for again, and rows weighed again.
+_SCREENINGS, _WEIGHINGS = 3, 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShockFit:
-    """A fitted shock and how good it is.
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """How a fit is made.
 
     Attributes:
-        shock: What `write_shock` writes.
-        recipe: `joint` or `boggs`.
-        rms: Of the residual inside the segment, model and measurement through the same low-pass [N].
-        deviation: Standard deviation of the low-passed measured force [N].
-        parameters: The scalar ones.
-        converged: Whether the optimiser ended at a minimum.
-        status: What happened, in words.
-        seconds: What it took.
-        changes: Every departure from the dissertation's choices, a sentence each.
-        warnings: What is wrong or doubtful, a sentence each.
-        measured: velocity [m/s], force [N] (and displacement [m] from the reference): low-passed, the segment only.
-        predicted: force and, as part of it, gas_force [N]: the model's, at the times of `measured`.
-        digest: SHA-256 of the record's file, or of its samples where it has none.
+        recipe: `joint` (all parameters together) or `boggs` (one after the other, as 3.3 does).
+        gas: What to do with the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
+            the shock has it; `included` fits it and leaves it out of the shock, for the car's static load counts
+            it; `subtracted`: the dynamometer took it out already.
+        shape: What the curve may do: `auto`, `free`, `monotone`, `passive`.
+        order: Of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
+        robust: `auto`, `none`, `huber`, `tukey` (boggs: always none).
     """
 
-    shock: Shock
-    recipe: str
-    rms: float
-    deviation: float
-    parameters: tuple[Parameter, ...]
-    converged: bool
-    status: str
-    seconds: float
-    changes: tuple[str, ...]
-    warnings: tuple[str, ...]
-    measured: TimeSeries
-    predicted: TimeSeries
-    digest: str
+    recipe: RecipeName = "joint"
+    gas: GasTreatment = "estimate"
+    shape: Shape = "auto"
+    order: int | None = None
+    robust: Robust = "auto"
 
-    @property
-    def percent(self) -> float:
-        """The residual's RMS in percent of the standard deviation."""
-        return 100.0 * self.rms / self.deviation
-
-    def parameter(self, name: str) -> Parameter:
-        """Return a parameter by its name.
+    def check(self, law: str) -> None:
+        """Refuse what is not known.
 
         Raises:
-            KeyError: The law or the treatment of the gas has none of that name.
+            ParameterError: A choice, or the law, is none of those there are.
         """
-        found = {parameter.name: parameter for parameter in self.parameters}
-        return found[name]
+        asked = (
+            ("law", law, tuple(LAWS)),
+            ("recipe", self.recipe, get_args(RecipeName)),
+            ("gas treatment", self.gas, get_args(GasTreatment)),
+            ("shape", self.shape, get_args(Shape)),
+            ("robust", self.robust, get_args(Robust)),
+        )
+        for what, value, choices in asked:
+            if value not in choices:
+                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
+        if self.order is not None and not 1 <= self.order <= INNER_ORDER:
+            raise ParameterError(f"the order of the inner polynomial must be 1 to {INNER_ORDER}, not {self.order!r}")
+
+    @property
+    def ceiling(self) -> float:
+        """The highest transition force whatever the record [N]."""
+        return Boggs.ceiling if self.recipe == "boggs" else Joint.ceiling
 
 
 def fit_shock(
-    test: DynoTest,
+    tests: DynoTest | Sequence[DynoTest],
     law: LawName,
     *,
     recipe: RecipeName = "joint",
     gas: GasTreatment = "estimate",
+    shape: Shape = "auto",
+    order: int | None = None,
+    robust: Robust = "auto",
     name: str | None = None,
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
     transition_speed: float | None = None,
 ) -> ShockFit:
-    """Fit a law to a dynamometer test.
+    """Fit a law to a dynamometer test, or to several runs of one build together.
 
     Args:
-        test: Velocity and force, for the gas stiffness also displacement; positive in compression.
-        law: `polylinear`, `lpf1` or `lpnl2`.
-        recipe: `joint` (all parameters together) or `boggs` (one after the other, as 3.3 does).
-        gas: What to do with the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
-            the shock has it; `included` fits it and leaves it out of the shock, for the car's static load counts
-            it; `subtracted`: the dynamometer took it out already.
+        tests: Velocity and force, for the gas stiffness also displacement; positive in compression. Several runs
+            share curve, law and gas stiffness; the gas offset is each one's own.
+        law: A name in `LAWS`.
+        recipe: As `Choices` has it, like the next four.
+        gas: What to do with the gas force.
+        shape: What the curve may do.
+        order: Of the inner polynomial.
+        robust: What to do with outliers.
         name: Of the shock; default the build, else the file's name.
         segment: Seconds from the record's start; default 1 to 10.
         cutoff: Of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
         transition_speed: Of the curve [m/s]; default 15 in/s, less for a slow record.
 
     Raises:
-        ParameterError: An unknown law, recipe or treatment, or an option that does not suit the record.
-        TooShortError: The record has too few samples.
+        ParameterError: An unknown law or choice, or an option that does not suit the record.
+        TooShortError: A record has too few samples.
     """
-    _check_choices(law, recipe, gas)
+    choices = Choices(recipe, gas, shape, order, robust)
+    choices.check(law)
     started = time.perf_counter()
-    prepared = prepare(test, segment=segment, cutoff=cutoff, transition_speed=transition_speed)
-    chosen = RECIPES[recipe]
-    limits = limits_for(prepared.measured, prepared.rate, ceiling=chosen.ceiling)
-    columns, held = gas_columns(prepared, gas)
-    joins = _straight_sides(prepared)
-    dynamics = dynamics_for(law, limits)
+    given = [tests] if isinstance(tests, DynoTest) else list(tests)
+
+    def prepared(records: Sequence[DynoTest]) -> Runs:
+        return prepare_runs(records, segment=segment, cutoff=cutoff, transition_speed=transition_speed)
+
     # Matrices this small gain nothing from several threads, and lose much where something else wants the cores.
     with threadpool_limits(1, "blas"):
-        solution = chosen.fit(lambda join: ForceModel(prepared, _basis(prepared, join, joins), columns, dynamics))
-    changes = (
-        *prepared.changes,
-        *_limit_changes(law, limits),
-        *_straight_changes(joins),
-        *held,
-        *solution.notes,
-    )
-    return _result(test, solution, changes, recipe=recipe, gas=gas, name=name, started=started)
+        if recipe == "boggs" or robust == "none":
+            runs, spikes, notes = prepared(given), 0, list[str]()
+        else:
+            runs, spikes, notes = _screened(given, prepared)
+        solution, held, down = _solved(runs, law, choices)
+        changes = (*runs.changes, *notes, *held, *solution.notes)
+        story = Story(recipe, gas, name, changes, spikes + down)
+        result = result_of(given, solution, story, 0.0)
+    return replace(result, seconds=time.perf_counter() - started)
 
 
-def _check_choices(law: str, recipe: str, gas: str) -> None:
-    asked = (("law", law, LawName), ("recipe", recipe, RecipeName), ("gas treatment", gas, GasTreatment))
-    for what, value, choices in asked:
-        if value not in get_args(choices):
-            raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(get_args(choices))}")
+def _screened(tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]], Runs]) -> tuple[Runs, int, list[str]]:
+    """Return runs without spikes, how many samples were replaced, and what was done in words."""
+    cleaned, notes = [], []
+    total = 0
+    for test in tests:
+        clean, found = without_motion_spikes(test)
+        cleaned.append(clean)
+        total += sum(found.values())
+        notes += [f"{count} samples of {name} were out of line and replaced" for name, count in found.items()]
+    runs, counts = prepared(cleaned), [0] * len(cleaned)
+    for _ in range(_SCREENINGS):
+        forces = screened_force(runs)
+        found_now = [without_spikes(t, p, f) for t, p, f in zip(cleaned, runs.prepared, forces, strict=True)]
+        if [count for _, count in found_now] == counts:
+            break
+        counts = [count for _, count in found_now]
+        runs = prepared([test for test, _ in found_now])
+    spikes = sum(counts)
+    if spikes:
+        notes.append(f"{spikes} spikes in the force were taken off: samples far from the model and their neighbours")
+    return runs, total + spikes, notes
 
 
-def _straight_sides(prepared: Prepared) -> dict[str, int]:
-    """Return the sides, with their samples beyond the transition, that have too few for a cubic."""
-    velocity = prepared.record["velocity"][prepared.inside]
-    beyond = {
-        "compression": int(np.sum(velocity > prepared.transition_speed)),
-        "rebound": int(np.sum(velocity < -prepared.transition_speed)),
-    }
-    return {side: count for side, count in beyond.items() if count < FEWEST_OUTER}
-
-
-def _basis(prepared: Prepared, join: Join, straight: dict[str, int]) -> WorkingBasis:
-    """Return the curve's columns, the cubics joined as asked; sides that are to be straight are straight."""
-    basis = CurveBasis(prepared.transition_speed, prepared.transition_width)
-    compression, rebound = ("straight" if side in straight else join for side in ("compression", "rebound"))
-    ties = basis.ties(compression=compression, rebound=rebound)
-    return working_basis(basis, prepared.record["velocity"], ties)
-
-
-def _straight_changes(straight: dict[str, int]) -> list[str]:
-    return [
-        f"straight line instead of the cubic in {side}: {count} samples beyond the transition, "
-        f"{FEWEST_OUTER} are needed"
-        for side, count in straight.items()
-    ]
-
-
-def _limit_changes(law: str, limits: Limits) -> tuple[str, ...]:
-    """Return the sentences on those bounds that a law has."""
-    changes = {"polylinear": (), "lpf1": limits.lag_changes, "lpnl2": (*limits.lag_changes, *limits.force_changes)}
-    return changes[law]
-
-
-def _result(
-    test: DynoTest,
-    solution: Solution,
-    changes: tuple[str, ...],
-    *,
-    recipe: str,
-    gas: str,
-    name: str | None,
-    started: float,
-) -> ShockFit:
-    prepared, model = solution.model.prepared, solution.model
-    b, g, theta = model.split(solution.parameters)
-    basis = CurveBasis(prepared.transition_speed, prepared.transition_width)
-    measured = _inside(prepared.record, prepared)
-    curve, ends = fitted_curve(basis, model.basis.to_curve @ b, measured["velocity"])
-    preload, stiffness = model.gas.values(g)
-    fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
-    predicted = _predicted(model.dynamics.law(curve, fitted_port, theta), prepared)
-    rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
-    parameters = parameters_of(solution)
-    doubts = [*findings(solution, parameters, recipe=recipe, gas=gas, rms=rms), *ends]
-    shock = Shock(
-        name=name or test.conditions.build or (test.source.stem if test.source else "shock"),
-        law=model.dynamics.law(curve, Port() if gas == "included" else fitted_port, theta),
-        conditions=conditions_of(test, prepared, gas=gas, gas_force=(preload, stiffness)),
-        fit=fit_of(solution, parameters, recipe=recipe, rms=rms) | {"changes": list(changes), "warnings": doubts},
-        inputs=_inputs(test),
-    )
-    return ShockFit(
-        shock=shock,
-        recipe=recipe,
-        rms=rms,
-        deviation=prepared.deviation,
-        parameters=parameters,
-        converged=solution.converged,
-        status=solution.status,
-        seconds=time.perf_counter() - started,
-        changes=changes,
-        warnings=tuple(doubts),
-        measured=measured,
-        predicted=predicted,
-        digest=digest_of(test),
-    )
-
-
-def _predicted(law: ShockLaw, prepared: Prepared) -> TimeSeries:
-    """Return the law's own force over the segment, through the record's low-pass."""
-    record = prepared.record
-    displacement = record["displacement"] if "displacement" in record else np.zeros(len(record))
-    gas = law.port.gas_preload + law.port.gas_stiffness * displacement
-    force = prepared.filtered(simulate(law, record))
-    return _inside(TimeSeries.from_channels(record.time, {"force": ("N", force), "gas_force": ("N", gas)}), prepared)
-
-
-def _inside(series: TimeSeries, prepared: Prepared) -> TimeSeries:
-    inside = prepared.inside
-    return TimeSeries(series.time[inside], series.values[:, inside], series.names, series.units)
-
-
-def _inputs(test: DynoTest) -> tuple[dict[str, str], ...]:
-    return ({"name": test.source.name, "sha256": digest_of(test)},) if test.source else ()
+def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str], int]:
+    """Return the solution, what was held on the way, and how many samples were weighed down."""
+    limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
+    gas, held = gas_columns(runs, choices.gas)
+    recipe = Boggs() if choices.recipe == "boggs" else Joint(choices.shape, choices.order)
+    dynamics = dynamics_for(LAWS[law], limits)
+    models = Models(runs, gas, dynamics)
+    solution = recipe.fit(models)
+    notes = [*dynamics.changes(), *models.changes, *held]
+    weigh = None if choices.recipe == "boggs" else weights_for(choices.robust)
+    if weigh is None:
+        return solution, notes, 0
+    for _ in range(_WEIGHINGS):
+        residual = solution.model.rows(solution.parameters) - runs.target
+        weights = weigh(residual, runs.deviation)
+        if np.abs(weights - solution.model.runs.weights).max() < 0.05:
+            break
+        solution = recipe.fit(Models(runs.weighted(weights), gas, dynamics))
+    down = weighed_down(solution.model.runs.weights)
+    samples = round(down * runs.measured.size / runs.weights.size)
+    if samples:
+        notes.append(f"{samples} samples ({100.0 * down / runs.weights.size:.2g} %) were weighed down as outliers")
+    return solution, notes, samples

@@ -1,0 +1,1 @@
+"""The force that a fit predicts: curve, gas and the dynamics of a law, as a function of all parameters."""

@@ -1,0 +1,91 @@
+"""The gas force F_0 + K (x - x_ref) of records (Eq 3.14), as columns of the fit: an offset each, one stiffness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.ident.shock.record.runs import Runs
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GasColumns:
+    """Columns of the gas force over all N samples of the runs, of unit size.
+
+    Attributes:
+        columns: (N, g): none, or an offset per run, then perhaps (x - x_ref) / size.
+        offsets: How many offsets there are.
+        size: Of the displacement [m], where there is a stiffness; else None.
+        reference: x_ref [m].
+    """
+
+    columns: Array
+    offsets: int
+    size: float | None
+    reference: float
+
+    @property
+    def count(self) -> int:
+        """How many columns there are."""
+        return int(self.columns.shape[1])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters that the columns give."""
+        return (("gas_preload",) if self.offsets else ()) + (("gas_stiffness",) if self.size else ())
+
+    @property
+    def to_values(self) -> Array:
+        """The matrix (., g) from the columns' weights [N] to preload [N] and, if fitted, stiffness [N/m]."""
+        matrix = np.zeros((len(self.names), self.count))
+        matrix[:1, : self.offsets] = 1.0 / max(self.offsets, 1)
+        if self.size:
+            matrix[-1, -1] = 1.0 / self.size
+        return matrix
+
+    def values(self, weights: Array) -> tuple[float, float]:
+        """Return preload [N], the runs' mean, and stiffness [N/m]; what is not there is 0."""
+        found = dict(zip(self.names, (self.to_values @ weights).tolist(), strict=True))
+        return found.get("gas_preload", 0.0), found.get("gas_stiffness", 0.0)
+
+    def without_stiffness(self) -> GasColumns:
+        """Return the columns without the stiffness."""
+        return GasColumns(self.columns[:, : self.offsets], self.offsets, None, self.reference)
+
+
+def gas_columns(runs: Runs, treatment: str) -> tuple[GasColumns, list[str]]:
+    """Return the columns that a treatment of the gas force needs, and a sentence for what cannot be estimated.
+
+    The stiffness needs a displacement, and a record of more than one frequency: in a single sine a spring force
+    and a lag look alike (F_lag of c v is a spring of -c tau omega^2).
+    """
+    count = runs.velocity.size
+    if treatment == "subtracted":
+        return GasColumns(np.empty((count, 0)), 0, None, _reference(runs)), []
+    offsets = np.zeros((count, len(runs.parts)))
+    for number, part in enumerate(runs.parts):
+        offsets[part, number] = 1.0
+    held = GasColumns(offsets, len(runs.parts), None, _reference(runs))
+    if any("displacement" not in p.record for p in runs.prepared):
+        return held, ["gas stiffness held at 0: the record has no displacement"]
+    frequencies = [p.single_frequency for p in runs.prepared]
+    if len(frequencies) == 1 and frequencies[0] is not None:
+        return held, [
+            f"gas stiffness held at 0: the record is essentially one sine of {frequencies[0]:.3g} Hz, "
+            "in which a spring force and a lag look alike; the lag holds both"
+        ]
+    displacement = np.concatenate([p.record["displacement"] + (p.reference - held.reference) for p in runs.prepared])
+    size = float(displacement[runs.inside].std())
+    return GasColumns(np.column_stack([offsets, displacement / size]), held.offsets, size, held.reference), []
+
+
+def _reference(runs: Runs) -> float:
+    """Return the displacement that the gas force is stated at [m]: the runs' mean."""
+    return float(np.mean([p.reference for p in runs.prepared]))

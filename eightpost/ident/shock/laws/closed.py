@@ -1,0 +1,218 @@
+"""The laws whose force has a closed form over a whole record: Polylinear, LPF1, LPNL2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eightpost.ident.shock.force.dynamics import Dynamics
+from eightpost.ident.shock.laws.projection import fading_starts
+from eightpost.ident.shock.record.lagging import lag, lag_sensitivity
+from eightpost.shock import Lpf1, Lpnl2, Polylinear
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.ident.shock.force.force_model import ForceModel
+    from eightpost.ident.shock.force.limits import Limits
+    from eightpost.shock import Port, ShockLaw, StaticCurve
+
+    Array = NDArray[np.float64]
+
+#: Relative step of tau for its derivative through the spectrum.
+_TAU_STEP = 1e-4
+
+
+class Blend(NamedTuple):
+    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and how it changes."""
+
+    force: Array
+    """F (N,) [N]."""
+    weight: Array
+    """alpha (N,) [1]."""
+    slope: Array
+    """(N,) (F_lag - F_s) dalpha/dF_s [1]: what a change of F_s does through alpha."""
+    partials: Array
+    """(k, N) dF/dtheta."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoLag(Dynamics):
+    """Polylinear: F = F_s."""
+
+    limits: Limits
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = F_s."""
+        return model.static(b)
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = F_s."""
+        return model.curve_rows() @ b
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """It is linear."""
+        columns = model.curve_rows()
+        return columns, np.empty((columns.shape[0], 0))
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the Polylinear law."""
+        return Polylinear(curve, port=port)
+
+
+@dataclass(frozen=True, slots=True)
+class FullLag(Dynamics):
+    """LPF1: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
+
+    limits: Limits
+    names = ("time_constant",)
+    units = ("s",)
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = F_lag."""
+        static = model.static(b)
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        return np.concatenate([lag(static[part], theta[0], p.step) for p, part in pairs])
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = F_lag."""
+        return model.lagged_rows(b, theta[0])
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """It is linear in the curve; by tau a central difference."""
+        step = _TAU_STEP * theta[0]
+        by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
+        return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the LPF1 law."""
+        return Lpf1(curve, float(theta[0]), port=port)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of tau."""
+        lowest, highest = self.limits.time_constant
+        return np.array([lowest]), np.array([highest])
+
+    def scale(self) -> Array:
+        """Return 1 ms."""
+        return np.array([1e-3])
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of tau [s]."""
+        return (self.limits.time_constant,)
+
+    def changes(self) -> tuple[str, ...]:
+        """Return what was done to the bounds of tau."""
+        return self.limits.lag_changes
+
+
+@dataclass(frozen=True, slots=True)
+class FadingLag(Dynamics):
+    """LPNL2: alpha falls from 1 to 0 between two static forces (Eq 3.25).
+
+    theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
+    F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
+    """
+
+    limits: Limits
+    names = ("time_constant", "lag_full_force", "lag_zero_force")
+    units = ("s", "N", "N")
+
+    def blend(self, static: Array, theta: Array, step: float) -> Blend:
+        """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
+        tau, full, zero = self.values(theta)
+        lagged = lag(static, tau, step)
+        behind = lagged - static
+        share = (zero - np.abs(static)) / (zero - full)
+        weight = np.clip(share, 0.0, 1.0)
+        ramp = np.where((share > 0.0) & (share < 1.0), behind / (zero - full), 0.0)
+        by_tau = weight * lag_sensitivity(static, lagged, tau, step)
+        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * share, ramp * (1.0 - share)])
+        return Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = alpha F_lag + (1 - alpha) F_s."""
+        tau, full, zero = self.values(theta)
+        static = model.static(b)
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        behind = np.concatenate([lag(static[part], tau, p.step) for p, part in pairs]) - static
+        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
+        return np.asarray(static + weight * behind)
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """F = alpha F_lag + (1 - alpha) F_s."""
+        return model.runs.rows(self.force(model, b, theta))
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """In closed form: of F_s, of F_lag and of alpha."""
+        static, columns = model.static(b), model.basis.columns.T
+        by_curve, partials = np.empty_like(columns), np.empty((theta.size, static.size))
+        for p, part in zip(model.runs.prepared, model.runs.parts, strict=True):
+            blend = self.blend(static[part], theta, p.step)
+            here = columns[:, part]
+            by_curve[:, part] = (1.0 - blend.weight + blend.slope) * here
+            by_curve[:, part] += blend.weight * lag(here.T, theta[0], p.step).T
+            partials[:, part] = blend.partials
+        return model.runs.rows(by_curve).T, model.runs.rows(partials).T
+
+    def faded_rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return the rows (R, n) of the curve's columns with alpha held at that of a curve b: linear, for starts."""
+        tau, full, zero = self.values(theta)
+        weight = np.clip((zero - np.abs(model.static(b))) / (zero - full), 0.0, 1.0)
+        columns = model.basis.columns.T
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        behind = [lag(columns[:, part].T, tau, p.step).T - columns[:, part] for p, part in pairs]
+        return model.runs.rows(columns + weight * np.hstack(behind)).T
+
+    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+        """alpha = 1 up to the peak of the static force."""
+        peak = float(np.abs(model.static(lpf1[: model.curve_count])).max())
+        return self.theta(float(lpf1[-1]), 1.05 * peak, 1.5 * peak)
+
+    def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
+        """Return the best of a grid of transition forces."""
+        return fading_starts(model, self, lpf1, count)
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the LPNL2 law."""
+        return Lpnl2(curve, *self.values(theta).tolist(), port=port)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of tau, F_1 and u."""
+        (shortest, longest), (lowest, highest) = self.limits.time_constant, self.limits.force
+        return np.array([shortest, lowest, 0.0]), np.array([longest, highest - self.limits.gap, 1.0])
+
+    def scale(self) -> Array:
+        """Return 1 ms and a tenth of the forces."""
+        return np.array([1e-3, 0.1 * self.limits.force[1], 0.1])
+
+    def values(self, theta: Array) -> Array:
+        """Return tau [s], F_1 and F_2 [N]."""
+        return np.array([theta[0], theta[1], theta[1] + self.limits.gap + theta[2] * self._room(theta)])
+
+    def values_jacobian(self, theta: Array) -> Array:
+        """Return d(tau, F_1, F_2)/dtheta (3, 3)."""
+        jacobian = np.eye(3)
+        jacobian[2] = (0.0, 1.0 - theta[2], self._room(theta))
+        return jacobian
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of tau [s], F_1 and F_2 [N]."""
+        lowest, highest = self.limits.force
+        return self.limits.time_constant, (lowest, highest - self.limits.gap), (lowest + self.limits.gap, highest)
+
+    def changes(self) -> tuple[str, ...]:
+        """Return what was done to the bounds of tau and of the forces."""
+        return (*self.limits.lag_changes, *self.limits.force_changes)
+
+    def theta(self, time_constant: float, full: float, zero: float) -> Array:
+        """Return theta of tau [s], F_1 and F_2 [N]; forces that the bounds forbid are moved inside."""
+        low, high = self.bounds()
+        full = float(np.clip(full, low[1], high[1]))
+        room = max(self.limits.force[1] - self.limits.gap - full, 1e-9 * self.limits.force[1])
+        return np.clip([time_constant, full, (zero - full - self.limits.gap) / room], low, high)
+
+    def _room(self, theta: Array) -> float:
+        return float(self.limits.force[1] - self.limits.gap - theta[1])

@@ -1,0 +1,139 @@
+"""A law's own functions as machine code: a whole record stepped through a law that has no closed form here.
+
+What is compiled is the law file's `advance_core` and `weight_core`, and every function that they call: the very ones
+that the FMU ships. The machine code is kept on disk, under a digest of all the files that these functions come from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from math import expm1
+from pathlib import Path
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from eightpost.shock import law_module
+from eightpost.shock.law import Piece, valve_force
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from eightpost.shock import ShockLaw, Valve
+
+    Array = NDArray[np.float64]
+
+#: A lag shorter than this share of the sampling interval is none.
+_SHORTEST_SHARE = 1e-9
+
+
+def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
+    """Return the valve force (N,) [N] of a law driven by a record; it starts in equilibrium, F_lag = F_s.
+
+    Args:
+        law: Its class; its file has the cores.
+        valve: Curve and scales of the static force.
+        own: The law's own parameters, in the order of its fields.
+        velocity: (N,) of the damper [m/s].
+        step: (N - 1,) from sample to sample [s].
+    """
+    force = np.empty(velocity.size)
+    machine(law)(valve, own, np.ascontiguousarray(velocity), step, force)
+    return force
+
+
+@cache
+def machine(law: type[ShockLaw]) -> Callable[..., None]:
+    """Return the compiled loop of a law."""
+    module = law_module(law)
+    advance_core, weight_core = module.advance_core, module.weight_core
+    # numba looks for a change in this file only: the number is part of what it finds the code on disk by.
+    number = _number_of(_registered(advance_core, weight_core, valve_force))
+
+    def loop(valve: Any, own: Any, velocity: Any, step: Any, force: Any) -> None:
+        if number == 0:
+            return
+        before = valve_force(valve, velocity[0])
+        lagged = before
+        force[0] = before
+        for n in range(1, velocity.size):
+            after = valve_force(valve, velocity[n])
+            piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
+            lagged = advance_core(lagged, piece, own, valve)
+            weight = weight_core(after, own)
+            force[n] = weight * lagged + (1.0 - weight) * after
+            before = after
+
+    return _kept(loop)
+
+
+def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
+    """Return columns (N, n) behind a first-order lag that varies; each starts where it is.
+
+    Args:
+        columns: (N, n), one row behind the other in memory.
+        time_constant: (N,) [s]; between two samples their mean.
+        step: [s].
+    """
+    lagged = np.empty(columns.shape)
+    _lag_machine()(np.ascontiguousarray(columns), time_constant, step, lagged)
+    return lagged
+
+
+@cache
+def _lag_machine() -> Callable[..., None]:
+    def loop(columns: Any, time_constant: Any, step: Any, lagged: Any) -> None:
+        lagged[0] = columns[0]
+        for n in range(1, columns.shape[0]):
+            tau = max(0.5 * (time_constant[n - 1] + time_constant[n]), _SHORTEST_SHARE * step)
+            rise = -expm1(-step / tau)
+            weight = 1.0 - rise * tau / step
+            for j in range(columns.shape[1]):
+                before, start = lagged[n - 1, j], columns[n - 1, j]
+                lagged[n, j] = before + (start - before) * rise + (columns[n, j] - start) * weight
+
+    return _kept(loop)
+
+
+def _kept(loop: Callable[..., None]) -> Callable[..., None]:
+    """Compile a loop, its machine code kept on disk where there is a folder for it."""
+    try:
+        found: Callable[..., None] = njit(nogil=True, error_model="numpy", cache=True)(loop)
+    except RuntimeError:  # neither this folder nor the user's takes files
+        found = njit(nogil=True, error_model="numpy")(loop)
+    return found
+
+
+def _registered(*functions: Any) -> set[FunctionType]:
+    """Make functions, and all that they call by name, known to the compiler; return them all."""
+    found: set[FunctionType] = set()
+    waiting = [cast("FunctionType", function) for function in functions]
+    while waiting:
+        function = waiting.pop()
+        if function in found:
+            continue
+        found.add(function)
+        called = (function.__globals__.get(name) for name in function.__code__.co_names)
+        waiting += [other for other in called if isinstance(other, FunctionType)]
+    for function in found:
+        _register(function)
+    return found
+
+
+@cache
+def _register(function: FunctionType) -> None:
+    register_jitable(function)
+
+
+def _number_of(functions: set[FunctionType]) -> int:
+    """Return a positive number that changes with the files that functions come from."""
+    digest = hashlib.sha256()
+    for path in sorted({Path(function.__code__.co_filename) for function in functions}):
+        digest.update(path.read_bytes())
+    return 1 + int.from_bytes(digest.digest()[:6], "big")

@@ -1,0 +1,211 @@
+"""What of a dynamometer record is fitted, and how: the dissertation's choices (3.3), moved where the record asks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.errors import ParameterError, TooShortError
+from eightpost.ident.shock.record.segment import FILTER_EDGE, choose_segment
+from eightpost.signals import TimeSeries, lowpass
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.rig.dyno_test import DynoTest
+
+    Array = NDArray[np.float64]
+
+#: Cut-off of the low-pass [Hz] and the largest share of the sampling rate that it may be.
+CUTOFF, LARGEST_SHARE = 50.0, 0.4
+
+#: Transition from low to high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
+TRANSITION_SPEED, TRANSITION_WIDTH = convert(15.0, "in/s", "m/s"), convert(0.5, "in/s", "m/s")
+
+#: A record that is slower than this many transition speeds has its transition moved to a share of its own speed.
+_SLOW, _MOVED = 1.25, 0.6
+
+#: Faster records are thinned to no less than this rate after the low-pass [Hz]: the dissertation's own.
+WORKING_RATE = 2000.0
+
+#: Fewest samples that a fit of 26 parameters is made from.
+FEWEST = 100
+
+#: Share of the velocity's power within 20 % of its strongest frequency from which a record is a single sine.
+_SINGLE = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A record made ready for the fit: even, low-passed, with its segment.
+
+    The model is driven over all samples; only those `inside` count, the rest is the filter's edge.
+
+    Attributes:
+        record: velocity [m/s], force [N], where known displacement [m] from `reference`; low-passed, (N,) each.
+        rate: Of the samples [Hz].
+        inside: (N,) whether a sample counts.
+        cutoff: Of the low-pass [Hz].
+        reference: Displacement that the gas force is stated at [m]: the mean over the segment.
+        transition_speed: [m/s].
+        transition_width: [m/s].
+        single_frequency: The frequency [Hz], where the record is essentially one sine; else None.
+        changes: Every departure from the dissertation's choices, a sentence each.
+    """
+
+    record: TimeSeries
+    rate: float
+    inside: NDArray[np.bool_]
+    cutoff: float
+    reference: float
+    transition_speed: float
+    transition_width: float
+    single_frequency: float | None
+    changes: tuple[str, ...]
+
+    @property
+    def step(self) -> float:
+        """Sampling interval [s]."""
+        return 1.0 / self.rate
+
+    @property
+    def measured(self) -> Array:
+        """The low-passed measured force inside the segment [N]."""
+        return np.asarray(self.record["force"][self.inside])
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of `measured` [N]."""
+        return float(np.std(self.measured))
+
+    def filtered(self, values: Array) -> Array:
+        """Return (..., N) through the record's own low-pass."""
+        return lowpass(values, self.rate, self.cutoff)
+
+
+def prepare(
+    test: DynoTest,
+    *,
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+) -> Prepared:
+    """Make a record ready for the fit.
+
+    Args:
+        test: Velocity and force, perhaps displacement.
+        segment: Seconds from the record's start; default 1 to 10, or all where the record is shorter or hardly
+            moves there.
+        cutoff: Of the 8th-order zero-phase Butterworth low-pass [Hz]; default 50, at most 0.4 of the rate.
+        transition_speed: [m/s]; default 15 in/s, moved within the measured speed of a slow record.
+
+    Raises:
+        ParameterError: An option does not suit the record.
+        TooShortError: Too few samples are left.
+    """
+    series, changes = _even(test.series)
+    cutoff_used = _cutoff(series.sample_rate, cutoff, changes)
+    (start, stop), why = choose_segment(series, segment, cutoff_used)
+    changes += why
+    series = _thinned(_lowpassed(series, cutoff_used), changes)
+    edge = FILTER_EDGE / cutoff_used
+    series = series.window(start - edge, stop + edge)
+    inside = (series.time >= start) & (series.time <= stop)
+    if inside.sum() < FEWEST:
+        what = f"{inside.sum()} samples between {start:g} and {stop:g} s; a fit needs {FEWEST} or more"
+        raise TooShortError(what, path=test.source)
+    speed, width = _transition(series["velocity"][inside], transition_speed, changes)
+    record, reference = _about_mean_displacement(series, inside)
+    return Prepared(
+        record=record,
+        rate=record.sample_rate,
+        inside=inside,
+        cutoff=cutoff_used,
+        reference=reference,
+        transition_speed=speed,
+        transition_width=width,
+        single_frequency=single_frequency(series["velocity"][inside], series.sample_rate),
+        changes=tuple(changes),
+    )
+
+
+def single_frequency(velocity: Array, rate: float) -> float | None:
+    """Return the frequency [Hz] of a velocity (N,) that is essentially one sine, else None."""
+    power = np.abs(np.fft.rfft((velocity - velocity.mean()) * np.hanning(velocity.size))) ** 2
+    frequency = np.fft.rfftfreq(velocity.size, 1.0 / rate)
+    strongest = float(frequency[power.argmax()])
+    near = np.abs(frequency - strongest) <= max(0.2 * strongest, 2.0 * frequency[1])
+    return strongest if power[near].sum() >= _SINGLE * power.sum() else None
+
+
+def _even(series: TimeSeries) -> tuple[TimeSeries, list[str]]:
+    """Return the fit's channels on an even time axis that starts at 0."""
+    names = [name for name in ("velocity", "force", "displacement") if name in series]
+    series = series.select(names)
+    changes = []
+    if not series.is_uniform:
+        changes.append(f"time steps are uneven: the record was resampled to an even {series.sample_rate:.6g} Hz")
+        series = series.resample(series.sample_rate)
+    even = np.arange(len(series)) / series.sample_rate
+    return TimeSeries(even, series.values, series.names, series.units), changes
+
+
+def _cutoff(rate: float, asked: float | None, changes: list[str]) -> float:
+    highest = LARGEST_SHARE * rate
+    if asked is not None:
+        if not 0.0 < asked <= highest:
+            raise ParameterError(
+                f"the cut-off must lie between 0 and {highest:.4g} Hz (0.4 of the record's {rate:.4g} Hz), "
+                f"not at {asked:g} Hz"
+            )
+        if asked != CUTOFF:
+            changes.append(f"cut-off {asked:g} Hz as asked, instead of {CUTOFF:g} Hz")
+        return asked
+    if highest < CUTOFF:
+        changes.append(f"cut-off lowered from {CUTOFF:g} to {highest:.4g} Hz: 0.4 of the record's {rate:.4g} Hz")
+    return min(CUTOFF, highest)
+
+
+def _lowpassed(series: TimeSeries, cutoff: float) -> TimeSeries:
+    values = lowpass(series.values, series.sample_rate, cutoff)
+    return TimeSeries(series.time, values, series.names, series.units)
+
+
+def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
+    every = int(series.sample_rate // WORKING_RATE)
+    if every < 2:
+        return series
+    changes.append(f"every {every}th sample of the {series.sample_rate:.6g} Hz record was used, after the low-pass")
+    return TimeSeries(series.time[::every], series.values[:, ::every], series.names, series.units)
+
+
+def _transition(velocity: Array, asked: float | None, changes: list[str]) -> tuple[float, float]:
+    """Return transition speed and width [m/s]."""
+    slower = float(min(velocity.max(), -velocity.min()))
+    if not slower > 0.0:
+        raise ParameterError("the velocity never changes its sign in the segment: a shock is fitted on both strokes")
+    if asked is not None:
+        if not 0.0 < asked < float("inf"):
+            raise ParameterError(f"the transition speed must be positive, not {asked:g} m/s")
+        speed, why = asked, "as asked"
+    elif slower < _SLOW * TRANSITION_SPEED:
+        speed, why = _MOVED * slower, f"the record's slower side reaches {_inch(slower)}"
+    else:
+        return TRANSITION_SPEED, TRANSITION_WIDTH
+    width = TRANSITION_WIDTH * speed / TRANSITION_SPEED
+    changes.append(f"transition moved from 15 in/s to {_inch(speed)}, its width from 0.5 to {_inch(width)}: {why}")
+    return speed, width
+
+
+def _inch(speed: float) -> str:
+    return f"{convert(speed, 'm/s', 'in/s'):.3g} in/s ({speed:.3g} m/s)"
+
+
+def _about_mean_displacement(series: TimeSeries, inside: NDArray[np.bool_]) -> tuple[TimeSeries, float]:
+    if "displacement" not in series:
+        return series, 0.0
+    reference = float(series["displacement"][inside].mean())
+    return series.with_channel("displacement", "m", series["displacement"] - reference), reference

@@ -1,0 +1,117 @@
+"""The low-pass straight to the samples that an optimiser looks at, in the frequency domain.
+
+The zero-phase Butterworth of the record leaves nothing above twice its cut-off, so its output needs four samples per
+period of the cut-off and no more. A lag in front of it is one more factor: of a signal that is known beforehand, the
+lagged and low-passed samples cost one short inverse transform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import butter, sosfreqz
+
+from eightpost.ident.shock.record.lagging import lag_response
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Spectrum = NDArray[np.complex128]
+
+#: Samples per cut-off period that are kept: the low-pass leaves 1e-5 at twice the cut-off.
+_SAMPLES_PER_PERIOD = 4.0
+
+#: Order of the record's low-pass, and the extension at either end over the cut-off period: its slowest pole decays
+#: by exp(-2 pi 0.195 f_c t), to 4e-7 here.
+_ORDER, _EXTENSION = 8, 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """From N samples to the R rows of a fit: low-passed without phase, thinned, the segment only.
+
+    Attributes:
+        count: N.
+        rate: Of the samples [Hz].
+        cutoff: Of the low-pass [Hz].
+        first: The first sample inside the segment.
+        inside: How many samples are inside.
+        every: One row for so many samples.
+    """
+
+    count: int
+    rate: float
+    cutoff: float
+    first: int
+    inside: int
+    every: int
+
+    @classmethod
+    def of(cls, inside: NDArray[np.bool_], rate: float, cutoff: float) -> RowFilter:
+        """Return the filter of a record whose samples (N,) count where `inside` is true."""
+        numbers = np.flatnonzero(inside)
+        every = max(int(rate // (_SAMPLES_PER_PERIOD * cutoff)), 1)
+        return cls(inside.size, rate, cutoff, int(numbers[0]), int(numbers.size), every)
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """The samples (R,) that become rows."""
+        return np.arange(self.first, self.first + self.inside, self.every)
+
+    @property
+    def row_rate(self) -> float:
+        """Rows per second [Hz]."""
+        return self.rate / self.every
+
+    def spectrum(self, values: Array) -> Spectrum:
+        """Return the spectrum (..., K) of values (..., N), as far as the low-pass lets it through."""
+        left, right, short = self._lengths()
+        return np.asarray(rfft(_extended(values, left, right), axis=-1)[..., : short // 2 + 1])
+
+    def rows_of(self, spectrum: Spectrum, *, time_constant: float | None = None) -> Array:
+        """Return the rows (..., R) of a spectrum (..., K), behind a lag if a time constant [s] is given."""
+        left, _, short = self._lengths()
+        gain: Array | Spectrum = _gain(self.rate, self.cutoff, short, self.every)
+        if time_constant is not None:
+            frequency = np.asarray(np.arange(short // 2 + 1) * (self.row_rate / short), dtype=np.float64)
+            gain = gain * lag_response(frequency, time_constant, 1.0 / self.rate)
+        start = (self.first + left) // self.every
+        samples = irfft(spectrum * gain, short, axis=-1)
+        return np.asarray(samples[..., start : start + self.rows.size])
+
+    def __call__(self, values: Array) -> Array:
+        """Return the rows (..., R) of values (..., N)."""
+        return self.rows_of(self.spectrum(values))
+
+    def _lengths(self) -> tuple[int, int, int]:
+        """Return the samples put before and behind, and the number of samples kept of the whole."""
+        wanted = int(np.ceil(_EXTENSION * self.rate / self.cutoff))
+        left = wanted + (-(self.first + wanted)) % self.every
+        short = int(next_fast_len(-(-(left + self.count + wanted) // self.every), True))
+        return left, short * self.every - left - self.count, short
+
+
+@lru_cache(maxsize=64)
+def _gain(rate: float, cutoff: float, short: int, every: int) -> Array:
+    """Return the low-pass's gain at the bins that are kept, over the thinning."""
+    frequencies = np.arange(short // 2 + 1) * (rate / (short * every))
+    _, response = sosfreqz(butter(_ORDER, cutoff, fs=rate, output="sos"), frequencies, fs=rate)
+    return np.asarray(np.abs(response) ** 2 / every)
+
+
+def _extended(values: Array, left: int, right: int) -> Array:
+    """Return values (..., N) turned about their ends, as `lowpass` does; held where the record is too short."""
+    count = values.shape[-1]
+    extended = np.empty((*values.shape[:-1], left + count + right))
+    extended[..., left : left + count] = values
+    a, b = min(left, count - 1), min(right, count - 1)
+    extended[..., left - a : left] = 2.0 * values[..., :1] - values[..., a:0:-1]
+    extended[..., : left - a] = extended[..., left - a : left - a + 1]
+    extended[..., left + count : left + count + b] = 2.0 * values[..., -1:] - values[..., -2 : -2 - b : -1]
+    extended[..., left + count + b :] = extended[..., left + count + b - 1 : left + count + b]
+    return extended

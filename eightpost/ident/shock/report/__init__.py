@@ -1,0 +1,1 @@
+"""What a fit says: parameters, warnings, shock file, tables and plots."""

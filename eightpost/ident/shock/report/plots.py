@@ -1,0 +1,98 @@
+"""The plot of Fig 3.14: force over velocity, measured and fitted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from eightpost.files import atomic_path
+from eightpost.ident.shock.curve.basis import curve_forces
+from eightpost.ident.shock.report.tables import law_title
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from eightpost.ident.shock.report.result import ShockFit
+
+    Array = NDArray[np.float64]
+
+_INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
+
+#: Samples shown as dots, and how long a stretch of the model's loop is drawn [s]: more only fills the page.
+_DOTS, _LOOP = 6000, 1.0
+
+
+def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], path: str | Path) -> None:
+    """Write a PNG of force over velocity, the gas force taken off: measured dots, model loop, static curve.
+
+    Args:
+        fits: One fit, or several of one record: a panel each.
+        path: Where the PNG goes; replaced whole or not at all.
+    """
+    shown = list(fits) if isinstance(fits, (tuple, list)) else [fits]
+    figure = Figure(figsize=(7.2 * len(shown), 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = np.atleast_1d(figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=True))
+    for axes, fit in zip(panels, shown, strict=True):
+        _panel(axes, fit)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+
+
+def _panel(axes: Axes, fit: ShockFit) -> None:
+    velocity, gas = _INCH * fit.measured["velocity"], fit.predicted["gas_force"]
+    dots = slice(None, None, max(velocity.size // _DOTS, 1))
+    loop = _liveliest(fit.measured.time, velocity)
+    measured, predicted = (_POUND * (series["force"] - gas) for series in (fit.measured, fit.predicted))
+    axes.plot(velocity[dots], measured[dots], ".", color="0.6", markersize=2.0, label="measured")
+    axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s of it")
+    axes.plot(*_static_curve(fit), color="tab:red", linewidth=1.8, label="static curve")
+    band = fit.band
+    low, high = (_POUND * (band.force + sign * band.half_width) for sign in (-1.0, 1.0))
+    axes.fill_between(_INCH * band.velocity, low, high, color="tab:red", alpha=0.3, linewidth=0, label="its 95 % band")
+    law = law_title(fit.shock.law_name)
+    axes.set_title(f"{fit.shock.name}: {law}, RMS {_POUND * fit.rms:.2f} lbf, {fit.percent:.2f} % of std", pad=34)
+    _decorate(axes)
+
+
+def _liveliest(time: Array, velocity: Array) -> NDArray[np.bool_]:
+    """Return which samples (N,) lie in the second around the highest speed."""
+    middle = float(time[np.argmax(np.abs(velocity))])
+    start = min(max(middle - 0.5 * _LOOP, time[0]), max(time[-1] - _LOOP, time[0]))
+    return np.asarray((time >= start) & (time <= start + _LOOP))
+
+
+def _static_curve(fit: ShockFit) -> tuple[Array, Array]:
+    curve = fit.shock.law.curve
+    velocity = np.linspace(-curve.rebound_speed, curve.compression_speed, 600)
+    return _INCH * velocity, _POUND * curve_forces(curve, velocity)
+
+
+def _decorate(axes: Axes) -> None:
+    axes.set_xlabel("velocity [in/s], positive in compression")
+    axes.set_ylabel("force without gas force [lbf]")
+    axes.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
+    axes.axvline(0.0, color="0.7", linewidth=0.6, zorder=0)
+    axes.grid(visible=True, color="0.92")
+    axes.set_axisbelow(True)
+    legend = axes.legend(loc="upper left", framealpha=0.9)
+    for handle in legend.legend_handles:
+        if handle is not None and hasattr(handle, "set_markersize"):
+            handle.set_markersize(7.0)
+    top = axes.secondary_xaxis("top", functions=_scaled(1.0 / _INCH))
+    top.set_xlabel("[m/s]")
+    right = axes.secondary_yaxis("right", functions=_scaled(1.0 / _POUND))
+    right.set_ylabel("[N]")
+
+
+def _scaled(factor: float) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Return what a second axis needs: to its unit, and back."""
+    return lambda values: values * factor, lambda values: values / factor

@@ -1,0 +1,159 @@
+"""A package runs as the same system wired by hand, whoever wrote it."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cosim
+from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
+from cosim.ssp import Given
+from cosim.system_file import read_case
+from eightpost.archive import write_archive
+from eightpost.signals import Drivefile
+
+from .corner import (
+    CAR,
+    CAR_ALONE,
+    DAMPER,
+    LINKS,
+    NESTED_LINKS,
+    NESTED_PORTS,
+    OUTER_LINKS,
+    SHOCK,
+    by_hand,
+    corner,
+    read,
+    renamed,
+    resources,
+    run,
+    same,
+)
+from .document import (
+    EXPERIMENT,
+    binding,
+    bindings,
+    component,
+    connectors,
+    description,
+    link,
+    parameter,
+    parameter_set,
+    system,
+)
+
+
+def test_a_package_of_ours_runs_as_the_system_it_was_written_from(folder):
+    components = (
+        SspComponent(
+            "car", folder / "resources" / "quarter_car.fmu", {"aero_force": 100.0, "start_at_equilibrium": True}
+        ),
+        SspComponent("shock", folder / "resources" / "lpnl2.fmu", {"compression_scale": 1.2}),
+    )
+    ways = (
+        ("car.velocity", "shock.velocity"),
+        ("car.displacement", "shock.displacement"),
+        ("shock.force", "car.force"),
+    )
+    write_ssp(
+        folder / "corner.ssp",
+        SspSystem("corner", components, tuple(SspConnection(*ends) for ends in ways), 1e-3, 0.3),
+    )
+    case = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
+    assert (case.name, case.step, case.scenario.stop) == ("corner", 1e-3, 0.3)
+    values = {"car": {"start_at_equilibrium": True}, "shock": {"compression_scale": 1.2}}
+    expected = by_hand(folder, parameters=values)
+    result = run(case)
+    same(result, expected)
+    assert result.energy == expected.energy and list(result.energy) == ["car"]
+
+
+def test_the_whole_car_round_trips_bit_for_bit(tmp_path, fmus):
+    corners = ("lf", "rf", "lr", "rr")
+    drive = Drivefile.read(Path(__file__).parents[3] / "examples" / "data" / "track.parquet")
+    files = {"car": fmus["seven_dof"], **dict.fromkeys(corners, fmus["lpf1"])}
+    whole = cosim.System.load(files, [cosim.Bond.between(f"car.{corner}", corner) for corner in corners])
+    links = tuple(SspConnection(c.source, c.target) for c in whole.all_connections)
+    write_ssp(
+        tmp_path / "car.ssp",
+        SspSystem("car", tuple(SspComponent(name, file) for name, file in files.items()), links, 2e-3, 0.2),
+    )
+    drive.write(tmp_path / "track.parquet")
+    case = read_case(tmp_path / "car.ssp", given=Given(tmp_path / "track.parquet"))
+    assert case.system.bonds == whole.bonds and case.system.connections == ()
+    result, expected = run(case), cosim.run(whole, cosim.Scenario(stop=0.2, drive=drive), step=2e-3)
+    assert result.order == expected.order
+    assert all(np.array_equal(result.series[name], expected.series[name]) for name in expected.series.names)
+
+
+def test_the_default_experiment_gives_times_and_annotations_the_step(folder):
+    oms = (
+        '<ssd:Annotations><ssc:Annotation type="org.openmodelica"><oms:Annotations xmlns:oms="urn:oms">'
+        '<oms:SimulationInformation><oms:FixedStepMaster description="oms-ma" stepSize="0.002"/>'
+        "</oms:SimulationInformation></oms:Annotations></ssc:Annotation></ssd:Annotations>"
+    )
+    assert isinstance(read(folder, corner()).algorithm, cosim.Automatic)
+    assert read(folder, corner(after=oms)).step == 0.002
+    osp = EXPERIMENT.replace("0.3", "0.9").replace('startTime="0"', 'startTime="0.5"').replace("/>", ">") + (
+        '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform"><osp:Algorithm xmlns:osp="urn:osp">'
+        '<osp:FixedStepAlgorithm baseStepSize="5e-4"/></osp:Algorithm></ssc:Annotation></ssd:Annotations>'
+        "</ssd:DefaultExperiment>"
+    )
+    case = read(folder, description(system("corner", CAR + SHOCK, LINKS), experiment=osp))
+    assert case.step == 5e-4
+    assert (case.scenario.stop, case.scenario.drive_start) == (pytest.approx(0.4), 0.5)
+    assert any("starts at 0.5 s" in note for note in case.notes)
+
+
+def test_legal_oddities_are_read(folder):
+    """Other prefixes, a default namespace, comments, percent-encoded names, ends drawn the other way, no connectors."""
+    shutil.copy(folder / "resources" / "lpnl2.fmu", folder / "resources" / "my shock #2.fmu")
+    text = corner(
+        CAR + component("shock", "resources/my%20shock%20%232.fmu"),
+        link("shock.velocity", "car.velocity")
+        + link("shock.displacement", "car.displacement")
+        + link("car.force", "shock.force"),
+    ).decode()
+    text = text.replace("xmlns:ssd=", "xmlns=").replace("<ssd:", "<").replace("</ssd:", "</")
+    text = (
+        text.replace("ssc:", "common:")
+        .replace("xmlns:ssc=", "xmlns:common=")
+        .replace("<Elements>", "<!-- two --><Elements>")
+    )
+    same(run(read(folder, text.encode())), by_hand(folder))
+
+
+def test_a_package_of_ssp_2_is_read_where_fmi_2_has_what_it_says(folder):
+    text = description(system("corner", CAR + SHOCK, LINKS), version="2.0").decode()
+    text = text.replace("ssc:Real", "ssc:Float64")
+    text = text.replace("ssv:Real", "ssv:Float64").replace('kind="output"', 'kind="local"', 1)
+    assert 'name="velocity" kind="local"' in text
+    same(run(read(folder, text.encode())), by_hand(folder))
+
+
+def test_another_engine_agrees_on_a_nested_package(folder):
+    """FMPy's simulate_ssp holds coupled values over each step: it comes near as its step gets small."""
+    from fmpy.ssp.simulation import simulate_ssp  # noqa: PLC0415
+    from fmpy.ssp.ssd import read_ssv  # noqa: PLC0415
+
+    # FMPy knows no coupled start: the shock gives no force before it moves.
+    given = (parameter("axle.damper.gas_preload", 0.0), parameter("axle.damper.rebound_scale", 1.5))
+    (folder / "resources" / "setup.ssv").write_text(parameter_set(*given))
+    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
+    links, ports = OUTER_LINKS + link(":z", "car.road"), connectors(z="input m")
+    content = corner(CAR_ALONE + inner, links, ports=ports, bindings=bindings(binding(source="resources/setup.ssv")))
+    write_archive(folder / "corner.ssp", {"SystemStructure.ssd": content, **resources(folder)})
+    ours = run(read_case(folder / "corner.ssp", given=Given(renamed(folder, "z")))).series
+    road, step = Drivefile.read(folder / "road.csv").series, 1e-4
+    theirs = simulate_ssp(
+        str(folder / "corner.ssp"),
+        stop_time=0.3 - step / 2,
+        step_size=step,
+        parameter_set=read_ssv(str(folder / "resources" / "setup.ssv")),
+        input={"z": lambda time: float(np.interp(time, road.time, road["road"]))},
+    )
+    for our_name, name in (("car.velocity", "car.velocity"), ("axle_damper.force", "axle.damper.force")):
+        # A row holds what a step gave, under the time at which the step began.
+        expected = np.interp(ours.time, theirs["time"] + step, theirs[name])
+        assert np.std(ours[our_name] - expected) < 0.01 * np.std(expected), name

@@ -1,0 +1,84 @@
+"""Units of connectors and of FMUs are converted, once."""
+
+import re
+
+import pytest
+
+import cosim
+
+from .corner import (
+    CAR,
+    DAMPER,
+    LINKS,
+    NESTED_LINKS,
+    NESTED_PORTS,
+    OUTER_LINKS,
+    SHOCK,
+    by_hand,
+    corner,
+    gains,
+    in_swift,
+    read,
+    run,
+    without_units,
+)
+from .document import UNITS, description, link, system
+
+
+def test_units_that_only_the_description_knows_are_converted(folder):
+    without_units(folder, "lpnl2")
+    shock = SHOCK.replace("m/s", "brisk")
+    case = read(folder, corner(CAR + shock))
+    # The FMU states no unit, so the connector's [brisk] = 1.25 m/s is what its numbers are in.
+    assert gains(case)["car.velocity", "shock.velocity"] == (pytest.approx(0.8, rel=1e-15), 0.0)
+    assert gains(case)["shock.force", "car.force"] == (1.0, 0.0)
+    # Power in other units at the two ends is no bond whose energy could be metered.
+    assert case.system.bonds == ()
+    ways = [
+        cosim.Connection("car.velocity", "shock.velocity", 0.8),
+        *cosim.Bond.between("car", "shock").connections[1:],
+    ]
+    expected = by_hand(folder, bonds=[], connections=ways)
+    assert run(case).series["car.velocity"] == pytest.approx(expected.series["car.velocity"], rel=1e-9, abs=1e-12)
+
+
+def test_a_units_factor_and_offset_are_both_converted(folder):
+    without_units(folder, "lpnl2")
+    raised = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
+    top = system("corner", CAR + SHOCK.replace("m/s", "raised"), LINKS)
+    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", raised)))
+    # velocity [m/s] = 0.5 x + 0.25
+    assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)
+
+
+def test_connectors_without_units_and_of_one_unknown_unit_carry_the_numbers(folder):
+    without_units(folder, "lpnl2")
+    without_units(folder, "quarter_car")
+    unknown = UNITS.replace("</ssd:Units>", '<ssc:Unit name="pu"><ssc:BaseUnit/></ssc:Unit></ssd:Units>')
+    for change in (
+        lambda text: re.sub(' unit="[^"]*" ', "", text),
+        lambda text: re.sub('unit="[^"]*"', 'unit="pu"', text),
+    ):
+        case = read(folder, description(system("corner", change(CAR + SHOCK), LINKS), units=unknown), drive=None)
+        assert set(gains(case).values()) == {(1.0, 0.0)}
+
+
+def test_a_system_connector_in_another_unit_changes_nothing(folder):
+    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS.replace("m/s", "swift"))
+    case = read(folder, corner(CAR + inner, OUTER_LINKS))
+    assert gains(case)["car.velocity", "axle_damper.velocity"] == (pytest.approx(1.0, rel=1e-15), 0.0)
+    assert len(case.system.bonds) == 1
+
+
+def test_suppressed_units_of_two_fmus_are_undone(folder):
+    """The system converts by the FMUs' own units; the package says not to."""
+    in_swift(folder, 0.001)
+    shock = SHOCK.replace("m/s", "swift")
+    changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
+    plain, suppressed = (
+        gains(read(folder, corner(CAR + shock, changed + link("car.velocity", "shock.velocity", **given))))
+        for given in ({}, {"suppressUnitConversion": "true"})
+    )
+    ends = ("car.velocity", "shock.velocity")
+    assert plain[ends] == (pytest.approx(1.0), 0.0)
+    assert suppressed[ends] == (pytest.approx(1e-3), 0.0)

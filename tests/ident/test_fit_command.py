@@ -1,0 +1,75 @@
+"""`eightpost fit`: what a file holds is fitted, and what is suspicious in it is said."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.shock import Lpf1
+
+HEADER = "time [s],velocity [m/s],force [N],temperature [degC]\n"
+
+
+def table(record, *, duration, warming=0.0):
+    series = record.series.window(2.0, 2.0 + duration)
+    time = series.time - series.time[0]
+    columns = (time, series["velocity"], series["force"], 30.0 + warming * time / duration)
+    return HEADER + "".join(",".join(f"{value:.7g}" for value in row) + "\n" for row in zip(*columns, strict=True))
+
+
+@pytest.fixture
+def record(curve, law_record):
+    return law_record(Lpf1(curve, 1.3e-3), 1, rate=500.0)
+
+
+@pytest.fixture
+def fit(tmp_path, monkeypatch):
+    monkeypatch.setattr(import_module("eightpost.commands.fit"), "plot_force_velocity", lambda *_: None)
+
+    def call(text, *words):
+        (tmp_path / "dyno.csv").write_text(text)
+        output = tmp_path / "shock.json"
+        arguments = ["fit", str(tmp_path / "dyno.csv"), "--law", "polylinear", "-o", str(output), *words]
+        shown = CliRunner().invoke(main, arguments)
+        assert shown.exit_code == 0, shown.output
+        return shown.output, json.loads(output.read_text())
+
+    return call
+
+
+def test_what_is_suspicious_in_the_record_is_a_warning_on_the_screen_and_in_the_file(fit, record):
+    shown, shock = fit(table(record, duration=3.0, warming=20.0))
+    assert any("temperature" in warning for warning in shock["fit"]["warnings"])
+    assert "temperature" in shown.split("warning", 1)[1]
+
+
+def test_a_clean_record_gives_no_such_warning(fit, record):
+    _, shock = fit(table(record, duration=3.0))
+    assert not any("temperature" in warning for warning in shock["fit"]["warnings"])
+
+
+def test_the_tables_of_a_file_are_fitted_together_and_a_note_names_its_run(fit, record):
+    clean, warm = table(record, duration=3.0), table(record, duration=3.0, warming=20.0)
+    shown, shock = fit(f"{clean}\n{warm}")
+    assert "2 runs are fitted together" in shown
+    assert shock["fit"]["runs"] == 2
+    assert len(shock["inputs"]) == 1
+    assert any(w.startswith("run 2: ") and "temperature" in w for w in shock["fit"]["warnings"])
+    assert not any(w.startswith("run 1: ") for w in shock["fit"]["warnings"])
+
+
+def test_a_record_is_split_into_its_runs_only_where_that_is_asked_for(fit):
+    time = np.arange(500 * 8) / 500.0
+    amplitude = np.select([time < 3.0, time < 5.0], [0.01, 0.0], 0.02)
+    phase = 4.0 * np.pi * time
+    channels = (amplitude * np.sin(phase), 4.0 * np.pi * amplitude * np.cos(phase))
+    rows = zip(time, *channels, 2000.0 * channels[1] + 100.0, strict=True)
+    header = "time [s],displacement [m],velocity [m/s],force [N]\n"
+    text = header + "".join(",".join(f"{value:.7g}" for value in row) + "\n" for row in rows)
+    assert fit(text)[1]["fit"]["runs"] == 1
+    assert fit(text, "--split")[1]["fit"]["runs"] == 2
