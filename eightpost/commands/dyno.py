@@ -54,7 +54,8 @@ class _Specimen:
 @click.option("--build", metavar="COMPRESSION/REBOUND",
               help="A shock on a linear piston by two codes of Table 7.2, as in Table 7.3: C/B.")  # fmt: skip
 @click.option("--gas", "gas_text", metavar="PRESSURE", help="Of a --build, gauge; default '150 psi'.")
-@click.option("--clicks", type=int, help="Rebound bleed of a --build, 0 to 28, more is more open; default 1.")
+@click.option("--clicks", type=int,
+              help="Rebound bleed of a --build, 0 to 28 from fully open, more is more closed; default 1.")  # fmt: skip
 @click.option("--test", "test_name", type=click.Choice(_TESTS), default="random", show_default=True,
               help="all: every test of 3.2.3, a file each, into a folder.")  # fmt: skip
 @click.option("--amplitude", metavar="LENGTH", help="Of the sine, as '1 in'.")

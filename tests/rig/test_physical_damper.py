@@ -170,9 +170,10 @@ def test_any_build_dissipates_over_a_cycle_and_stays_above_vapour_pressure(
     assert run["warming"][-1] == pytest.approx(work[-1] / damper.heat_capacity)
 
 
-def test_more_clicks_soften_rebound_alone():
-    few, many = (shim_build("B/B", clicks=clicks) for clicks in (1, 14))
-    assert abs(many.static_force(-0.05)) < 0.95 * abs(few.static_force(-0.05))
+def test_clicks_close_the_bleed_and_so_stiffen_rebound_alone():
+    few, many, most = (shim_build("B/B", clicks=clicks) for clicks in (1, 14, 28))
+    assert most.piston.bleed.area == 0.0
+    assert 1.05 * abs(few.static_force(-0.05)) < abs(many.static_force(-0.05)) < abs(most.static_force(-0.05))
     assert many.static_force(0.05) == pytest.approx(few.static_force(0.05))
 
 
@@ -208,7 +209,7 @@ def test_table_3_1_has_its_twelve_rows_in_order():
         (lambda: shim_build("B/Q"), "'Q' in Table 7.2"),
         (lambda: shim_build("B/B", gas_pressure=-1.0), "gas pressure"),
         (lambda: shim_build("B/B", gas_pressure=math.nan), "gas pressure"),
-        (lambda: Bleed(29), "0 to 28"),
+        (lambda: Bleed(29, area_per_click=1e-7), "0 to 28"),
         (lambda: configuration(1).respond(sine(0.2, 1.0, 1.0), rate=100.0), "travel"),
     ],
 )

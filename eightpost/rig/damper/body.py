@@ -27,8 +27,8 @@ class Cylinder:
 
     bore: float = convert(1.75, "in", "m")
     rod: float = convert(0.625, "in", "m")
-    compression_length: float = convert(5.0, "in", "m")
-    rebound_length: float = convert(4.0, "in", "m")
+    compression_length: float = convert(5.5, "in", "m")
+    rebound_length: float = convert(3.7, "in", "m")
 
     @property
     def compression_area(self) -> float:
@@ -88,7 +88,7 @@ class Seals:
         length: F_c / s, over which the drag turns around [m].
     """
 
-    drag: float = convert(4.0, "lbf", "N")
+    drag: float = convert(4.5, "lbf", "N")
     length: float = 5e-5
 
     def force(self, displacement: Array) -> Array:

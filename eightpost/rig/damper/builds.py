@@ -41,7 +41,7 @@ class Setting:
 
     Attributes:
         build: As the table names it: 1, 2 or 4.
-        clicks: Of the bleed adjuster.
+        clicks: Of the bleed adjuster, from fully open.
         gas_pressure: Gauge [Pa].
     """
 
@@ -86,7 +86,7 @@ def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * _PSI
 
     Args:
         name: Compression and rebound stack of Table 7.2, as `C/B`; any of the 19 codes.
-        clicks: Of the rebound bleed, 0 to 28; more, more open.
+        clicks: Of the rebound bleed from fully open, 0 to 28; more, more closed.
         gas_pressure: Gauge, 0 to 400 psi [Pa].
 
     Raises:
@@ -103,10 +103,10 @@ def digressive(shims: Shims, *, clicks: int, gas_pressure: float) -> PhysicalDam
 
     Args:
         shims: The stacks.
-        clicks: Of the rebound bleed.
+        clicks: Of the rebound bleed, from fully open.
         gas_pressure: Gauge [Pa].
     """
-    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.51e-3, jet_area=1.5 * _MM2)
+    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
 
 
 def linear(shims: Shims, *, clicks: int, gas_pressure: float) -> PhysicalDamper:
@@ -123,9 +123,9 @@ def _shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_a
         for code in (shims.compression, shims.rebound)
     )
     return PhysicalDamper(
-        piston=MainPiston(compression, rebound, Bleed(clicks, area_per_click=0.1 * _MM2), jet_area),
+        piston=MainPiston(compression, rebound, Bleed(clicks, area_per_click=0.06 * _MM2), jet_area),
         head=HeadValve(
-            ShimValve(ShimStack(shims.head), port_area=20.0 * _MM2, edge=0.04, dish=0.95e-3),
+            ShimValve(ShimStack(shims.head), port_area=20.0 * _MM2, edge=0.04, dish=1.1e-3),
             jet_area=0.3 * _MM2,
             return_area=40.0 * _MM2,
         ),

@@ -41,10 +41,10 @@ class Fluid:
 
     density: float = 850.0
     bulk_modulus: float = 1.4e9
-    gas_fraction: float = 0.003
+    gas_fraction: float = 0.0033
     gas_exponent: float = 1.3
     vapour_pressure: float = 3e3
-    wall_modulus: float = 1.2e9
+    wall_modulus: float = 0.85e9
 
     @property
     def span(self) -> float:

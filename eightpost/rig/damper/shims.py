@@ -57,8 +57,8 @@ class ShimStack:
 
     code: str
     radius: float = convert(0.65, "in", "m")
-    deflection: float = 0.0028
-    backing: float = convert(0.0057, "in", "m")
+    deflection: float = 0.00254
+    backing: float = convert(0.0045, "in", "m")
 
     def __post_init__(self) -> None:
         if self.code not in SHIM_SETS:
