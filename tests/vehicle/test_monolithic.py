@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import control
 import numpy as np
 import pytest
@@ -107,12 +105,3 @@ def test_results_come_at_any_time_asked_for(monolithic, drive):
     at_knots = monolithic.coupled_run(monolithic.Car(), shock, t, road)
     between = monolithic.coupled_run(monolithic.Car(), shock, t, road, at=np.array([0.0, 0.0033, 0.02]))
     np.testing.assert_allclose(between.tire_force[:, 2], at_knots.tire_force[:, 10], rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_four_seconds_take_less_than_twenty(monolithic):
-    t = np.arange(0.0, 4.0, 0.002)
-    road = 0.005 * np.array([np.sin(2 * np.pi * 2.0 * t + p) + 0.3 * np.sin(2 * np.pi * 11.0 * t) for p in range(4)])
-    begin = time.process_time()
-    monolithic.coupled_run(monolithic.Car(), steep_shock(monolithic), t, road)
-    assert time.process_time() - begin < 20.0
