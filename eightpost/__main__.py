@@ -25,6 +25,7 @@ VERBS = {
     "fit": "Fit a shock law to a dynamometer file.",
     "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
+    "vehicle": "Show modes and frequency responses of a vehicle, and what a parameter does to them.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
     "run": "Run a system of coupled FMUs.",

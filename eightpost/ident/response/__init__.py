@@ -1,0 +1,44 @@
+"""Frequency responses from records, and what is done to them before a model is fitted."""
+
+from eightpost.ident.response.averaged import H1, H2, Hv
+from eightpost.ident.response.blocks import Blocks
+from eightpost.ident.response.conditioning import (
+    HighResidual,
+    LowResidual,
+    Zeroed,
+    ZeroPhaseSmoothing,
+    condition,
+    feedback_paths,
+    zeroed_paths,
+)
+from eightpost.ident.response.estimate import Recipe, estimate_response
+from eightpost.ident.response.frequency_response import FrequencyResponse, contribution_error, response_of
+from eightpost.ident.response.local_polynomial import LocalPolynomial
+from eightpost.ident.response.records import force_difference
+from eightpost.ident.response.sequential import SameDrive, Sequential
+from eightpost.ident.response.storage import read_response, write_response
+
+__all__ = [
+    "H1",
+    "H2",
+    "Blocks",
+    "FrequencyResponse",
+    "HighResidual",
+    "Hv",
+    "LocalPolynomial",
+    "LowResidual",
+    "Recipe",
+    "SameDrive",
+    "Sequential",
+    "ZeroPhaseSmoothing",
+    "Zeroed",
+    "condition",
+    "contribution_error",
+    "estimate_response",
+    "feedback_paths",
+    "force_difference",
+    "read_response",
+    "response_of",
+    "write_response",
+    "zeroed_paths",
+]

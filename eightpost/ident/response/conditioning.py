@@ -1,0 +1,189 @@
+"""Conditioning: what is done to estimated responses before a model is fitted (5.3.2, 6.3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from eightpost.errors import ParameterError
+from eightpost.ident.response.frequency_response import FrequencyResponse
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+
+#: Widths below this are smoothed away [Hz] (5.3.2).
+SMOOTHING_WIDTH = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class HighResidual:
+    """Eq 5.48, `H = K exp(i phi) / f^N`, through two points; it replaces everything above the lower point.
+
+    The gains of both points give K and N; phi is the mean of their phases. (20, 30 Hz) for inputs and outputs of one
+    corner, (6, 7 Hz) for others (5.3.2).
+
+    Attributes:
+        low: The lower control point [Hz].
+        high: The upper one [Hz].
+    """
+
+    low: float
+    high: float
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return the path (K,) with its high frequencies replaced."""
+        order, gain, phase, _ = _through(frequency, path, self.low, self.high)
+        inside = frequency > self.low
+        changed = path.copy()
+        changed[inside] = gain * np.exp(1j * phase) / frequency[inside] ** order
+        return changed
+
+
+@dataclass(frozen=True, slots=True)
+class LowResidual:
+    """Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points; it replaces all below the lower one.
+
+    Attributes:
+        low: The lower control point [Hz], about 1 in 5.3.2; what lies below it is replaced.
+        high: The upper one [Hz], about 4.
+    """
+
+    low: float
+    high: float
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return the path (K,) with its low frequencies replaced."""
+        order, gain, _, (start, slope) = _through(frequency, path, self.low, self.high)
+        inside = frequency < self.low
+        changed = path.copy()
+        phase = start + slope * frequency[inside]
+        changed[inside] = gain * np.exp(1j * phase) / frequency[inside] ** order
+        return changed
+
+
+@dataclass(frozen=True, slots=True)
+class Zeroed:
+    """A path that is set to zero (Table 6.5)."""
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return zeros (K,)."""
+        return np.zeros_like(path)
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroPhaseSmoothing:
+    """A Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase.
+
+    Attributes:
+        width: Variations narrower than this are attenuated [Hz]; 0.6 (5.3.2).
+        order: Of the filter that is run twice; 4.
+    """
+
+    width: float = SMOOTHING_WIDTH
+    order: int = 4
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return the path (K,) smoothed; one that is zero somewhere has no dB and stays as it is."""
+        spacing = _even_spacing(frequency)
+        if self.width <= 2.0 * spacing or not np.abs(path).all():
+            return path
+        sections = butter(self.order, 2.0 * spacing / self.width, output="sos")
+        pad = min(frequency.size - 1, int(np.ceil(3.0 * self.order * self.width / spacing)))
+        decibels = sosfiltfilt(sections, 20.0 * np.log10(np.abs(path)), padlen=pad)
+        phase = sosfiltfilt(sections, np.unwrap(np.angle(path)), padlen=pad)
+        return np.asarray(10.0 ** (decibels / 20.0) * np.exp(1j * phase), dtype=np.complex128)
+
+
+Treatment = HighResidual | LowResidual | Zeroed | ZeroPhaseSmoothing
+
+
+def condition(
+    response: FrequencyResponse,
+    treatment: Treatment,
+    *,
+    paths: Iterable[tuple[str, str]] | None = None,
+) -> FrequencyResponse:
+    """Return the response with some of its paths treated.
+
+    Args:
+        response: As estimated, or treated already.
+        treatment: What to do.
+        paths: Pairs (output, input); None is all of them.
+
+    Raises:
+        ParameterError: A path or a control point is not there.
+    """
+    H = response.H.copy()
+    for i, j in _positions(response, paths):
+        H[i, j] = treatment.apply(response.frequency, H[i, j])
+    return response.with_response(H)
+
+
+def zeroed_paths(response: FrequencyResponse) -> NDArray[np.bool_]:
+    """Say which paths (p, m) are zero at all frequencies."""
+    return np.asarray(~np.abs(response.H).any(axis=2))
+
+
+def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDArray[np.intp]:
+    """Count the ways by which a shock reaches an output through the shock velocities (Eq 6.8).
+
+        sum_k h_ik h_kj over the shock velocities k, h_ik being the response of output i to the force of shock k
+
+    (The printed sum over k = 9 to 12 numbers the columns of Table 6.5 for h_ik and the rows for h_kj.)
+
+    Args:
+        active: Which paths from shock force to output are not zeroed (p, shocks): Table 6.5's last columns.
+        velocities: Rows of the shock velocities, one per shock and in the order of the columns.
+
+    Returns:
+        Counts (p, shocks), Table 6.6.
+    """
+    rows = list(velocities)
+    if len(rows) != active.shape[1]:
+        raise ParameterError(f"{len(rows)} shock velocities given for {active.shape[1]} shock forces; name one each")
+    paths = active.astype(np.intp)
+    return np.asarray(paths @ paths[rows], dtype=np.intp)
+
+
+def _through(
+    frequency: Array, path: Complex, low: float, high: float
+) -> tuple[float, float, float, tuple[float, float]]:
+    """Return N, K, the mean phase, and (start, slope) of the phase over frequency, through two control points."""
+    if not frequency[0] <= low < high <= frequency[-1]:
+        span = f"{frequency[0]:g} to {frequency[-1]:g} Hz"
+        raise ParameterError(f"control points {low:g} and {high:g} Hz must rise and lie within {span}")
+    a, b = (int(np.argmin(np.abs(frequency - point))) for point in (low, high))
+    if not abs(path[a]) or not abs(path[b]):
+        raise ParameterError(f"the path is zero at {low:g} or {high:g} Hz; a residual fit needs gains above zero")
+    order = -float(np.log(abs(path[b]) / abs(path[a])) / np.log(frequency[b] / frequency[a]))
+    gain = float(abs(path[a]) * frequency[a] ** order)
+    phase = np.unwrap(np.angle(path[a : b + 1]))
+    slope = float((phase[-1] - phase[0]) / (frequency[b] - frequency[a]))
+    start = float(phase[0] - slope * frequency[a])
+    return order, gain, float(0.5 * (phase[0] + phase[-1])), (start, slope)
+
+
+def _even_spacing(frequency: Array) -> float:
+    steps = np.diff(frequency)
+    if frequency.size < 3 or steps.max() > 1.001 * steps.min():
+        raise ParameterError("smoothing over frequency takes three or more evenly spaced frequencies")
+    return float(steps.mean())
+
+
+def _positions(response: FrequencyResponse, paths: Iterable[tuple[str, str]] | None) -> list[tuple[int, int]]:
+    if paths is None:
+        return [(i, j) for i in range(len(response.outputs)) for j in range(len(response.inputs))]
+    found = []
+    for output, name in paths:
+        if output not in response.output_names or name not in response.input_names:
+            raise ParameterError(f"there is no path from {name!r} to {output!r}")
+        found.append((response.output_names.index(output), response.input_names.index(name)))
+    return found

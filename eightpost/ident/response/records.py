@@ -1,0 +1,137 @@
+"""Records of rig tests as estimators take them: the same inputs and outputs of every test, at one rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eightpost.errors import DataError, InputError, TooShortError
+from eightpost.vehicle.statespace import Channel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: Rates of two records may differ by this part: a logger's rounding of time.
+_RATE_TOLERANCE = 1e-3
+
+_FEWEST_SAMPLES = 16
+
+
+class Record(NamedTuple):
+    """One test: inputs (m, N) and outputs (p, N), means removed."""
+
+    u: Array
+    y: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Records:
+    """Tests of one vehicle.
+
+    Attributes:
+        tests: One or more.
+        rate: Samples per second of all of them [Hz].
+        inputs: The m inputs.
+        outputs: The p outputs.
+    """
+
+    tests: tuple[Record, ...]
+    rate: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+
+    def only(self, tests: Iterable[int], inputs: Iterable[int]) -> Records:
+        """Return some of the tests with some of the inputs, by position."""
+        columns = list(inputs)
+        chosen = tuple(Record(self.tests[i].u[columns], self.tests[i].y) for i in tests)
+        return Records(chosen, self.rate, tuple(self.inputs[j] for j in columns), self.outputs)
+
+
+def gather(
+    series: Sequence[TimeSeries],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    damping: Mapping[str, float] | None = None,
+) -> Records:
+    """Collect the channels of several records and take their means out.
+
+    Args:
+        series: The records.
+        inputs: Their inputs.
+        outputs: Their outputs.
+        damping: C-bar [N.s/m] by port, as in `force_difference`; the forces among the inputs become differences.
+
+    Raises:
+        InputError: No record, no channel, or rates that differ.
+        DataError: A record is not evenly sampled, or a channel of it stands in another unit than in the first.
+        TooShortError: A record has next to no samples.
+        MissingChannelError: A record lacks a channel.
+    """
+    if not series or not inputs or not outputs:
+        raise InputError("a frequency response takes one record or more, one input or more and one output or more")
+    rates = {_channel(port, "force"): (_channel(port, "velocity"), c) for port, c in (damping or {}).items()}
+    for force in rates:
+        if force not in inputs:
+            raise InputError(f"a baseline damping is given for {force!r}, which is none of the inputs")
+    for number, record in enumerate(series, start=1):
+        _check(number, record, series[0], (*inputs, *outputs))
+    tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
+    first = series[0]
+    return Records(tests, first.sample_rate, _channels(first, inputs), _channels(first, outputs))
+
+
+def force_difference(series: TimeSeries, damping: Mapping[str, float]) -> TimeSeries:
+    """Return the record with every shock force replaced by what it is more than `c v` (Eq 4.24, 5.36, 6.4).
+
+    Args:
+        series: A record with the channels `force` and `velocity` of each port.
+        damping: The diagonal of C-bar [N.s/m] by port: "lf", "rf", ...; "" is the port of a quarter car.
+    """
+    for port, rate in damping.items():
+        name = _channel(port, "force")
+        series = series.with_channel(name, "N", series[name] - rate * series[_channel(port, "velocity")])
+    return series
+
+
+def _check(number: int, record: TimeSeries, first: TimeSeries, names: Sequence[str]) -> None:
+    if len(record) < _FEWEST_SAMPLES:
+        raise TooShortError(f"record {number} has {len(record)} samples; a response needs {_FEWEST_SAMPLES} or more")
+    if not record.is_uniform:
+        raise DataError(f"record {number} is not evenly sampled; resample it first")
+    if abs(record.sample_rate / first.sample_rate - 1.0) > _RATE_TOLERANCE:
+        raise InputError(
+            f"record {number} has {record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz; bring them to one rate"
+        )
+    for name in names:
+        if record.unit(name) != first.unit(name):
+            raise DataError(
+                f"record {number} has it in {record.unit(name)!r}, the first in {first.unit(name)!r}", channel=name
+            )
+
+
+def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple[str, float]]) -> Array:
+    """Return channels (len(names), N) without their means; at full rate they are large, so they are copied once."""
+    values = np.empty((len(names), len(record)))
+    for i, name in enumerate(names):
+        values[i] = record[name]
+        if name in rates:
+            velocity, rate = rates[name]
+            values[i] -= rate * record[velocity]
+        values[i] -= values[i].mean()
+    return values
+
+
+def _channel(port: str, kind: str) -> str:
+    return f"{port}.{kind}" if port else kind
+
+
+def _channels(record: TimeSeries, names: Sequence[str]) -> tuple[Channel, ...]:
+    return tuple(Channel(name, record.unit(name)) for name in names)

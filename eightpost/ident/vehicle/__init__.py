@@ -1,0 +1,24 @@
+"""Models of vehicles from their frequency responses, and simulation with them."""
+
+from eightpost.ident.vehicle.closed_loop import simulate_with_shocks
+from eightpost.ident.vehicle.parallel import parallel_model
+from eightpost.ident.vehicle.rational_fit import RationalFit
+from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term
+from eightpost.ident.vehicle.transfer_function import TransferFunction
+from eightpost.ident.vehicle.weights import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
+
+__all__ = [
+    "AEROLOADERS",
+    "QUARTER_CAR",
+    "SEVEN_DOF",
+    "WHEELLOADERS",
+    "BandWeights",
+    "PathFit",
+    "RationalFit",
+    "SisoFits",
+    "SisoModels",
+    "TransferFunction",
+    "has_direct_term",
+    "parallel_model",
+    "simulate_with_shocks",
+]

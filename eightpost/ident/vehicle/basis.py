@@ -1,0 +1,81 @@
+"""Polynomials that are orthonormal on the points of a fit, so that high orders stay well conditioned.
+
+Powers of s are hopeless beyond order six or so. The Arnoldi iteration for multiplication by s gives polynomials p_0,
+p_1, ... with real coefficients, orthonormal in `Re sum_k w_k conj(p_i(s_k)) p_j(s_k)`, and a Hessenberg matrix with
+
+    s p_k = sum_{i <= k + 1} h_ik p_i
+
+from which they are evaluated anywhere and from which the zeros of any combination are eigenvalues.
+
+Source: P. D. Brubeck, Y. Nakatsukasa, L. N. Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021) 405-415, doi
+10.1137/19M130100X.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigvals
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialBasis:
+    """Real polynomials of degree 0 to n.
+
+    Attributes:
+        hessenberg: (n + 1, n).
+        first: p_0, a constant.
+    """
+
+    hessenberg: Array
+    first: float
+
+    def values(self, points: Complex) -> Complex:
+        """Return p_0 ... p_n at complex points (K,): (K, n + 1)."""
+        n = self.hessenberg.shape[1]
+        values = np.empty((points.size, n + 1), dtype=np.complex128)
+        values[:, 0] = self.first
+        for k in range(n):
+            column = self.hessenberg[: k + 2, k]
+            values[:, k + 1] = (points * values[:, k] - values[:, : k + 1] @ column[:-1]) / column[-1]
+        return values
+
+    def roots(self, coefficients: Array) -> Complex:
+        """Return the zeros of `sum_k c_k p_k` (degree,), leading coefficients that are zero left out."""
+        kept = np.trim_zeros(coefficients, "b")
+        n = kept.size - 1
+        if n < 1:
+            return np.empty(0, dtype=np.complex128)
+        companion = self.hessenberg[:n, :n].copy()
+        companion[:, -1] -= self.hessenberg[n, n - 1] * kept[:-1] / kept[-1]
+        return np.asarray(eigvals(companion), dtype=np.complex128)
+
+    def leading(self, coefficients: Array) -> float:
+        """Return the coefficient of the highest power of s."""
+        n = coefficients.size - 1
+        return float(coefficients[-1] * self.first / np.prod(np.diag(self.hessenberg, -1)[:n]))
+
+
+def orthonormal_basis(points: Complex, weight: Array, degree: int) -> PolynomialBasis:
+    """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with `weight` (K,), not negative."""
+    root = np.sqrt(weight / weight.sum())
+    Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
+    hessenberg = np.zeros((degree + 1, degree))
+    Q[:, 0] = 1.0
+    for k in range(degree):
+        moved = points * Q[:, k]
+        for _ in range(2):  # once more, for what rounding left
+            share = np.real((root[:, None] * Q[:, : k + 1]).conj().T @ (root * moved))
+            moved -= Q[:, : k + 1] @ share
+            hessenberg[: k + 1, k] += share
+        hessenberg[k + 1, k] = np.linalg.norm(root * moved)
+        Q[:, k + 1] = moved / hessenberg[k + 1, k]
+    return PolynomialBasis(hessenberg, 1.0)

@@ -1,0 +1,184 @@
+"""Simulation of an identified vehicle with shocks: the shock-force difference fed back (Figs 4.12, 5.14, 6.25)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from eightpost.errors import InputError, ParameterError, StepError
+from eightpost.ident.vehicle.discrete import discretise_by_parts
+from eightpost.signals.timeseries import TimeSeries
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.shock import ShockLaw
+    from eightpost.vehicle import IdentifiedVehicle, StateSpace
+
+    Array = NDArray[np.float64]
+
+_MOST_ITERATIONS = 50
+#: Two iterates this close [N] are one force.
+_CLOSE = 1e-6
+
+
+def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> TimeSeries:
+    """Simulate a vehicle as identified with shocks at its ports.
+
+    Each shock gives F at the port velocity v; the vehicle, which has the baseline damper c in it, takes F - c v. A
+    continuous model is stepped exactly, inputs linear between the drive's samples and the force at the end of a step
+    found by iteration; a discrete one takes the force of the sample before, as its difference equation does.
+
+    Args:
+        vehicle: As identified; ports without baseline damping take the whole force.
+        shocks: Law by port ("lf", ...; "" for a quarter car). A port without shock has none: no force at all.
+        drive: The vehicle's other inputs by name; those that are not there are zero. Its rate is the simulation's.
+
+    Returns:
+        The outputs of the vehicle, and each shock's whole force as `force` of its port, at the drive's times.
+
+    Raises:
+        InputError: Drive or shocks do not fit the vehicle.
+        StepError: The force of a step cannot be found: the step is too long for shocks so stiff.
+    """
+    loop = _Loop.of(vehicle, shocks, drive)
+    outputs, forces = loop.run(drive)
+    channels = {c.name: (c.unit, row) for c, row in zip(loop.model.outputs, outputs, strict=True)}
+    for port, row in zip(loop.ports, forces, strict=True):
+        channels[_channel(port, "force")] = ("N", row)
+    return TimeSeries.from_channels(drive.time, channels)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loop:
+    model: StateSpace
+    ports: tuple[str, ...]
+    laws: tuple[ShockLaw | None, ...]
+    damping: Array
+    forces: list[int]
+    velocities: list[int]
+    displacements: list[int | None]
+
+    @classmethod
+    def of(cls, vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> _Loop:
+        model = vehicle.state_space
+        ports = tuple(n.removesuffix("force").rstrip(".") for n in model.input_names if _is_port(n, model))
+        for port in shocks:
+            if port not in ports:
+                raise InputError(f"there is no port {port!r}; the vehicle has {', '.join(map(repr, ports)) or 'none'}")
+        _check_drive(model, drive)
+        forces = [model.input_names.index(_channel(port, "force")) for port in ports]
+        velocities = [model.output_names.index(_channel(port, "velocity")) for port in ports]
+        if np.abs(model.D[np.ix_(velocities, forces)]).any():
+            raise ParameterError(
+                f"{model.name}: a shock velocity answers a shock force at once, which is a loop without delay; fit "
+                "these paths with a numerator of lower degree than the denominator"
+            )
+        at = [_optional(model.output_names, _channel(port, "displacement")) for port in ports]
+        damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
+        return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at)
+
+    def run(self, drive: TimeSeries) -> tuple[Array, Array]:
+        """Return the outputs (p, N) and the shock forces (ports, N)."""
+        u = np.zeros((len(drive), len(self.model.inputs)))
+        for name in drive.names:
+            u[:, self.model.input_names.index(name)] = drive[name]
+        step = 1.0 / drive.sample_rate
+        return self._run_continuous(u, step) if self.model.dt is None else self._run_discrete(u, step)
+
+    def _run_discrete(self, u: Array, step: float) -> tuple[Array, Array]:
+        model = self.model
+        if model.dt is None or abs(step / model.dt - 1.0) > 1e-3:
+            raise InputError(f"{model.name} steps by {model.dt} s, the drive by {step:g} s; resample the drive")
+        A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
+        x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
+        outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
+        v = np.zeros(len(self.ports))
+        for k in range(len(u)):
+            y = C @ x + model.D @ u[k]
+            state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
+            v = y[self.velocities]
+            u[k, self.forces] = forces[k] - self.damping * v
+            outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
+            x = A @ x + B @ u[k]
+        return outputs.T, forces.T
+
+    def _run_continuous(self, u: Array, step: float) -> tuple[Array, Array]:
+        model = self.model
+        found = discretise_by_parts(model.A, model.B, step)
+        A, B0, B1, C = csr_array(found.Ad), csr_array(found.B0), csr_array(found.B1), csr_array(model.C)
+        by_force = model.C @ found.B1[:, self.forces] + model.D[:, self.forces]
+        driven = found.B1[:, self.forces]
+        x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
+        outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
+        v, change = np.zeros(len(self.ports)), np.zeros(len(self.ports))
+        for k in range(len(u)):
+            free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
+            y_free = C @ free + model.D @ u[k]
+            sensitivity = model.D[:, self.forces] if k == 0 else by_force
+            for _ in range(_MOST_ITERATIONS):
+                y = y_free + sensitivity @ change
+                following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
+                previous, change = change, force - self.damping * y[self.velocities]
+                if np.abs(change - previous).max(initial=0.0) <= _CLOSE:
+                    break
+            else:
+                raise StepError(
+                    f"the shock forces at sample {k} cannot be found by steps of {step:g} s; resample finer"
+                )
+            state, forces[k], outputs[k], v = following, force, y, y[self.velocities]
+            x = free if k == 0 else free + driven @ change
+            u[k, self.forces] = change
+        return outputs.T, forces.T
+
+    def _displacement(self, y: Array) -> list[float]:
+        return [0.0 if row is None else float(y[row]) for row in self.displacements]
+
+
+@dataclass(frozen=True, slots=True)
+class _Shocks:
+    """The shocks' lagged forces [N]."""
+
+    laws: tuple[ShockLaw | None, ...]
+    lagged: tuple[float, ...]
+
+    @classmethod
+    def at_rest(cls, laws: Sequence[ShockLaw | None]) -> _Shocks:
+        return cls(tuple(laws), tuple(0.0 if law is None else law.static_force(0.0) for law in laws))
+
+    def after(self, before: Array, now: Array, displacement: list[float], step: float) -> tuple[_Shocks, Array]:
+        """Return the shocks after a step in which their velocities go linearly, and their forces."""
+        lagged, forces = list(self.lagged), np.zeros(len(self.laws))
+        for i, law in enumerate(self.laws):
+            if law is None:
+                continue
+            if step > 0.0:
+                lagged[i] = law.follow(lagged[i], float(before[i]), float(now[i]), step)
+            forces[i] = law.response(lagged[i], float(now[i]), displacement[i]).force
+        return _Shocks(self.laws, tuple(lagged)), forces
+
+
+def _is_port(name: str, model: StateSpace) -> bool:
+    port = name.removesuffix("force").rstrip(".")
+    return name == _channel(port, "force") and _channel(port, "velocity") in model.output_names
+
+
+def _channel(port: str, kind: str) -> str:
+    return f"{port}.{kind}" if port else kind
+
+
+def _optional(names: Sequence[str], wanted: str) -> int | None:
+    return names.index(wanted) if wanted in names else None
+
+
+def _check_drive(model: StateSpace, drive: TimeSeries) -> None:
+    if not drive.is_uniform:
+        raise InputError("the drive is not evenly sampled; resample it")
+    for name in drive.names:
+        if name not in model.input_names or _is_port(name, model):
+            raise InputError(f"the drive has {name!r}, which the vehicle {model.name!r} cannot be driven by")

@@ -1,0 +1,54 @@
+"""The virtual rig: a quarter-car rig and an 8-post rig whose truth is known (dissertation 4.5, 6.1)."""
+
+from eightpost.rig.post.actuators import Actuators
+from eightpost.rig.post.car import Car, Geometry
+from eightpost.rig.post.channels import RigSensors
+from eightpost.rig.post.drift import NO_DRIFT, Drift
+from eightpost.rig.post.drivefiles import (
+    bump_drive,
+    quarter_random,
+    random_drive,
+    sine_drive,
+    static_drive,
+    track_drive,
+)
+from eightpost.rig.post.elements import Friction, Springs, Tires
+from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
+from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
+from eightpost.rig.post.run_test import run_test
+from eightpost.rig.post.shocks import LinearDamper, Shock
+from eightpost.rig.post.simulate import Motion, Run, simulate
+from eightpost.rig.post.truths import TRUTHS, quarter_truth, seven_dof_truth, stand_in_truth
+
+__all__ = [
+    "NO_DRIFT",
+    "TRUTHS",
+    "Actuators",
+    "Car",
+    "Drift",
+    "Friction",
+    "Geometry",
+    "LinearDamper",
+    "MismatchedRateError",
+    "Motion",
+    "RigConditions",
+    "RigSensors",
+    "RigTest",
+    "Run",
+    "Shock",
+    "Springs",
+    "SwappedCornersError",
+    "Tires",
+    "bump_drive",
+    "quarter_random",
+    "quarter_truth",
+    "random_drive",
+    "read_rig_test",
+    "run_test",
+    "seven_dof_truth",
+    "simulate",
+    "sine_drive",
+    "stand_in_truth",
+    "static_drive",
+    "track_drive",
+]

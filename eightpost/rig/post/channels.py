@@ -1,0 +1,160 @@
+"""The channels of Table 6.1: from what a car really did to what its sensors say, math channels included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
+from eightpost.rig.post.simulate import RATE
+from eightpost.signals.filters import velocity_from_displacement
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from eightpost.rig.post.car import Car
+    from eightpost.rig.post.simulate import Motion
+
+    Array = NDArray[np.float64]
+    Channels = dict[str, tuple[str, Array]]
+
+#: Low-pass of the shock potentiometer before it is differentiated (6.1.2 names none; ours) [Hz].
+POT_CUTOFF = 50.0
+
+_GRAVITY = convert(1.0, "g_0", "m/s2")
+
+
+@dataclass(frozen=True, slots=True)
+class RigSensors:
+    """White noise of the rig's and the car's sensors, each a standard deviation.
+
+    Attributes:
+        position: Actuators' LVDTs [m].
+        travel: Shock potentiometers [m].
+        load: Wheelloaders' and aeroloaders' load cells [N].
+        shock_load: Shocks' load cells [N].
+        acceleration: Accelerometers [m/s2].
+        relative: White noise besides, of each measured channel's own standard deviation [1].
+    """
+
+    position: float = convert(5e-4, "in", "m")
+    travel: float = convert(1e-3, "in", "m")
+    load: float = convert(3.0, "lbf", "N")
+    shock_load: float = convert(1.0, "lbf", "N")
+    acceleration: float = convert(0.01, "g_0", "m/s2")
+    relative: float = 0.0
+
+    @classmethod
+    def perfect(cls, *, relative: float = 0.0) -> RigSensors:
+        """Return sensors without noise but for the relative one."""
+        return cls(0.0, 0.0, 0.0, 0.0, 0.0, relative)
+
+    def noise_of(self, name: str, unit: str) -> float:
+        """Return the standard deviation of a measured channel's noise."""
+        quantity = name.rpartition(".")[2]
+        if quantity in ("displacement", "force"):
+            return self.travel if quantity == "displacement" else self.shock_load
+        return {"m": self.position, "N": self.load, "m/s2": self.acceleration}.get(unit, 0.0)
+
+
+def measured(car: Car, motion: Motion, sensors: RigSensors, generator: np.random.Generator) -> Channels:
+    """Return channels 1 to 16 and 25 to 44 of Table 6.1 with noise: what sensors give."""
+    channels = {}
+    for name, (unit, values) in _true_channels(car, motion).items():
+        spread = sensors.noise_of(name, unit) + sensors.relative * float(np.std(values))
+        noise = spread * generator.standard_normal(values.size) if spread else 0.0
+        channels[name] = (unit, values + noise)
+    return channels
+
+
+def commands(car: Car, command: TimeSeries) -> Channels:
+    """Return channels 17 to 24: `<input>_command`."""
+    grid = command.resample(RATE)
+    return {f"{name}_command": (grid.unit(name), grid[name]) for name in car.inputs}
+
+
+def _true_channels(car: Car, motion: Motion) -> Channels:
+    q, a, corners = motion.position, motion.acceleration, len(car.corners)
+    roads, loads = motion.drive[:corners], motion.drive[corners:]
+    channels: Channels = {}
+    channels |= _corner_channels(car, "road", "m", roads)
+    channels |= _aero_positions(car, q)
+    channels |= _corner_channels(car, "tire_force", "N", motion.tire_force + _static(car))
+    channels |= {n: (u, row) for n, u, row in zip(car.loads, car.load_units, loads, strict=True)}
+    channels |= _corner_channels(car, "displacement", "m", car.shock @ q)
+    channels |= _corner_channels(car, "force", "N", motion.shock_force)
+    channels |= _corner_channels(car, "hub_acceleration", "m/s2", car.wheel @ a)
+    channels |= _corner_channels(car, "chassis_acceleration", "m/s2", car.chassis @ a)
+    return channels | _cockpit(car, q, a)
+
+
+def _corner_channels(car: Car, quantity: str, unit: str, rows: Array) -> Channels:
+    return {name: (unit, row) for name, row in zip(car.named(quantity), rows, strict=True)}
+
+
+def _static(car: Car) -> Array:
+    """Return the static tire loads (C, 1) [N], 0 where the car speaks of changes only."""
+    return np.where(np.isfinite(car.tires.static_load), car.tires.static_load, 0.0)
+
+
+def _aero_positions(car: Car, q: Array) -> Channels:
+    """Return channels 5 to 8; the seven-DOF car has no aeroloaders and says its modes at once."""
+    if car.loads != car.named("aero"):
+        return {}
+    return _corner_channels(car, "aero_position", "m", -car.load @ q)
+
+
+def _cockpit(car: Car, q: Array, a: Array) -> Channels:
+    """Return channels 41 to 44; lateral and longitudinal accelerometers feel the chassis' tilt."""
+    if not car.points:
+        return {}
+    points = car.points
+    return {
+        "cg.vertical_acceleration": ("m/s2", points["heave"] @ a),
+        "cg.longitudinal_acceleration": ("m/s2", _GRAVITY * (points["pitch"] @ q)),
+        "cg.lateral_acceleration": ("m/s2", _GRAVITY * (points["roll"] @ q)),
+        "driver.acceleration": ("m/s2", points["driver"] @ a),
+    }
+
+
+def with_math(car: Car, motion: Motion, series: TimeSeries) -> TimeSeries:
+    """Return the record with the math channels 45 to 62, made of the measured ones as 6.1.2 says.
+
+    The linear truths' ride heights are read off the car: they have no aeroloaders to measure them by.
+    """
+    channels = {n: (u, row) for n, u, row in zip(series.names, series.units, series.values, strict=True)}
+    geometry = car.geometry
+    if geometry is not None and car.named("aero_position")[0] in series:
+        modes = displacement_modes(geometry) @ np.stack([series[n] for n in car.named("aero_position")])
+        channels |= _mode_channels(modes, ("m", "rad", "rad", "rad"), ("", "", "", ""))
+        for suffix, names in (("", car.named("aero")), ("_command", car.named("aero_command"))):
+            forces = -force_modes(geometry) @ np.stack([series[n] for n in names])
+            kinds = (f"_force{suffix}", *(f"_moment{suffix}",) * 3)
+            channels |= _mode_channels(forces, ("N", "N.m", "N.m", "N.m"), kinds)
+    channels |= _ride_heights(car, motion, channels)
+    for name, pot in zip(car.named("velocity"), car.named("displacement"), strict=True):
+        channels[name] = ("m/s", velocity_from_displacement(series[pot], RATE, POT_CUTOFF))
+    return TimeSeries.from_channels(series.time, channels)
+
+
+def _mode_channels(rows: Array, units: tuple[str, ...], suffixes: tuple[str, ...]) -> Channels:
+    named = (f"aero.{mode}{suffix}" for mode, suffix in zip(MODES, suffixes, strict=True))
+    return dict(zip(named, zip(units, rows, strict=True), strict=True))
+
+
+def _ride_heights(car: Car, motion: Motion, channels: Mapping[str, tuple[str, Array]]) -> Channels:
+    roads = np.stack([channels[name][1] for name in car.named("road")])
+    if car.geometry is None:
+        return {"ride_height": ("m", (car.chassis @ motion.position)[0] - roads[0])}
+    if "aero.heave" in channels:
+        heave, pitch = channels["aero.heave"][1], channels["aero.pitch"][1]
+    else:
+        heave, pitch = (car.points[name] @ motion.position for name in ("heave", "pitch"))
+    front, rear = ride_heights(heave, pitch, roads, car.geometry)
+    return {"front.ride_height": ("m", front), "rear.ride_height": ("m", rear)}

@@ -1,0 +1,235 @@
+"""Drivefiles of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3): commands at 1250 Hz."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import fftconvolve, firwin2
+
+from eightpost.errors import ParameterError
+from eightpost.rig.post.modes import aeroloader_forces
+from eightpost.rig.post.simulate import RATE
+from eightpost.rig.track import AEROLOADER, WHEELLOADER, track_drivefile
+from eightpost.signals.drivefile import Drivefile
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.rig.post.car import Car
+
+    Array = NDArray[np.float64]
+
+_INCH = convert(1.0, "in", "m")
+_POUND = convert(1.0, "lbf", "N")
+
+#: Table 4.3: frequency [Hz] and relative amplitude [1] of the quarter-car rig's random test; nothing above 20 Hz.
+TABLE_4_3 = (
+    (0.0, 0.0), (0.1, 1.0), (1.0, 1.0), (2.0, 0.8), (3.0, 0.7), (5.0, 0.5), (8.0, 0.3), (10.0, 0.3), (15.0, 0.3),
+    (20.0, 0.1), (20.1, 0.0),
+)  # fmt: skip
+
+#: Table 4.4: frequency [Hz] and amplitude [in].
+TABLE_4_4 = ((1.0, 1.0), (2.8, 0.6), (3.5, 0.5), (5.0, 0.4), (9.0, 0.4), (12.0, 0.3))
+
+#: Table 6.2: heave, then pitch and roll; frequency [Hz] and amplitude [in].
+HEAVE_SINES = (
+    (1.0, 1.0), (2.0, 1.0), (4.0, 0.7), (6.0, 0.5), (8.0, 0.3), (10.0, 0.3), (15.0, 0.1), (20.0, 0.05),
+)  # fmt: skip
+TILT_SINES = ((1.0, 1.0), (2.0, 0.7), (3.0, 0.5), (5.0, 0.5), (6.0, 0.3))
+
+#: Signs of lf, rf, lr, rr in each mode: heave up, nose down, left up, front left up and rear left down.
+SIGNS = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
+
+#: 6.1.3: peak of the wheelloaders [m] and of the aeroloaders about their mean [N].
+ROAD_PEAK, AERO_PEAK = 0.4 * _INCH, 560.0 * _POUND
+
+#: Mean aeroloader force, front and rear (ours: about 1 in of travel on Table 5.1's stiff springs; 6.1.3 has 3 and
+#: 2.5 in, which those would not reach) [N].
+DOWNFORCE = (700.0 * _POUND, 550.0 * _POUND)
+
+
+def random_drive(
+    car: Car, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
+) -> Drivefile:
+    """Return the random test: Gaussian noise of Table 6.3 on every actuator, or on `active` ones only.
+
+    The noise is shaped by a linear-phase filter of 8 s (6.1.3 has a Yule-Walker fit) and scaled to the peaks of 6.1.3.
+    Inactive wheelloaders rest at 0, inactive aeroloaders at their mean.
+
+    Args:
+        car: Its inputs are commanded.
+        seed: Of the noise.
+        duration: [s]; 800, and 100 for single inputs (6.1.3).
+        active: Names of the inputs that move; all of them when empty.
+        road_peak: [m].
+
+    Raises:
+        ParameterError: An input is not the car's, or the duration is not positive.
+    """
+    unknown = [name for name in active if name not in car.inputs]
+    if unknown:
+        raise ParameterError(f"no input {', '.join(unknown)}; the {car.name} has {', '.join(car.inputs)}")
+    _check_duration(duration)
+    generator, count, commands = np.random.default_rng(seed), round(duration * RATE) + 1, {}
+    for name in car.inputs:
+        is_road = name in car.named("road")
+        noise = _shaped(generator, count, WHEELLOADER if is_road else AEROLOADER)
+        if not active or name in active:
+            commands[name] = (road_peak if is_road else _load_peak(car, name)) * noise
+    return _drivefile(car, count, commands)
+
+
+def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEAK) -> Drivefile:
+    """Return the random test of 4.5.1: a multisine of Table 4.3 every 0.1 Hz, the channel `road` [m].
+
+    Args:
+        seed: Of the phases.
+        duration: [s]; 120. It repeats every 10 s.
+        peak: [m]; 4.5.1 prints none: the 8-post rig's.
+    """
+    _check_duration(duration)
+    frequencies = np.arange(1, 201) / 10.0
+    amplitudes = np.interp(frequencies, *np.array(TABLE_4_3).T)
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, frequencies.size)
+    period = round(10.0 * RATE)
+    lines = np.zeros(period // 2 + 1, dtype=np.complex128)
+    lines[1:201] = amplitudes * np.exp(1j * phases)
+    wave = np.fft.irfft(lines, period)
+    count = round(duration * RATE) + 1
+    values = np.resize(wave * (peak / np.abs(wave).max()), count)
+    return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, _with_loads({"road": values}, count)))
+
+
+def _with_loads(roads: Mapping[str, Array], count: int) -> dict[str, tuple[str, Array]]:
+    return {**{name: ("m", row) for name, row in roads.items()}, "aero_force": ("N", np.zeros(count))}
+
+
+def sine_drive(
+    car: Car, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
+) -> Drivefile:
+    """Return a sine of the wheelloaders in a mode; the first second grows.
+
+    Args:
+        car: Its inputs are commanded.
+        frequency: [Hz].
+        amplitude: [m], at each wheelloader.
+        mode: heave, pitch, roll or warp.
+        duration: [s].
+    """
+    _check_duration(duration)
+    time = np.arange(round(duration * RATE) + 1) / RATE
+    wave = amplitude * np.minimum(time, 1.0) * np.sin(2.0 * np.pi * frequency * time)
+    return _drivefile(car, time.size, _in_mode(car, mode, wave))
+
+
+def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
+    """Return the square wave of all wheelloaders, `height` from peak to peak (6.1.3: 0.4 in, 10 s, 50 s long).
+
+    The edges take 20 ms (two moving means of 10 ms): no actuator jumps. 4.5.1 has 1 in, 20 s, 60 s long.
+    """
+    _check_duration(duration)
+    time = np.arange(round(duration * RATE) + 1) / RATE
+    wave = np.where((time / period) % 1.0 < 0.5, 0.0, height) - 0.5 * height
+    for _ in range(2):
+        wave = uniform_filter1d(wave, 13, mode="nearest")
+    return _drivefile(car, time.size, _in_mode(car, "heave", wave))
+
+
+def static_drive(
+    car: Car, kind: str = "heave", *, most: float = 1000.0 * _POUND, levels: int = 5, hold: float = 4.0
+) -> Drivefile:
+    """Return the spring-rating test of 6.1.3: the aeroloaders from zero to `most` in levels, and back.
+
+    Args:
+        car: With four aeroloaders.
+        kind: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
+        most: Largest force of each aeroloader in use [N]; pitch, roll and warp pull on the others.
+        levels: Of force above zero; 5.
+        hold: At each [s], after a ramp of 1 s.
+
+    Raises:
+        ParameterError: The car has no aeroloaders, or there is no such kind.
+    """
+    names = car.named("aero")
+    if car.loads != names:
+        raise ParameterError(f"the {car.name} has no four aeroloaders; static loading is the eight_post's")
+    if kind not in (*SIGNS, *names):
+        raise ParameterError(f"no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
+    steps = [*range(levels + 1), *range(levels - 1, -1, -1)]
+    corners = [(k * (hold + 1.0) + rest, level) for k, level in enumerate(steps) for rest in (0.0, hold)]
+    times, shares = np.array(corners).T
+    time = np.arange(round(times[-1] * RATE) + 1) / RATE
+    force = most / levels * np.interp(time, times, shares)
+    # Heave, pitch ... are upward modes, the aeroloaders push down.
+    signs = {n: -s if kind != "heave" else s for n, s in zip(names, SIGNS.get(kind, (0,) * 4), strict=True)}
+    if kind in names:
+        signs[kind] = 1
+    return _drivefile(car, time.size, {name: sign * force for name, sign in signs.items()}, rest=False)
+
+
+def track_drive(car: Car, seed: int, *, duration: float = 30.0) -> Drivefile:
+    """Return a synthetic track lap for a four-wheeled car; loads go to the aeroloaders where there are such."""
+    lap = track_drivefile(seed, duration=duration, rate=RATE).series
+    if car.geometry is None:
+        raise ParameterError("a track lap needs a car of four wheels")
+    if car.loads != car.named("aero"):
+        return Drivefile(lap.select(car.inputs))
+    modes = np.stack([lap["heave_force"], lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))])
+    aero = aeroloader_forces(modes, car.geometry)
+    roads = {name: ("m", lap[name]) for name in car.named("road")}
+    loads = {name: ("N", row) for name, row in zip(car.loads, aero, strict=True)}
+    return Drivefile(TimeSeries.from_channels(lap.time, roads | loads))
+
+
+def _check_duration(duration: float) -> None:
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise ParameterError(f"the duration must be above 0, not {duration:g} s")
+
+
+def _in_mode(car: Car, mode: str, wave: Array) -> dict[str, Array]:
+    if mode not in SIGNS:
+        raise ParameterError(f"no mode {mode!r}; there are {', '.join(SIGNS)}")
+    signs = SIGNS[mode] if len(car.corners) == 4 else (1,)
+    return {name: sign * wave for name, sign in zip(car.named("road"), signs, strict=True)}
+
+
+def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
+    """Return the commands (N,) of the inputs that move, the aeroloaders about their means unless at rest at 0."""
+    zero, channels = np.zeros(count), {}
+    units = (*("m",) * len(car.corners), *car.load_units)
+    for name, unit in zip(car.inputs, units, strict=True):
+        mean = _mean_load(car, name) if rest else 0.0
+        channels[name] = (unit, mean + commands.get(name, zero))
+    return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
+
+
+def _mean_load(car: Car, name: str) -> float:
+    """Return the mean of an input: the downforce on aeroloaders."""
+    if car.loads != car.named("aero") or name not in car.loads:
+        return 0.0
+    return DOWNFORCE[0] if car.loads.index(name) < 2 else DOWNFORCE[1]
+
+
+def _load_peak(car: Car, name: str) -> float:
+    """Return the peak of a load: 560 lbf, moments with half the track or wheelbase as arm."""
+    if car.geometry is None or not name.endswith("_moment"):
+        return AERO_PEAK
+    return AERO_PEAK * 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
+
+
+def _shaped(generator: np.random.Generator, count: int, table: Sequence[tuple[float, float]]) -> Array:
+    """Return Gaussian noise (count,) of a table's amplitude spectrum, without a mean and with peak 1."""
+    frequencies, amplitudes = np.array(table).T
+    taps = round(8.0 * RATE) | 1
+    edges = np.array([*frequencies, frequencies[-1] + 0.5, 0.5 * RATE])
+    gains = np.array([0.0, *amplitudes[1:], 0.0, 0.0])
+    white = generator.standard_normal(count + taps - 1)
+    noise = fftconvolve(white, firwin2(taps, edges, gains, fs=RATE, nfreqs=32769), mode="valid")
+    noise -= noise.mean()
+    return np.asarray(noise / np.abs(noise).max(), dtype=np.float64)

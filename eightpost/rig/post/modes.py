@@ -1,0 +1,66 @@
+"""Heave, pitch, roll and warp of the four aeroloaders (Eq 6.1 and 6.2).
+
+Modes of force follow those of displacement: heave up, pitch nose down, roll left side up. Aeroloader forces are
+positive down (docs/ports.md), so downforce is a negative heave force.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.rig.post.car import Geometry
+
+    Array = NDArray[np.float64]
+
+MODES = ("heave", "pitch", "roll", "warp")
+
+
+def displacement_modes(geometry: Geometry) -> Array:
+    """Return T_x (4, 4) of Eq 6.1: heave [m], pitch, roll, warp [rad] from the mounts' heights [m].
+
+    The warp row is printed without the primes of t_f' and t_r'; the aeroloaders' widths are meant.
+    """
+    a, b = geometry.front_aero, geometry.rear_aero
+    front, rear, length = geometry.front_aero_track, geometry.rear_aero_track, a + b
+    return np.array(
+        [
+            [b / (2 * length), b / (2 * length), a / (2 * length), a / (2 * length)],
+            [-1 / (2 * length), -1 / (2 * length), 1 / (2 * length), 1 / (2 * length)],
+            [b / (length * front), -b / (length * front), a / (length * rear), -a / (length * rear)],
+            [1 / front, -1 / front, -1 / rear, 1 / rear],
+        ]
+    )
+
+
+def force_modes(geometry: Geometry) -> Array:
+    """Return T_f (4, 4) of Eq 6.2: heave [N], pitch, roll and warp moment [N.m] from upward forces [N]."""
+    a, b = geometry.front_aero, geometry.rear_aero
+    front, rear = 0.5 * geometry.front_aero_track, 0.5 * geometry.rear_aero_track
+    return np.array([[1, 1, 1, 1], [-a, -a, b, b], [front, -front, rear, -rear], [front, -front, -rear, rear]])
+
+
+def aeroloader_forces(modes: Array, geometry: Geometry) -> Array:
+    """Return the aeroloaders' forces (4, ...) [N, down] that make mode forces (4, ...) [N and N.m, up]."""
+    return np.asarray(-np.linalg.solve(force_modes(geometry), modes), dtype=np.float64)
+
+
+def ride_heights(heave: Array, pitch: Array, roads: Array, geometry: Geometry) -> tuple[Array, Array]:
+    """Return the heights (N,) of nose and spoiler over the plane through the wheelloaders [m], from the static ones.
+
+    Args:
+        heave: Of the centre of gravity (N,) [m].
+        pitch: (N,) [rad].
+        roads: lf, rf, lr, rr (4, N) [m].
+        geometry: Where nose and spoiler are.
+    """
+    front, rear = 0.5 * (roads[0] + roads[1]), 0.5 * (roads[2] + roads[3])
+    base = geometry.front_axle + geometry.rear_axle
+    fore, aft = geometry.front_overhang / base, geometry.rear_overhang / base
+    nose = heave - (geometry.front_axle + geometry.front_overhang) * pitch - (front * (1 + fore) - rear * fore)
+    spoiler = heave + (geometry.rear_axle + geometry.rear_overhang) * pitch - (rear * (1 + aft) - front * aft)
+    return nose, spoiler

@@ -1,0 +1,186 @@
+"""Shocks on the virtual rig: any law of `eightpost.shock`, dampers of the virtual dynamometer, a linear damper.
+
+Corners and runs are computed side by side: all ports with the same shock are one bank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from eightpost.errors import ParameterError
+from eightpost.rig.damper import PhysicalDamper
+from eightpost.rig.post.physical_bank import PhysicalBank
+from eightpost.rig.truth_damper import TruthDamper, ValveSide
+from eightpost.shock.law import ShockLaw
+from eightpost.shock.lpf1 import Lpf1
+from eightpost.shock.lpnl2 import Lpnl2
+from eightpost.shock.polylinear import Polylinear
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Fastest port velocity of the tables [m/s] and their spacing [m/s].
+_FASTEST, _SPACING = 6.0, 2.5e-4
+
+
+@dataclass(frozen=True, slots=True)
+class LinearDamper:
+    """F = c v.
+
+    Attributes:
+        damping: c [N.s/m].
+    """
+
+    damping: float
+
+
+Shock = LinearDamper | ShockLaw | TruthDamper | PhysicalDamper
+
+
+class Bank(Protocol):
+    """K ports with one shock; it keeps the shocks' states."""
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        """Return the forces (K,) [N] after a step [s].
+
+        Args:
+            before: Port velocities (K,) at its start [m/s].
+            after: At its end; linear between.
+            displacement: Port displacements (K,) at its end [m].
+            step: [s].
+        """
+        ...
+
+
+class _LinearBank:
+    def __init__(self, damper: LinearDamper) -> None:
+        self._damping = damper.damping
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        return self._damping * after
+
+
+class _TabulatedBank:
+    """Polylinear, LPF1 and LPNL2: the static force from a fine table, the lag by its exponential."""
+
+    def __init__(self, law: Polylinear | Lpf1 | Lpnl2, ports: int) -> None:
+        self._law, self._lagged = law, np.zeros(ports)
+        count = round(_FASTEST / _SPACING)
+        self._velocities = _SPACING * np.arange(-count, count + 1)
+        self._forces = np.array([law.static_force(v) for v in self._velocities.tolist()])
+
+    def _static(self, velocity: Array) -> Array:
+        return np.asarray(np.interp(velocity, self._velocities, self._forces))
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        port, static = self._law.port, self._static(after)
+        force = static if isinstance(self._law, Polylinear) else self._lag(self._law, before, static, step)
+        if port.seal_friction:
+            force = force + port.seal_friction * np.tanh(port.motion_ratio * after / port.friction_velocity)
+        gas = port.gas_preload + port.gas_stiffness * port.motion_ratio * displacement
+        return np.asarray(port.motion_ratio * (force + gas))
+
+    def _lag(self, law: Lpf1 | Lpnl2, before: Array, static: Array, step: float) -> Array:
+        start, tau = self._static(before), law.time_constant
+        behind = tau * (static - start) / step
+        self._lagged = static - behind + (self._lagged - start + behind) * np.exp(-step / tau)
+        if isinstance(law, Lpf1):
+            return self._lagged
+        span = law.lag_zero_force - law.lag_full_force
+        weight = np.clip((law.lag_zero_force - np.abs(static)) / span, 0.0, 1.0)
+        return np.asarray(weight * self._lagged + (1.0 - weight) * static)
+
+
+class _LawBank:
+    """Any law, port by port through its own `advance` and `response`."""
+
+    def __init__(self, law: ShockLaw, ports: int) -> None:
+        self._law, self._lagged = law, [0.0] * ports
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        starts, ends = before.tolist(), after.tolist()
+        law = self._law
+        self._lagged = [law.advance(f, v, w, step) for f, v, w in zip(self._lagged, starts, ends, strict=True)]
+        outputs = zip(self._lagged, ends, displacement.tolist(), strict=True)
+        return np.array([law.response(f, w, x).force for f, w, x in outputs])
+
+
+class _FluidBank:
+    """Dampers of the demonstration data: dF/dt = k0 (1 + |F| / F1) (v - g(F)) by an exponential Rosenbrock step."""
+
+    def __init__(self, damper: TruthDamper, ports: int) -> None:
+        self._damper, self._valve = damper, np.zeros(ports)
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        damper, force = self._damper, self._valve
+        flow, slope = self._flow(force)
+        stiffness = damper.fluid_stiffness * (1.0 + np.abs(force) / damper.stiffening_force)
+        rate = stiffness * (0.5 * (before + after) - flow)
+        decay = step * stiffness * slope
+        self._valve = force + step * rate * -np.expm1(-decay) / decay
+        gas = damper.gas_stiffness * displacement + damper.gas_preload
+        return np.asarray(self._valve + gas + damper.seal_drag * np.tanh(after / damper.seal_velocity))
+
+    def _flow(self, force: Array) -> tuple[Array, Array]:
+        """Return g(F) (K,) and its slope (K,)."""
+        sides = [_side_flow(side, np.abs(force)) for side in (self._damper.compression, self._damper.rebound)]
+        pushed = force >= 0.0
+        flow = np.where(pushed, sides[0][0], -sides[1][0])
+        return flow, np.where(pushed, sides[0][1], sides[1][1])
+
+
+def _side_flow(side: ValveSide, force: Array) -> tuple[Array, Array]:
+    root = np.sqrt(side.bleed_linear**2 + 4.0 * side.bleed_square * force)
+    level = (force - side.opening_force) / side.opening_width
+    rest = np.logaddexp(0.0, -side.opening_force / side.opening_width)
+    flow = 2.0 * force / (root + side.bleed_linear)
+    flow = flow + side.opening_width / side.open_damping * (np.logaddexp(0.0, level) - rest)
+    return flow, 1.0 / root + 0.5 * (1.0 + np.tanh(0.5 * level)) / side.open_damping
+
+
+def _bank(shock: Shock, ports: int) -> Bank:
+    if isinstance(shock, LinearDamper):
+        return _LinearBank(shock)
+    if isinstance(shock, Polylinear | Lpf1 | Lpnl2):
+        return _TabulatedBank(shock, ports)
+    if isinstance(shock, ShockLaw):
+        return _LawBank(shock, ports)
+    if isinstance(shock, TruthDamper):
+        return _FluidBank(shock, ports)
+    if isinstance(shock, PhysicalDamper):
+        return PhysicalBank(shock, ports)
+    raise ParameterError(f"{shock!r} is no shock that the virtual rig knows")
+
+
+class ShockSet:
+    """The shocks of all corners and runs."""
+
+    def __init__(self, shocks: Sequence[Sequence[Shock]]) -> None:
+        """Group the ports by shock.
+
+        Args:
+            shocks: For each of B runs the C corners' shocks.
+        """
+        ports: dict[int, tuple[Shock, list[int]]] = {}
+        runs = len(shocks)
+        for run, corners in enumerate(shocks):
+            for corner, shock in enumerate(corners):
+                ports.setdefault(id(shock), (shock, []))[1].append(corner * runs + run)
+        self._groups = [(np.array(places), _bank(shock, len(places))) for shock, places in ports.values()]
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        """Return the forces (C, B) [N] after a step; arguments as `Bank.advance`, (C, B) each."""
+        forces = np.empty_like(after)
+        flat = forces.reshape(-1)
+        for places, bank in self._groups:
+            flat[places] = bank.advance(
+                before.reshape(-1)[places], after.reshape(-1)[places], displacement.reshape(-1)[places], step
+            )
+        return forces

@@ -1,0 +1,231 @@
+"""The three truths of the virtual rig, of rising honesty: quarter car, seven-DOF car, 8-post stand-in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.rig.post.car import Car, Geometry
+from eightpost.rig.post.elements import Friction, Springs, Tires
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+CORNERS = ("lf", "rf", "lr", "rr")
+_INCH = convert(1.0, "in", "m")
+_POUND = convert(1.0, "lbf", "N")
+_RATE = convert(1.0, "lbf/in", "N/m")
+_DAMPING = convert(1.0, "lbf.s/in", "N.s/m")
+_MASS = convert(1.0, "lbm", "kg")
+_INERTIA = _MASS * _INCH**2
+
+
+def _column(values: Sequence[float], unit: float = 1.0) -> Array:
+    return unit * np.array(values, dtype=np.float64)[:, None]
+
+
+def quarter_truth() -> Car:
+    """Return the quarter car of Table 4.1, linear; q = (chassis, wheel)."""
+    one = np.ones((1, 1))
+    chassis, wheel = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+    return Car(
+        name="quarter_car",
+        corners=("",),
+        mass=np.array([675.0, 75.0]) * _MASS,
+        shock=wheel - chassis,
+        spring=wheel - chassis,
+        wheel=wheel,
+        chassis=chassis,
+        loads=("aero_force",),
+        load_units=("N",),
+        load=-chassis,
+        stiffness=np.zeros((2, 2)),
+        damping=np.zeros((2, 2)),
+        springs=Springs.linear(1280.0 * _RATE * one),
+        tires=Tires(1300.0 * _RATE * one, 0.0 * one, np.inf * one),
+        friction=Friction.none(1),
+        points={},
+    )
+
+
+_TRACK, _FRONT, _REAR = 70.0 * _INCH, 60.0 * _INCH, 50.0 * _INCH
+
+
+def _geometry(front_aero: float, rear_aero: float, front_track: float, rear_track: float) -> Geometry:
+    """Return the geometry of Table 5.1's car with aeroloaders where they are said to be [m]; overhangs ours."""
+    overhang = 45.0 * _INCH
+    return Geometry(_FRONT, _REAR, front_aero, rear_aero, front_track, rear_track, overhang, overhang)
+
+
+def seven_dof_truth() -> Car:
+    """Return the car of Table 5.1, linear, without anti-roll bars; q = (z, roll, pitch, four wheels)."""
+    half = 0.5 * _TRACK
+    places = ((half, _FRONT), (-half, _FRONT), (half, -_REAR), (-half, -_REAR))
+    chassis = np.array([[1.0, left, -ahead, 0, 0, 0, 0] for left, ahead in places])
+    wheel = np.eye(7)[3:]
+    return Car(
+        name="seven_dof",
+        corners=CORNERS,
+        mass=np.array([2550.0, 1.5e6 * _INCH**2, 5.5e6 * _INCH**2, 101.0, 101.0, 124.0, 124.0]) * _MASS,
+        shock=wheel - chassis,
+        spring=wheel - chassis,
+        wheel=wheel,
+        chassis=chassis,
+        loads=("heave_force", "roll_moment", "pitch_moment"),
+        load_units=("N", "N.m", "N.m"),
+        load=np.eye(7)[:3],
+        stiffness=np.zeros((7, 7)),
+        damping=np.zeros((7, 7)),
+        springs=Springs.linear(_column((1280, 1280, 588, 588), _RATE)),
+        tires=Tires(_column((2000,) * 4, _RATE), _column((0,) * 4), _column((np.inf,) * 4)),
+        friction=Friction.none(4),
+        points=_points(np.eye(7)[0], np.eye(7)[2], lambda _: np.eye(7)[1]),
+        geometry=_geometry(_FRONT, _REAR, _TRACK, _TRACK),
+    )
+
+
+#: The stand-in's coordinates: heave, front roll, rear roll, pitch, left and right front wheel, axle heave, axle roll.
+_Z, _ROLL_F, _ROLL_R, _PITCH, _LF, _RF, _AXLE, _AXLE_ROLL = range(8)
+
+#: Half distances on the rear axle [m]: shocks and springs sit inboard of the wheels. A shock sees the wheel across
+#: (1 - r) / (1 + r) as much as its own, r the ratio of the distances: 10 dB less at r = 0.52 (6.2).
+_REAR_SHOCK, _REAR_SPRING = 0.26 * _TRACK, 0.31 * _TRACK
+
+#: Shock travel per wheel travel at the front (our choice).
+_FRONT_RATIO = 0.85
+
+#: Torsional stiffness of the chassis between the axles (our choice; a stock car's is near) [N.m/rad].
+_CHASSIS_TWIST = convert(8000.0, "lbf.ft/deg", "N.m/rad")
+_TWIST_DAMPING = 0.03
+
+#: Front anti-roll bar, moment per relative roll angle (our choice) [N.m/rad].
+_BAR = 4.0e4
+
+
+def stand_in_truth() -> Car:
+    """Return the 8-post stand-in: the seven-DOF car's sizes with what a real one adds.
+
+    A solid rear axle with inboard springs and shocks, two chassis halves that twist against each other, an anti-roll
+    bar, progressive springs, bump stops, tire damping, tires that lift, and friction that sticks along every shock.
+    Its loads are the four aeroloaders, positive down.
+    """
+    chassis = _stand_in_rows(_chassis_row)
+    spring = _stand_in_rows(_spring_row)
+    weights = _column((0.5 * 1430.0,) * 2 + (0.5 * 1570.0,) * 2, _POUND)
+    aero = _geometry(70.0 * _INCH, 62.0 * _INCH, 40.0 * _INCH, 40.0 * _INCH)
+    stiffness = _twist() * _CHASSIS_TWIST + _bar() * _BAR
+    mass = [2550.0, 0.5 * 1.5e6 * _INCH**2, 0.5 * 1.5e6 * _INCH**2, 5.5e6 * _INCH**2]
+    mass += [101.0, 101.0, 248.0, 248.0 * (0.33 * 70.0 * _INCH) ** 2]
+    return Car(
+        name="eight_post",
+        corners=CORNERS,
+        mass=np.array(mass) * _MASS,
+        shock=_stand_in_rows(_shock_row),
+        spring=spring,
+        wheel=_stand_in_rows(_wheel_row),
+        chassis=chassis,
+        loads=tuple(f"{corner}.aero" for corner in CORNERS),
+        load_units=("N",) * 4,
+        load=-_aero_rows(aero),
+        stiffness=stiffness,
+        damping=_twist() * (_TWIST_DAMPING * 2.0 * np.sqrt(_CHASSIS_TWIST * 0.25 * mass[_ROLL_F] * _MASS)),
+        springs=Springs(
+            _column((1280, 1280, 700, 700), _RATE),
+            _column((0.6, 0.6, 0.8, 0.8)),
+            _column((2.2, 2.2, 2.8, 2.8), _INCH),
+            _column((6000,) * 4, _RATE / _INCH),
+        ),
+        tires=Tires(_column((2000,) * 4, _RATE), _column((2.5,) * 4, _DAMPING), weights),
+        friction=Friction(
+            _column((15, 14, 19, 20), _POUND), _column((17, 16, 22, 23), _POUND), _column((4000,) * 4, _RATE)
+        ),
+        points=_points(_unit(_Z), _unit(_PITCH), _roll_at),
+        geometry=aero,
+    )
+
+
+def _unit(index: int) -> Array:
+    return np.asarray(np.eye(8)[index])
+
+
+def _roll_at(ahead: float) -> Array:
+    """Return the row of the chassis' roll at a station `ahead` of the centre of gravity [m]: linear along it."""
+    share = (ahead + _REAR) / (_FRONT + _REAR)
+    return share * _unit(_ROLL_F) + (1.0 - share) * _unit(_ROLL_R)
+
+
+def _chassis_at(ahead: float, left: float) -> Array:
+    return _unit(_Z) - ahead * _unit(_PITCH) + left * _roll_at(ahead)
+
+
+def _stand_in_rows(row: Callable[[bool, float], Array]) -> Array:
+    return np.stack([row(front, side) for front in (True, False) for side in (1.0, -1.0)])
+
+
+def _chassis_row(front: bool, side: float) -> Array:
+    return _chassis_at(_FRONT if front else -_REAR, side * 0.5 * _TRACK)
+
+
+def _wheel_row(front: bool, side: float) -> Array:
+    return _front_wheel(side) if front else _axle_at(side * 0.5 * _TRACK)
+
+
+def _spring_row(front: bool, side: float) -> Array:
+    return _front_wheel(side) - _chassis_row(True, side) if front else _inboard(side * _REAR_SPRING)
+
+
+def _shock_row(front: bool, side: float) -> Array:
+    return _FRONT_RATIO * _spring_row(True, side) if front else _inboard(side * _REAR_SHOCK)
+
+
+def _front_wheel(side: float) -> Array:
+    return _unit(_LF if side > 0.0 else _RF)
+
+
+def _axle_at(left: float) -> Array:
+    return _unit(_AXLE) + left * _unit(_AXLE_ROLL)
+
+
+def _inboard(left: float) -> Array:
+    return _axle_at(left) - _chassis_at(-_REAR, left)
+
+
+def _aero_rows(geometry: Geometry) -> Array:
+    """Return the heights (4, 8) of the aeroloaders' mounts."""
+    stations = ((geometry.front_aero, geometry.front_aero_track), (-geometry.rear_aero, geometry.rear_aero_track))
+    return np.stack([_chassis_at(ahead, side * 0.5 * track) for ahead, track in stations for side in (1.0, -1.0)])
+
+
+def _twist() -> Array:
+    row = _unit(_ROLL_F) - _unit(_ROLL_R)
+    return np.outer(row, row)
+
+
+def _bar() -> Array:
+    row = _unit(_ROLL_F) - (_unit(_LF) - _unit(_RF)) / _TRACK
+    return np.outer(row, row)
+
+
+def _points(heave: Array, pitch: Array, roll_at: Callable[[float], Array]) -> dict[str, Array]:
+    """Return the rows of the centre of gravity, its roll and pitch, and of the driver (20 in back, 15 in left)."""
+    back, left = 20.0 * _INCH, 15.0 * _INCH
+    return {
+        "heave": heave,
+        "pitch": pitch,
+        "roll": roll_at(0.0),
+        "driver": heave + back * pitch + left * roll_at(-back),
+    }
+
+
+#: Every truth by the name that the command line and the files use.
+TRUTHS: dict[str, Callable[[], Car]] = {
+    "quarter_car": quarter_truth,
+    "seven_dof": seven_dof_truth,
+    "eight_post": stand_in_truth,
+}

@@ -1,0 +1,93 @@
+"""Coherence and variance against their closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.ident.response import H1, H2, Blocks, FrequencyResponse, Hv, LocalPolynomial, Recipe, estimate_response
+from eightpost.signals import TimeSeries
+
+RATE, SAMPLES, GAIN = 100.0, 100_000, 3.0
+
+
+def _series(**channels: np.ndarray) -> TimeSeries:
+    return TimeSeries.from_channels(np.arange(SAMPLES) / RATE, {name: ("m", row) for name, row in channels.items()})
+
+
+def _estimate(record: TimeSeries, recipe: Recipe, *inputs: str) -> FrequencyResponse:
+    return estimate_response([record], inputs=inputs, outputs=["y"], recipe=recipe)
+
+
+@pytest.fixture
+def generator() -> np.random.Generator:
+    return np.random.default_rng(11)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 2.0])
+def test_the_coherence_of_a_noisy_output_is_signal_over_signal_and_noise(
+    generator: np.random.Generator, ratio: float
+) -> None:
+    u, noise = generator.normal(size=(2, SAMPLES))
+    found = _estimate(_series(u=u, y=GAIN * u + GAIN * ratio * noise), H1(Blocks(2.0)), "u")
+    assert found.coherence is not None
+    assert found.coherence.mean() == pytest.approx(1.0 / (1.0 + ratio**2), abs=0.005)
+
+
+@pytest.mark.parametrize("recipe", [H1(Blocks(2.0)), LocalPolynomial(spacing=0.5, half_width=0.1)])
+def test_the_variance_is_that_of_repeated_estimates(generator: np.random.Generator, recipe: Recipe) -> None:
+    values, told = [], []
+    for _ in range(20):
+        u, noise = generator.normal(size=(2, SAMPLES))
+        found = _estimate(_series(u=u, y=GAIN * u + noise), recipe, "u")
+        assert found.variance is not None
+        values.append(found.H[0, 0])
+        told.append(found.variance[0, 0].mean())
+    assert np.mean(told) == pytest.approx(np.mean(np.abs(np.array(values) - GAIN) ** 2), rel=0.15)
+
+
+def test_noise_on_the_output_leaves_h1_alone_and_noise_on_the_input_leaves_h2_alone(
+    generator: np.random.Generator,
+) -> None:
+    u, noise = generator.normal(size=(2, SAMPLES))
+    for record, unbiased, biased, factor in (
+        (_series(u=u, y=GAIN * (u + 0.5 * noise)), H1, H2, 1.25),
+        (_series(u=u + 0.5 * noise, y=GAIN * u), H2, H1, 1 / 1.25),
+    ):
+        right, wrong = (_estimate(record, kind(Blocks(2.0)), "u").H.real.mean() for kind in (unbiased, biased))
+        assert right == pytest.approx(GAIN, rel=0.01)
+        assert wrong == pytest.approx(GAIN * factor, rel=0.02)
+
+
+def test_hv_of_one_input_is_the_geometric_mean_of_h1_and_h2(generator: np.random.Generator) -> None:
+    u, noise = generator.normal(size=(2, SAMPLES))
+    record = _series(u=u, y=GAIN * u + noise)
+    h1, h2, hv = (_estimate(record, kind(Blocks(2.0)), "u").H for kind in (H1, H2, Hv))
+    assert np.abs(hv) == pytest.approx(np.sqrt(np.abs(h1) * np.abs(h2)), rel=1e-9)
+
+
+def test_the_partial_coherence_of_correlated_inputs_counts_what_each_alone_explains(
+    generator: np.random.Generator,
+) -> None:
+    first, own, noise = generator.normal(size=(3, SAMPLES))
+    second = 0.8 * first + 0.6 * own
+    found = _estimate(_series(a=first, b=second, y=2.0 * first + second + noise), H1(Blocks(2.0)), "a", "b")
+    assert found.partial_coherence is not None
+    # With the other input taken out, each keeps 1 - 0.8^2 = 0.36 of its power.
+    expected = [4.0 * 0.36 / (4.0 * 0.36 + 1.0), 0.36 / (0.36 + 1.0)]
+    assert found.partial_coherence[0].mean(axis=1) == pytest.approx(expected, abs=0.01)
+
+
+def test_an_input_is_dropped_where_it_has_no_power(generator: np.random.Generator) -> None:
+    wide = generator.normal(size=SAMPLES)
+    spectrum = np.fft.rfft(generator.normal(size=SAMPLES))
+    spectrum[np.fft.rfftfreq(SAMPLES, 1.0 / RATE) > 5.0] = 0.0
+    slow = np.fft.irfft(spectrum)
+    found = _estimate(_series(wide=wide, slow=slow, y=wide + slow + 0.1 * generator.normal(size=SAMPLES)),
+                      H1(Blocks(4.0)), "wide", "slow")  # fmt: skip
+    above = found.frequency > 6.0
+    assert found.variance is not None
+    assert not found.H[0, 1, above].any()
+    assert np.isinf(found.variance[0, 1, above]).all()
+    assert found.H[0, 0, above] == pytest.approx(np.ones(above.sum()), abs=0.05)
+    assert np.abs(found.H[0, 1, found.frequency < 4.5] - 1.0).max() < 0.05

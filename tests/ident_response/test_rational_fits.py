@@ -1,0 +1,165 @@
+"""Rational fits, their parallel realisation, and simulation with shocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import residue
+
+from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.vehicle import (
+    BandWeights,
+    RationalFit,
+    SisoFits,
+    TransferFunction,
+    has_direct_term,
+    parallel_model,
+    simulate_with_shocks,
+)
+from eightpost.shock import Polylinear, StaticCurve
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+
+from .rig_tests import ALTERNATE, BASELINE, noise, respond
+
+F = np.arange(0.2, 25.0, 0.05)
+EVERYWHERE = BandWeights(((0.0, 100.0, 1.0),))
+
+
+def _quarter_car() -> FrequencyResponse:
+    return response_of(add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE}), F)
+
+
+def _linear_shock(rate: float) -> Polylinear:
+    """A straight line through the origin: F = rate v."""
+    speed = 0.4
+    inner = (rate * speed, *[0.0] * 14)
+    line = (rate * speed, rate * speed, 0.0, 0.0)
+    rebound = (-rate * speed, -rate * speed, 0.0, 0.0)
+    return Polylinear(StaticCurve(inner, line, rebound, speed, 0.01, 5.0, 5.0, rate, rate))
+
+
+def test_known_polynomials_are_recovered_to_rounding() -> None:
+    b, a = [2.0, 300.0, 4e4], [1.0, 8.0, 900.0, 1500.0]
+    s = 2j * np.pi * F
+    fit = RationalFit(3, 2).fit(F, np.polyval(b, s) / np.polyval(a, s), np.ones(F.size))
+    residues, poles, _ = residue(b, a)
+    order = np.lexsort((fit.poles.imag, fit.poles.real))
+    expected = np.lexsort((poles.imag, poles.real))
+    np.testing.assert_allclose(fit.poles[order], poles[expected], rtol=1e-9)
+    np.testing.assert_allclose(fit.residues[order], residues[expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [None, 0.008])
+def test_every_path_of_the_quarter_car_is_recovered_to_rounding(dt: float | None) -> None:
+    model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
+    H = (model if dt is None else discretise(model, dt, "first")).frequency_response(F)
+    for path in H.reshape(-1, F.size):
+        fit = RationalFit(4, 4, dt).fit(F, path, np.ones(F.size))
+        assert np.abs(fit.frequency_response(F) - path).max() < 1e-10 * np.abs(path).max()
+
+
+def test_output_error_is_no_worse_than_the_reweighted_equation_error_it_starts_from() -> None:
+    generator = np.random.default_rng(3)
+    path = _quarter_car().between("tire_force", "road")
+    noisy = path * (1.0 + 0.1 * (generator.normal(size=F.size) + 1j * generator.normal(size=F.size)))
+    errors = [
+        np.linalg.norm(RationalFit(4, 4, iterations=n).fit(F, noisy, np.ones(F.size)).frequency_response(F) - noisy)
+        for n in (0, 30)
+    ]
+    assert errors[1] <= errors[0]
+
+
+@pytest.mark.parametrize("dt", [None, 0.008])
+def test_fits_of_pure_noise_are_stable(dt: float | None) -> None:
+    generator = np.random.default_rng(5)
+    for _ in range(5):
+        wild = generator.normal(size=F.size) + 1j * generator.normal(size=F.size)
+        poles = RationalFit(8, 7, dt).fit(F, wild, np.ones(F.size)).poles
+        assert (poles.real < 0.0).all() if dt is None else (np.abs(poles) < 1.0).all()
+
+
+def test_frequencies_without_weight_do_not_count() -> None:
+    path = _quarter_car().between("velocity", "road").copy()
+    path[F > 20.0] = 1e6
+    fit = RationalFit(4, 4).fit(F, path, BandWeights(((0.0, 20.0, 1.0),)).at(F))
+    below = F < 20.0
+    assert np.abs(fit.frequency_response(F) - path)[below].max() < 1e-9 * np.abs(path[below]).max()
+
+
+def test_the_parallel_realisation_equals_the_transfer_functions_at_every_frequency() -> None:
+    response = _quarter_car().select(outputs=["velocity", "tire_force"])
+    paths: dict[tuple[str, str], TransferFunction] = {}
+    for i, output in enumerate(response.output_names):
+        for j, source in enumerate(response.input_names):
+            paths[output, source] = RationalFit(4, 4).fit(F, response.H[i, j], np.ones(F.size))
+    model = parallel_model(paths, response.inputs, response.outputs)
+    assert len(model.A) == 24
+    np.testing.assert_allclose(model.frequency_response(F), response.H, rtol=1e-9, atol=1e-14)
+
+
+def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_refused() -> None:
+    with pytest.raises(ParameterError, match="numerator"):
+        RationalFit(3, 4)
+    with pytest.raises(TooShortError, match="coefficients"):
+        RationalFit(8, 8).fit(F[:5], np.ones(5, dtype=complex), np.ones(5))
+
+
+@pytest.mark.parametrize("name", ["quarter_car", "seven_dof"])
+def test_direct_terms_told_by_name_are_those_of_the_models(name: str) -> None:
+    model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
+    direct = model.direct_terms()
+    told = np.array([[has_direct_term(o, i) for i in model.input_names] for o in model.output_names])
+    np.testing.assert_array_equal(told, direct)
+
+
+def _identified(dt: float | None) -> IdentifiedVehicle:
+    weights = dict.fromkeys(("road", "aero_force", "force"), EVERYWHERE)
+    response = _quarter_car()
+    if dt is not None:
+        model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
+        response = response_of(discretise(model, dt, "zero"), F)
+    fits = SisoFits((4,), tolerance=1e-6, weights=weights, dt=dt).fit(response)
+    return IdentifiedVehicle("identified", fits.model, {"": BASELINE})
+
+
+def test_feeding_the_force_difference_back_swaps_the_shock_of_an_identified_car() -> None:
+    rate = 1000.0
+    road = 0.004 * noise(np.random.default_rng(8), 10_000, rate, 20.0)
+    drive = TimeSeries.from_channels(np.arange(road.size) / rate, {"road": ("m", road)})
+    found = simulate_with_shocks(_identified(None), {"": _linear_shock(ALTERNATE)}, drive)
+    car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": ALTERNATE})
+    u = np.stack([road, *[np.zeros(road.size)] * 2])
+    exact = respond(car, u, rate, 1)
+    # The model takes the force as linear over each step; the tested car has it continuous.
+    for name in ("velocity", "tire_force", "ride_height"):
+        wrong = found[name] - exact[car.output_names.index(name)]
+        assert wrong.std() < 2e-3 * found[name].std(), name
+    np.testing.assert_allclose(found["force"], ALTERNATE * found["velocity"], rtol=1e-6, atol=1e-6)
+
+
+def test_a_discrete_model_with_its_own_baseline_shock_answers_as_identified() -> None:
+    dt = 0.004
+    vehicle = _identified(dt)
+    road = 0.004 * noise(np.random.default_rng(8), 2000, 1.0 / dt, 20.0)
+    drive = TimeSeries.from_channels(np.arange(road.size) * dt, {"road": ("m", road)})
+    found = simulate_with_shocks(vehicle, {"": _linear_shock(BASELINE)}, drive)
+    alone = simulate_with_shocks(IdentifiedVehicle("no port", vehicle.state_space, {}), {}, drive)
+    np.testing.assert_allclose(found["tire_force"], alone["tire_force"], atol=1e-6 * found["tire_force"].std())
+
+
+def test_a_drive_that_the_vehicle_cannot_take_is_refused() -> None:
+    drive = TimeSeries.from_channels(np.arange(100) * 0.001, {"lf.road": ("m", np.zeros(100))})
+    with pytest.raises(InputError, match=r"lf\.road"):
+        simulate_with_shocks(_identified(None), {}, drive)
+    with pytest.raises(InputError, match="no port 'lf'"):
+        simulate_with_shocks(_identified(None), {"lf": _linear_shock(1.0)}, drive)
+
+
+def test_a_velocity_with_a_direct_term_from_its_own_force_is_refused() -> None:
+    one = TransferFunction(np.array([-1.0 + 0j]), np.array([1.0 + 0j]), 0.5)
+    model = parallel_model({("velocity", "force"): one}, [Channel("force", "N")], [Channel("velocity", "m/s")])
+    drive = TimeSeries(np.arange(100) * 0.001, np.empty((0, 100)), (), ())
+    with pytest.raises(ParameterError, match="at once"):
+        simulate_with_shocks(IdentifiedVehicle("loop", model), {}, drive)

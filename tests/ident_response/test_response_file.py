@@ -1,0 +1,93 @@
+"""Frequency responses as files, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError, TooShortError
+from eightpost.ident.response import (
+    H1,
+    H2,
+    Blocks,
+    FrequencyResponse,
+    LocalPolynomial,
+    Sequential,
+    estimate_response,
+    read_response,
+    write_response,
+)
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Channel
+
+
+def _response() -> FrequencyResponse:
+    generator = np.random.default_rng(1)
+    H = generator.normal(size=(2, 3, 5)) + 1j * generator.normal(size=(2, 3, 5))
+    variance = np.abs(H)
+    variance[0, 0, 0] = np.inf
+    inputs = (Channel("lf.road", "m"), Channel("heave_force", "N"), Channel("lf.force", "N"))
+    outputs = (Channel("lf.velocity", "m/s"), Channel("lf.tire_force", "N"))
+    return FrequencyResponse(np.arange(1.0, 6.0), H, inputs, outputs, np.full((2, 5), 0.5), None, variance)
+
+
+def _record(samples: int = 1000, rate: float = 100.0) -> TimeSeries:
+    values = np.random.default_rng(2).normal(size=(3, samples))
+    return TimeSeries(np.arange(samples) / rate, values, ("u", "v", "y"), ("m", "m", "N"))
+
+
+def test_reading_gives_what_was_written_to_the_last_bit(tmp_path: Path) -> None:
+    response = _response()
+    write_response(tmp_path / "h.npz", response, sources={"a.csv": "0" * 64})
+    again = read_response(tmp_path / "h.npz")
+    assert again.inputs == response.inputs
+    assert again.outputs == response.outputs
+    assert again.partial_coherence is None
+    for name in ("frequency", "H", "coherence", "variance"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(response, name))
+
+
+def test_a_file_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
+    write_response(tmp_path / "h.npz", _response())
+    with np.load(tmp_path / "h.npz") as content:
+        members = {name: content[name] for name in content.files}
+    header = json.loads(str(members["header"])) | {"schema": 99}
+    np.savez(tmp_path / "h.npz", **(members | {"header": np.array(json.dumps(header))}))
+    with pytest.raises(FileFormatError, match="schema 99"):
+        read_response(tmp_path / "h.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip at all", b"PK\x03\x04broken"])
+def test_a_file_that_is_none_of_ours_is_refused_with_its_name(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "h.npz").write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"h\.npz"):
+        read_response(tmp_path / "h.npz")
+
+
+def test_channels_are_selected_by_name_in_the_order_asked_for() -> None:
+    chosen = _response().select(inputs=["lf.force", "lf.road"], outputs=["lf.tire_force"])
+    assert chosen.input_names == ("lf.force", "lf.road")
+    np.testing.assert_array_equal(chosen.between("lf.tire_force", "lf.road"), _response().H[1, 0])
+    with pytest.raises(ParameterError, match=r"'rf\.road' is not there"):
+        _response().select(inputs=["rf.road"])
+
+
+def test_records_that_cannot_be_used_say_why() -> None:
+    blocks, both = Blocks(1.0), {"inputs": ["u", "v"], "outputs": ["y"]}
+    with pytest.raises(MissingChannelError, match="w"):
+        estimate_response([_record()], inputs=["w"], outputs=["y"], recipe=H1(blocks))
+    with pytest.raises(InputError, match="bring them to one rate"):
+        estimate_response([_record(), _record(rate=50.0)], recipe=H1(blocks), **both)
+    with pytest.raises(TooShortError, match="shorten the blocks"):
+        estimate_response([_record(50)], recipe=H1(blocks), **both)
+    with pytest.raises(InputError, match="cannot tell 2 inputs apart"):
+        estimate_response([_record(150)], recipe=H1(blocks), **both)
+    with pytest.raises(TooShortError, match="longer records"):
+        estimate_response([_record(20)], recipe=LocalPolynomial(), **both)
+    with pytest.raises(InputError, match="as many outputs as inputs"):
+        estimate_response([_record()], recipe=H2(blocks), **both)
+    with pytest.raises(InputError, match="1 forces take 2"):
+        estimate_response([_record()], recipe=Sequential(blocks, ("v",)), **both)

@@ -1,0 +1,83 @@
+"""`eightpost vehicle` and the parameter study under it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from eightpost.__main__ import main
+from eightpost.errors import InputError
+from eightpost.ident.response import read_response
+from eightpost.ident.vehicle.parameter_study import vary
+from eightpost.vehicle import StructuralVehicle, read_vehicle, shipped
+
+F = np.linspace(0.1, 25.0, 500)
+
+
+def _vehicle(*words: object) -> Result:
+    return CliRunner().invoke(main, ["vehicle", *[str(word) for word in words]])
+
+
+def _quarter_car() -> StructuralVehicle:
+    found = read_vehicle(shipped("quarter_car"))
+    assert isinstance(found, StructuralVehicle)
+    return found
+
+
+def test_damping_lowers_the_resonance_and_raises_the_response_above_it_as_in_fig_4_2() -> None:
+    soft, hard = vary(_quarter_car(), "damping", [0.5, 3.0], F)
+    low, high = (np.abs(variant.response.between("tire_force", "road")) for variant in (soft, hard))
+    assert high[np.argmin(np.abs(F - 3.0))] < low[np.argmin(np.abs(F - 3.0))]
+    assert high[np.argmin(np.abs(F - 8.0))] > low[np.argmin(np.abs(F - 8.0))]
+
+
+def test_stiffness_raises_the_frequency_and_lowers_the_damping_ratio_as_in_fig_4_4() -> None:
+    modes = [variant.modes[0] for variant in vary(_quarter_car(), "suspension_stiffness", [0.5, 1.0, 3.0], F)]
+    assert [m.frequency_hz for m in modes] == sorted(m.frequency_hz for m in modes)
+    assert [m.damping_ratio for m in modes] == sorted((m.damping_ratio for m in modes), reverse=True)
+
+
+def test_the_command_prints_the_modes_and_writes_pictures_and_responses(tmp_path: Path) -> None:
+    done = _vehicle(shipped("quarter_car"), "-o", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "3.039 Hz 5.82 %" in done.output
+    assert "18.452 Hz 40.16 %" in done.output
+    for name in ("velocity", "tire_force", "ride_height"):
+        assert (tmp_path / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+    response = read_response(tmp_path / "response.npz")
+    model = _quarter_car().with_damper()
+    np.testing.assert_array_equal(response.H, model.frequency_response(response.frequency))
+
+
+def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> None:
+    done = _vehicle(
+        shipped("seven_dof"), "--vary", "damping", "--factors", "1,2", "--output", "lf.velocity", "-o", tmp_path
+    )
+    assert done.exit_code == 0, done.output
+    assert "damping x 2" in done.output
+    assert [path.name for path in sorted(tmp_path.glob("*.png"))] == ["lf.velocity.png"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--vary", "colour"], "has no parameter 'colour'"),
+        (["--vary", "damping", "--factors", "a,b"], "give numbers with commas"),
+        (["--output", "rf.velocity"], "'rf.velocity' is not there"),
+        (["--high", "-1"], "give a frequency"),
+    ],
+)
+def test_wrong_words_exit_2_and_say_what_to_do(tmp_path: Path, words: list[str], message: str) -> None:
+    done = _vehicle(shipped("quarter_car"), *words, "-o", tmp_path)
+    assert done.exit_code == 2
+    assert message in " ".join(done.output.split())
+
+
+def test_a_parameter_that_is_not_given_cannot_be_varied() -> None:
+    car = read_vehicle(shipped("seven_dof"))
+    assert isinstance(car, StructuralVehicle)
+    with pytest.raises(InputError, match="cannot be varied"):
+        vary(car, "driver_ahead_of_cg", [1.0], F)

@@ -1,0 +1,56 @@
+"""Shocks on the virtual rig give the forces that they give elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.rig import configuration, demo_damper
+from eightpost.rig.post.shocks import LinearDamper, ShockSet
+from eightpost.signals import TimeSeries
+
+STEP = 2e-4
+TIME = STEP * np.arange(2001)
+PLACE = 0.004 * (1.0 - np.cos(2 * np.pi * 4.0 * TIME)) + 0.001 * (1.0 - np.cos(2 * np.pi * 17.0 * TIME))
+SPEED = 0.004 * 8 * np.pi * np.sin(2 * np.pi * 4.0 * TIME) + 0.001 * 34 * np.pi * np.sin(2 * np.pi * 17.0 * TIME)
+
+
+def forces_of(*shocks):
+    """The forces (K, N) of shocks side by side along the motion, each at one corner."""
+    bank = ShockSet([shocks])
+    rows = [np.zeros(len(shocks))]
+    for k in range(1, TIME.size):
+        before, after, place = (np.full((len(shocks), 1), x) for x in (SPEED[k - 1], SPEED[k], PLACE[k]))
+        rows.append(bank.advance(before, after, place, STEP)[:, 0])
+    return np.array(rows).T
+
+
+def test_each_corner_has_its_own_shock():
+    soft, hard = forces_of(LinearDamper(1000.0), LinearDamper(2000.0))
+    assert soft[1:] == pytest.approx(1000.0 * SPEED[1:])
+    assert hard[1:] == pytest.approx(2000.0 * SPEED[1:])
+
+
+@pytest.mark.parametrize("name", ["polylinear", "lpf1", "lpnl2", "maxwell"])
+def test_a_law_gives_its_own_force(shocks, name):
+    law = shocks[name].law
+    lagged, expected = 0.0, [0.0]
+    for k in range(1, TIME.size):
+        lagged = law.advance(lagged, SPEED[k - 1], SPEED[k], STEP)
+        expected.append(law.response(lagged, SPEED[k], PLACE[k]).force)
+    found = forces_of(law)[0]
+    assert np.abs(found[1:] - np.array(expected)[1:]).max() < 1e-4 * np.std(expected)
+
+
+def test_a_demonstration_damper_gives_what_scipys_integrator_gives():
+    damper = demo_damper("A")
+    motion = TimeSeries.from_channels(TIME, {"displacement": ("m", PLACE)})
+    expected = damper.respond(motion, rate=1.0 / STEP)["force"]
+    assert np.abs(forces_of(damper)[0] - expected)[50:].max() < 5e-3 * np.std(expected)
+
+
+def test_a_physical_damper_gives_what_scipys_integrator_gives():
+    damper = configuration(1)
+    motion = TimeSeries.from_channels(TIME, {"displacement": ("m", PLACE)})
+    expected = damper.respond(motion, rate=1.0 / STEP)["force"]
+    assert np.abs(forces_of(damper)[0] - expected)[50:].max() < 1e-2 * np.std(expected)
