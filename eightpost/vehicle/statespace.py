@@ -26,6 +26,9 @@ DIRECT_TERM_TOLERANCE = 1e-9
 _CHUNK = 4_000_000  # complex numbers held at once while a frequency response is computed
 _POLE_DISTANCE = 100.0 * float(np.finfo(np.float64).eps)
 
+#: Slower than this [1/s] a pole is none: gains beside it overflow.
+_SLOWEST = 1e-200
+
 
 class Mode(NamedTuple):
     """One pole pair (or one real pole) as people speak of it.
@@ -256,7 +259,8 @@ class StateSpace:
         measure. Where the states give nothing, every term that is not zero counts.
         """
         slowest_told = 1e-8 * float(np.abs(self.A).max(initial=0.0))
-        fastest = max(float(np.abs(_continuous(self.poles(), self.dt)).max(initial=0.0)), slowest_told) or 1.0
+        fastest = max(float(np.abs(_continuous(self.poles(), self.dt)).max(initial=0.0)), slowest_told)
+        fastest = fastest if fastest > _SLOWEST else 1.0
         s = fastest * np.geomspace(1e-3, 10.0, 9) * np.exp(1j)
         points = s if self.dt is None else np.exp(s * min(self.dt, 50.0 / (10.0 * fastest)))
         dynamic = np.abs(self._transfer(np.asarray(points, dtype=np.complex128))).max(axis=2, initial=0.0)

@@ -23,13 +23,13 @@ velocities = arrays(np.float64, 30, elements=st.floats(-2.5, 2.5, allow_subnorma
 
 
 def stepped(law, series):
-    """The slow way: response and advance of the scalar law."""
+    """The slow way: response and follow of the scalar law, which the FMU ships."""
     velocity, displacement = series["velocity"].tolist(), series["displacement"].tolist()
     steps = [series.duration / (len(series) - 1)] * (len(series) - 1) if series.is_uniform else np.diff(series.time)
     lagged = law.static_force(velocity[0])
     forces = [law.response(lagged, velocity[0], displacement[0]).force]
     for n, step in enumerate(steps, start=1):
-        lagged = law.advance(lagged, velocity[n - 1], velocity[n], float(step))
+        lagged = law.follow(lagged, velocity[n - 1], velocity[n], float(step))
         forces.append(law.response(lagged, velocity[n], displacement[n]).force)
     return np.array(forces)
 

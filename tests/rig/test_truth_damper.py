@@ -1,6 +1,5 @@
 """The truth damper dissipates, follows its valve when slow, lags when fast, and is measured as sensors do."""
 
-
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid

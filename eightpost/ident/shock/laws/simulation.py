@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import lfilter
 
 from eightpost.ident.shock.curve.basis import curve_forces
-from eightpost.ident.shock.record.lagging import lag
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, own_parameters
+from eightpost.shock.law import MOST_PIECES, STRAIGHT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
     """Return the port force (N,) [N], positive in compression, of a law driven by a record.
 
-    The static force goes linearly between the samples and the lag starts in equilibrium, F_lag = F_s.
+    The velocity goes linearly between the samples, the static force in the straight pieces of `ShockLaw.follow`, as in
+    the FMU, and the lag starts in equilibrium, F_lag = F_s.
 
     Args:
         law: With its port.
@@ -34,8 +37,7 @@ def simulate(law: ShockLaw, series: TimeSeries) -> Array:
     port = law.port
     velocity = port.motion_ratio * series["velocity"]
     displacement = series["displacement"] if "displacement" in series else np.zeros(len(series))
-    static = _scales(port, velocity) * curve_forces(law.curve, velocity)
-    valve = _valve_forces(law, static, velocity, series)
+    valve = _valve_forces(law, velocity, series)
     seal = port.seal_friction * np.tanh(velocity / port.friction_velocity)
     gas = port.gas_preload + port.gas_stiffness * port.motion_ratio * displacement
     return np.asarray(port.motion_ratio * (valve + seal + gas), dtype=np.float64)
@@ -45,18 +47,75 @@ def _scales(port: Port, velocity: Array) -> Array:
     return np.where(velocity > 0.0, port.compression_scale, port.rebound_scale)
 
 
-def _valve_forces(law: ShockLaw, static: Array, velocity: Array, series: TimeSeries) -> Array:
-    """Return alpha F_lag + (1 - alpha) F_s (N,) [N] of a static force (N,) [N] over damper velocity (N,) [m/s]."""
+def _static_forces(law: ShockLaw, velocity: Array) -> Array:
+    """Return F_s (N,) [N] at damper velocities (N,) [m/s]."""
+    return _scales(law.port, velocity) * curve_forces(law.curve, velocity)
+
+
+def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
+    """Return alpha F_lag + (1 - alpha) F_s (N,) [N] over damper velocity (N,) [m/s]."""
     if isinstance(law, Polylinear) or len(series) < 2:
-        return static
+        return _static_forces(law, velocity)
+    step = np.full(len(series) - 1, 1.0 / series.sample_rate) if series.is_uniform else np.diff(series.time)
+    pieces = _Pieces.of(series["velocity"], step, law.port.motion_ratio)
     if not isinstance(law, Lpf1 | Lpnl2):
-        return _stepped(law, velocity, np.diff(series.time))
-    if series.is_uniform:
-        lagged = lag(static, law.time_constant, 1.0 / series.sample_rate)
-    else:
-        lagged = _advanced(law, static, series.time)
-    weight = _weights(law, static)
+        return _stepped(law, pieces)
+    static = _static_forces(law, velocity)
+    lagged, weight = _lagged(law, static[0], pieces), _weights(law, static)
     return weight * lagged + (1.0 - weight) * static
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pieces:
+    """The stretches between samples cut into pieces in which F_s is straight: `ShockLaw.follow` for a whole record.
+
+    Attributes:
+        velocity: (M+1,) of the damper at the ends of the pieces [m/s], the record's first sample before them.
+        step: (M,) [s].
+        first: (N-1,) the first piece after each sample.
+        left: (M,) from a piece's end to the next sample [s].
+        between: (N-1,) from sample to sample [s].
+    """
+
+    velocity: Array
+    step: Array
+    first: NDArray[np.int64]
+    left: Array
+    between: Array
+
+    @staticmethod
+    def of(velocity: Array, step: Array, motion_ratio: float) -> _Pieces:
+        """Cut the stretches of steps (N-1,) [s] between port velocities (N,) [m/s]."""
+        count = np.minimum(np.floor(np.abs(motion_ratio * np.diff(velocity)) / STRAIGHT) + 1.0, MOST_PIECES)
+        whole = count.astype(np.int64)
+        first = np.concatenate([[0], np.cumsum(whole)[:-1]])
+        sample = np.repeat(np.arange(len(step)), whole)
+        share = (np.arange(len(sample)) - first[sample] + 1) / count[sample]
+        start, end = velocity[:-1][sample], velocity[1:][sample]
+        ends = np.where(share == 1.0, end, start + (end - start) * share)
+        joined = motion_ratio * np.concatenate([velocity[:1], ends])
+        return _Pieces(joined, (step / count)[sample], first, step[sample] * (1.0 - share), step)
+
+    def at_samples(self, values: Array) -> Array:
+        """Return those of values (M+1,) at the ends of pieces that are at the samples (N,)."""
+        return np.concatenate([values[self.first], values[-1:]])
+
+
+def _lagged(law: Lpf1 | Lpnl2, begin: float, pieces: _Pieces) -> Array:
+    """Return F_lag (N,) [N]: over each piece as `eightpost.shock.lag.advance` does, all pieces at once."""
+    static = _static_forces(law, pieces.velocity)
+    ratio = pieces.step / law.time_constant
+    rise = -np.expm1(-ratio)
+    gained = static[:-1] * rise + np.diff(static) * (1.0 - rise / ratio)
+    gained = np.add.reduceat(gained * np.exp(-pieces.left / law.time_constant), pieces.first)
+    kept = np.exp(-pieces.between / law.time_constant)
+    if np.all(kept == kept[0]):
+        rest, _ = lfilter([1.0], [1.0, -kept[0]], gained, zi=[kept[0] * begin])
+        return np.concatenate([[begin], rest])
+    lagged = [begin]
+    for share, more in zip(kept.tolist(), gained.tolist(), strict=True):
+        lagged.append(share * lagged[-1] + more)
+    return np.array(lagged)
 
 
 def _weights(law: Lpf1 | Lpnl2, static: Array) -> Array | float:
@@ -67,17 +126,10 @@ def _weights(law: Lpf1 | Lpnl2, static: Array) -> Array | float:
     return np.clip(share, 0.0, 1.0)
 
 
-def _advanced(law: Lpf1 | Lpnl2, static: Array, time: Array) -> Array:
-    """Return F_lag (N,) [N] by the scalar law, step by step over an uneven time axis."""
-    lagged = [float(static[0])]
-    for start, end, step in zip(static[:-1].tolist(), static[1:].tolist(), np.diff(time).tolist(), strict=True):
-        lagged.append(law.advance_lag(lagged[-1], start, end, step))
-    return np.array(lagged)
-
-
-def _stepped(law: ShockLaw, velocity: Array, step: Array) -> Array:
+def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
     """Return the valve force (N,) [N] of any law by its own functions, compiled."""
     from eightpost.ident.shock.laws.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
 
     own = tuple(getattr(law, name) for name in own_parameters(type(law)))
-    return stepped_force(type(law), law.valve._replace(curve=law.curve.numbers()), own, velocity, step)
+    valve = law.valve._replace(curve=law.curve.numbers())
+    return pieces.at_samples(stepped_force(type(law), valve, own, pieces.velocity, pieces.step))

@@ -1,0 +1,228 @@
+"""Bouc-Wen, the hysteresis that measured dampers are most often fitted with, as a peer of the laws of `eightpost fit`.
+
+    F = c v + k x + alpha z + F0,    z' = A v - beta |v| |z|^(n-1) z - gamma v |z|^n
+
+(Y. K. Wen, J. Eng. Mech. Div. 102(2), 1976; for dampers B. F. Spencer et al., J. Eng. Mech. 123(3), 1997). A only
+scales z, so A = 1 and z is a length [m]; its largest magnitude is z_m = (beta + gamma)^(-1/n). The force is linear in
+c, k, alpha and each run's F0: these are solved for exactly at every trial of (z_m, beta z_m^n, n), which least squares
+seeks from twelve starts. All signs of c, k and alpha are allowed. z starts at 0.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
+
+from eightpost.ident.shock.record.preparation import Prepared, prepare
+from eightpost.rig import DynoTest
+from eightpost.signals import TimeSeries
+
+Array = NDArray[np.float64]
+
+#: Of the starts: z_m as a share of the stroke's half [1], beta z_m^n [1], n [1].
+REACHES, SHARES, EXPONENTS = (0.03, 0.2, 1.0), (0.5, 0.9), (1.0, 2.0)
+#: Bounds of the same three; beta z_m^n + gamma z_m^n = 1.
+BOUNDS = ((1e-4, 10.0), (0.05, 50.0), (1.0, 8.0))
+
+#: Evaluations from every start, how many of the best are followed on, and evaluations of these.
+_FIRST, _FOLLOWED, _LAST = 8, 2, 60
+
+#: dz/dx changes by about this in a step of the integration [1] ...
+_FINE = 0.5
+#: ... but a sample has at most so many: z has long come to its limit.
+_MOST = 60
+
+
+@dataclass(frozen=True, slots=True)
+class BoucWen:
+    """The law, A = 1.
+
+    Attributes:
+        damping: c [N.s/m].
+        stiffness: k [N/m].
+        hysteresis: alpha [N/m].
+        offset: F0 [N], of the first run that was fitted.
+        reach: z_m [m].
+        share: beta z_m^n [1]; gamma z_m^n is what it lacks of 1.
+        exponent: n [1].
+        reference: Displacement that k counts from [m].
+    """
+
+    damping: float
+    stiffness: float
+    hysteresis: float
+    offset: float
+    reach: float
+    share: float
+    exponent: float
+    reference: float
+
+    def force(self, record: TimeSeries) -> Array:
+        """Return F (N,) [N] along a record with velocity [m/s] and displacement [m] from the reference."""
+        z = _hysteresis_of(record, np.array([self.reach, self.share, self.exponent]))
+        spring = self.stiffness * record["displacement"] + self.offset
+        return np.asarray(self.damping * record["velocity"] + spring + self.hysteresis * z)
+
+
+@dataclass(frozen=True, slots=True)
+class BoucWenFit:
+    """A fit and how good it is.
+
+    Attributes:
+        law: The best that was found.
+        rms: Of the residual, model and measurement through the same low-pass [N].
+        deviation: Of the measured force, each run about its own mean [N].
+        costs: RMS [N] that each of twelve starts came to before the best were followed on, the best first.
+        seconds: What it took, without compiling [s].
+    """
+
+    law: BoucWen
+    rms: float
+    deviation: float
+    costs: tuple[float, ...]
+    seconds: float
+
+
+def fit_bouc_wen(tests: Sequence[DynoTest], *, segment: tuple[float, float] | None = None) -> BoucWenFit:
+    """Fit the law to one run or several of one damper; each run has its own F0.
+
+    Args:
+        tests: With displacement.
+        segment: Of each [s]; as `eightpost.ident.fit_shock` has it.
+    """
+    hysteresis(np.zeros(2), 0.5, np.array([1.0, 0.5, 1.0]))  # compiled here
+    started = time.perf_counter()
+    problem = _Problem.of([prepare(test, segment=segment) for test in tests])
+    starts = [np.log(start) for start in product(REACHES, SHARES, EXPONENTS)]
+    first = sorted((problem.minimum(start, _FIRST) for start in starts), key=lambda one: float(one.cost))
+    best = min((problem.minimum(one.x, _LAST) for one in first[:_FOLLOWED]), key=lambda one: float(one.cost))
+    shape = problem.shape(best.x)
+    linear, error = problem.solved(shape)
+    return BoucWenFit(
+        BoucWen(*linear[:4].tolist(), *shape.tolist(), problem.runs[0].reference),
+        rms=float(np.sqrt(np.mean(error**2))),
+        deviation=problem.deviation,
+        costs=tuple(float(np.sqrt(2.0 * one.cost / error.size)) for one in first),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def predict(law: BoucWen, prepared: Prepared) -> Array:
+    """Return the law's force inside the segment of a record [N], through the record's low-pass."""
+    about = prepared.record["displacement"] + prepared.reference - law.reference
+    record = prepared.record.with_channel("displacement", "m", about)
+    return np.asarray(prepared.filtered(law.force(record))[prepared.inside])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """The least squares over a shape (z_m, share, n), all else solved for.
+
+    Attributes:
+        runs: Prepared.
+        stroke: Half of the longest [m].
+        target: The measured force of all runs (N,) [N].
+        known: What multiplies c, k and each run's F0, low-passed (N, 2 + runs): it does not hang on the shape.
+        basis: Orthonormal columns that span `known`.
+        rest: `target` without what `known` explains (N,) [N].
+    """
+
+    runs: tuple[Prepared, ...]
+    stroke: float
+    target: Array
+    known: Array
+    basis: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, runs: Sequence[Prepared]) -> _Problem:
+        """Return the problem of one run or several."""
+        stroke = 0.5 * max(float(np.ptp(run.record["displacement"][run.inside])) for run in runs)
+        target = np.concatenate([run.measured for run in runs])
+        known = np.vstack([_known(run, number, len(runs)) for number, run in enumerate(runs)])
+        basis = np.linalg.qr(known)[0]
+        return cls(tuple(runs), stroke, target, known, basis, target - basis @ (basis.T @ target))
+
+    @property
+    def deviation(self) -> float:
+        """Of the target, each run about its own mean [N]."""
+        squares = sum(float(np.sum((run.measured - run.measured.mean()) ** 2)) for run in self.runs)
+        return float(np.sqrt(squares / self.target.size))
+
+    def minimum(self, start: Array, evaluations: int) -> OptimizeResult:
+        """Return what least squares finds from logarithms of (z_m over stroke, share, n)."""
+        low, high = np.log(BOUNDS).T
+        inside = np.clip(start, low + 1e-6, high - 1e-6)
+        return least_squares(self.residual, inside, bounds=(low, high), ftol=1e-6, max_nfev=evaluations)
+
+    def shape(self, logarithms: Array) -> Array:
+        """Return z_m [m], share and n."""
+        return np.array([self.stroke, 1.0, 1.0]) * np.exp(logarithms)
+
+    def residual(self, logarithms: Array) -> Array:
+        """Return what is left (N,) [N] with the best c, k, alpha and F0."""
+        z = self.z(self.shape(logarithms))
+        new = z - self.basis @ (self.basis.T @ z)
+        return np.asarray(self.rest - new * (new @ self.rest) / max(new @ new, 1e-300))
+
+    def solved(self, shape: Array) -> tuple[Array, Array]:
+        """Return the best (c, k, alpha, F0 of each run) of a shape, and what it leaves [N]."""
+        design = np.column_stack([self.known[:, :2], self.z(shape), self.known[:, 2:]])
+        size = np.linalg.norm(design, axis=0)
+        linear = np.linalg.lstsq(design / size, self.target, rcond=None)[0] / size
+        return linear, design @ linear - self.target
+
+    def z(self, shape: Array) -> Array:
+        """Return z of all runs (N,) [m], low-passed as the force."""
+        return np.concatenate([run.filtered(_hysteresis_of(run.record, shape))[run.inside] for run in self.runs])
+
+
+def _known(run: Prepared, number: int, count: int) -> Array:
+    motion = run.filtered(np.vstack([run.record["velocity"], run.record["displacement"]]))[:, run.inside].T
+    own = np.zeros((motion.shape[0], count))
+    own[:, number] = 1.0
+    return np.hstack([motion, own])
+
+
+def _hysteresis_of(record: TimeSeries, shape: Array) -> Array:
+    z: Array = hysteresis(np.ascontiguousarray(record["velocity"]), 1.0 / record.sample_rate, shape)
+    return z
+
+
+@njit(cache=False, error_model="numpy")  # type: ignore[untyped-decorator]
+def hysteresis(velocity: Array, step: float, shape: Array) -> Array:
+    """Return z (N,) [m] along a velocity (N,) [m/s] sampled every `step` [s]; z starts at 0.
+
+    z depends on the way and not on time, and dz/dx on the direction alone: the way of each sample, by the trapezoidal
+    rule, is gone in small steps with the fourth-order Runge-Kutta rule.
+    """
+    reach, share, exponent = shape[0], shape[1], shape[2]
+    z = np.zeros(velocity.size)
+    here = 0.0  # z over z_m
+    for n in range(1, velocity.size):
+        way = 0.5 * (velocity[n - 1] + velocity[n]) * step / reach
+        parts = min(_MOST, 1 + int(abs(way) * exponent * max(share, 1.0) / _FINE))
+        h = way / parts
+        sign = 1.0 if way > 0.0 else -1.0
+        for _ in range(parts):
+            a = _slope(here, sign, share, exponent)
+            b = _slope(here + 0.5 * h * a, sign, share, exponent)
+            c = _slope(here + 0.5 * h * b, sign, share, exponent)
+            d = _slope(here + h * c, sign, share, exponent)
+            here = min(1.0, max(-1.0, here + h * (a + 2.0 * b + 2.0 * c + d) / 6.0))
+        z[n] = reach * here
+    return z
+
+
+@njit(inline="always", error_model="numpy")  # type: ignore[untyped-decorator]
+def _slope(z: float, sign: float, share: float, exponent: float) -> float:
+    """Return dz/dx of z over z_m, moving in a direction."""
+    same = 1.0 if z * sign > 0.0 else -1.0
+    return 1.0 - abs(z) ** exponent * (share * same + 1.0 - share)

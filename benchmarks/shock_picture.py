@@ -1,0 +1,48 @@
+"""The errors of the laws on the twelve configurations, ours and printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+from benchmarks.shock_rows import Result
+from benchmarks.shock_tables import virtual
+from eightpost.ident.shock.report.tables import law_title
+from eightpost.ident.validation.printed import CONFIGURATIONS
+
+#: Okabe and Ito's colours, told apart by colour-blind readers.
+COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73", "maxwell": "#D55E00"}
+
+
+def draw(found: Sequence[Result], path: Path) -> None:
+    """Draw the errors on the held-out draws; printed ones as hollow marks."""
+    errors = virtual(found)
+    if not errors:
+        return
+    figure = Figure(figsize=(9.5, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for shift, (law, color) in enumerate(COLORS.items()):
+        ours = [(one.configuration + 0.08 * (shift - 1.5), one.rms[law]) for one in errors if law in one.rms]
+        if ours:
+            axes.semilogy(*zip(*ours, strict=True), "o", color=color, label=law_title(law))
+        theirs = [(one.number + 0.08 * (shift - 1.5), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf]
+        if theirs:
+            axes.semilogy(*zip(*theirs, strict=True), "o", color=color, fillstyle="none", label="printed")
+    axes.set_xticks([one.number for one in CONFIGURATIONS], [_tick(one.number) for one in CONFIGURATIONS], fontsize=8)
+    axes.set_yticks([4, 5, 6, 8, 10, 15, 20, 30, 50])
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set(ylabel="RMS error on another phase draw [lbf]", xlabel="configuration: build, clicks, gas")
+    axes.grid(visible=True, which="both", axis="y", color="0.92")
+    axes.legend(ncols=4, fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def _tick(configuration: int) -> str:
+    one = CONFIGURATIONS[configuration - 1]
+    return f"{configuration}\n{one.build}, {one.clicks}\n{one.gas_pressure_psi:g} psi"

@@ -1,0 +1,181 @@
+"""Cases fitted with laws and held against their other runs: a row each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from benchmarks.bouc_wen import fit_bouc_wen, predict
+from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
+from eightpost.ident import evaluate, fit_shock
+from eightpost.ident.shock.fit import RecipeName
+from eightpost.ident.shock.record.preparation import prepare
+from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
+
+Row = dict[str, Any]
+
+#: Of a row, beside record and law.
+FIGURES = ("fit_percent", "validation_percent", "seconds")
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A law's errors on a case.
+
+    Attributes:
+        case: What was fitted and held out.
+        law: Its name.
+        fit_rms: [N].
+        fit_deviation: Of the force fitted to [N].
+        rms: Of the error on the held-out run [N], with its mean.
+        offset: The error's mean [N].
+        deviation: Of the held-out force [N].
+        seconds: What the fit took.
+        parameters: Of the law, SI.
+        warnings: Of the fit.
+    """
+
+    case: Case
+    law: str
+    fit_rms: float
+    fit_deviation: float
+    rms: float
+    offset: float
+    deviation: float
+    seconds: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> float:
+        """What is judged: `rms`, or where the load cell's zero is unknown, that about the error's mean [N]."""
+        return float(np.sqrt(max(self.rms**2 - self.offset**2, 0.0))) if self.case.about_mean else self.rms
+
+    @property
+    def fit_percent(self) -> float:
+        """Of the fitted force's standard deviation."""
+        return 100.0 * self.fit_rms / self.fit_deviation
+
+    @property
+    def validation_percent(self) -> float:
+        """`error` in percent of the held-out force's standard deviation."""
+        return 100.0 * self.error / self.deviation
+
+    def row(self) -> Row:
+        """Return what --json leaves."""
+        figures = (self.fit_percent, self.validation_percent, self.seconds)
+        return {"record": self.case.record, "law": self.law} | dict(zip(FIGURES, figures, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A law that could not be fitted to a case: an answer too.
+
+    Attributes:
+        case: What was to be fitted.
+        law: Its name.
+        reason: In words.
+    """
+
+    case: Case
+    law: str
+    reason: str
+
+    def row(self) -> Row:
+        """Return what --json leaves: no figures."""
+        return {"record": self.case.record, "law": self.law} | dict.fromkeys(FIGURES)
+
+
+Result = Found | Refused
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What is asked for.
+
+    Attributes:
+        configurations: Of Table 3.1.
+        laws: Names; `bouc-wen` is fitted to measured records only.
+        quick: Shorter records and one pair of phase draws.
+        recipe: Of our fits.
+        processes: How many work at a time.
+        measured: The measured cases, by their place; None for all.
+    """
+
+    configurations: tuple[int, ...]
+    laws: tuple[str, ...]
+    quick: bool
+    recipe: RecipeName = "joint"
+    processes: int = 2
+    measured: tuple[int, ...] | None = None
+
+
+def results(bench: Bench) -> Iterator[Result]:
+    """Fit and hold out everything; results come in the order of the cases."""
+    jobs = [("configuration", number) for number in bench.configurations]
+    places = range(len(list(measured(quick=bench.quick)))) if bench.measured is None else bench.measured
+    jobs += [("measured", number) for number in places]
+    if min(bench.processes, len(jobs)) < 2:
+        _warm_up(bench)
+        for job in jobs:
+            yield from _run(bench, job)
+        return
+    with ProcessPoolExecutor(
+        bench.processes, mp_context=get_context("spawn"), initializer=_warm_up, initargs=(bench,)
+    ) as pool:
+        for found in pool.map(_run, [bench] * len(jobs), jobs):
+            yield from found
+
+
+def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
+    """Return the results of a configuration or of one measured case."""
+    kind, number = job
+    if kind == "configuration":
+        cases = list(configurations([number], quick=bench.quick))
+    else:
+        cases = [list(measured(quick=bench.quick))[number]]
+    return [
+        _attempt(case, law, bench.recipe)
+        for case in cases
+        for law in case.laws
+        if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
+    ]
+
+
+def _warm_up(bench: Bench) -> None:
+    """Have everything compiled, in one thread: times are of fits."""
+    test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
+    for law in bench.laws:
+        if law != BOUC_WEN:
+            fit_shock(test, law, recipe=bench.recipe)
+
+
+def _attempt(case: Case, law: str, recipe: RecipeName) -> Result:
+    try:
+        return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
+    except ValueError as error:  # what laws and fits refuse with
+        return Refused(case, law, str(error))
+
+
+def _ours(case: Case, law: str, recipe: RecipeName) -> Found:
+    fit = fit_shock(case.fitted, law, recipe=recipe, segment=case.segment)
+    held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
+    parameters = {parameter.name: parameter.value for parameter in fit.parameters}
+    errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
+    return Found(case, law, *errors, fit.seconds, parameters, fit.warnings)
+
+
+def _bouc_wen(case: Case) -> Found:
+    fit = fit_bouc_wen(case.fitted, segment=case.segment)
+    prepared = prepare(case.held_out, segment=case.held_out_segment)
+    error = prepared.measured - predict(fit.law, prepared)
+    rms, offset = float(np.sqrt(np.mean(error**2))), float(np.mean(error))
+    names = ("damping", "stiffness", "hysteresis", "reach", "share", "exponent")
+    parameters = {name: float(getattr(fit.law, name)) for name in names}
+    errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
+    return Found(case, BOUC_WEN, *errors, fit.seconds, parameters)

@@ -1,0 +1,187 @@
+"""The shock laws' errors as Markdown: Tables 3.4 and 3.5 beside the printed ones, and the measured records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.shock_records import LAWS
+from benchmarks.shock_rows import Found, Refused, Result
+from benchmarks.table import number
+from eightpost.ident.shock.report.tables import law_title
+from eightpost.ident.validation.printed import (
+    CONFIGURATIONS,
+    TABLE_3_4,
+    TABLE_3_4_CONFIGURATION,
+    printed_configuration,
+)
+from eightpost.units import convert
+
+#: What part D of the plan asks for: gains over the static law in percent, and LPNL2 over LPF1.
+LEAST_GAIN, MEAN_GAIN, MOST_RATIO = 35.0, 50.0, 1.005
+
+
+def markdown(found: Sequence[Result]) -> str:
+    """Return everything as Markdown."""
+    parts = [rows_table(found)]
+    if errors := virtual(found):
+        parts += [table_3_4(found), table_3_5(errors), "\n".join(summary(errors))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def rows_table(found: Sequence[Result]) -> str:
+    """Return a line for each row, with what the JSON has not."""
+    heads = ("record", "law", "fit [%]", "held out [%]", "mean of the error [%]", "fit [s]")
+    lines = []
+    for one in found:
+        if isinstance(one, Refused):
+            lines.append([one.case.record, one.law, f"refused: {one.reason.partition(', and')[0]}", "-", "-", "-"])
+            continue
+        figures = (one.fit_percent, one.validation_percent, 100.0 * one.offset / one.deviation, one.seconds)
+        lines.append([one.case.record, one.law, *(number(figure) for figure in figures)])
+    return grid(heads, lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """A configuration's errors on the held-out draws.
+
+    Attributes:
+        configuration: 1 to 12.
+        rms: RMS error by law over all draws [lbf].
+        deviation: Of the force [lbf].
+        cavitates: Whether a chamber was pulled apart.
+    """
+
+    configuration: int
+    rms: dict[str, float]
+    deviation: float
+    cavitates: bool
+
+    def gain(self, law: str) -> float | None:
+        """Return by how much a law's error is less than the static one's [percent]."""
+        return less(self.rms, law)
+
+
+def virtual(found: Sequence[Result]) -> list[Errors]:
+    """Return the errors of the virtual dynamometer's configurations, draws taken together."""
+    kept = [one for one in found if isinstance(one, Found) and one.case.configuration]
+    errors = []
+    for configuration in sorted({one.case.configuration for one in kept}):
+        here = [one for one in kept if one.case.configuration == configuration]
+        by_law = {law: [one for one in here if one.law == law] for law in dict.fromkeys(one.law for one in here)}
+        rms = {law: _pounds([one.error for one in ones]) for law, ones in by_law.items()}
+        deviation, cavitates = _pounds([one.deviation for one in here]), any(one.case.cavitates for one in here)
+        errors.append(Errors(configuration, rms, deviation, cavitates))
+    return errors
+
+
+def table_3_4(found: Sequence[Result]) -> str:
+    """Return the fits of the configuration that Table 3.4 is of, beside it."""
+    heads = ("law", "fit, ours [lbf]", "printed", "% of std, ours", "printed", "less than static, ours [%]", "printed",
+             "fit [s], ours", "printed")  # fmt: skip
+    fits: dict[str, Found] = {}
+    for one in found:
+        if isinstance(one, Found) and one.case.configuration == TABLE_3_4_CONFIGURATION:
+            fits.setdefault(one.law, one)
+    rms = {law: _pounds([one.fit_rms]) for law, one in fits.items()}
+    lines = []
+    for law, one in fits.items():
+        printed = TABLE_3_4.get(law)
+        theirs = (
+            (printed.rms_lbf, printed.percent_of_deviation, printed.percent_less_than_static, printed.fit_seconds)
+            if printed
+            else (None,) * 4
+        )
+        ours = (rms[law], one.fit_percent, less(rms, law), one.seconds)
+        pairs = [
+            (number(mine), "-" if other is None else f"{other:g}") for mine, other in zip(ours, theirs, strict=True)
+        ]
+        lines.append([law_title(law), *(cell for pair in pairs for cell in pair)])
+    return grid(heads, lines) if lines else ""
+
+
+def table_3_5(errors: Sequence[Errors]) -> str:
+    """Return the errors on held-out draws beside Table 3.5 [lbf]."""
+    laws = [law for law in LAWS if any(law in one.rms for one in errors)]
+    heads = ["no.", "build, clicks, gas"]
+    for law in laws:
+        heads += [law_title(law), *(["printed"] if law in TABLE_3_4 else [])]
+    lines = [[str(one.configuration), printed_configuration(one.configuration).title, *_cells(one, laws)]
+             for one in errors]  # fmt: skip
+    return grid(heads, lines)
+
+
+def _cells(one: Errors, laws: Sequence[str]) -> Iterator[str]:
+    printed = printed_configuration(one.configuration).rms_lbf
+    for law in laws:
+        yield number(one.rms.get(law))
+        if law in TABLE_3_4:
+            yield _as_printed(printed[law])
+
+
+def gains_table(errors: Sequence[Errors]) -> str:
+    """Return by how much each dynamic law is better than the static one, and LPNL2 over LPF1, ours and printed."""
+    laws = [law for law in LAWS[1:] if any(law in one.rms for one in errors)]
+    heads = ["no.", "force std [lbf]", "cavitates"]
+    for law in laws:
+        heads += [f"{law_title(law)} [%]", *(["printed"] if law in TABLE_3_4 else [])]
+    heads += ["LPNL2 / LPF1", "printed"]
+    lines = []
+    for one in errors:
+        printed = printed_configuration(one.configuration).rms_lbf
+        line = [str(one.configuration), number(one.deviation), "yes" if one.cavitates else "no"]
+        for law in laws:
+            line += [number(one.gain(law)), *([number(less(printed, law))] if law in TABLE_3_4 else [])]
+        ratio = one.rms["lpnl2"] / one.rms["lpf1"] if {"lpf1", "lpnl2"} <= set(one.rms) else None
+        lines.append([*line, number(ratio), number(printed["lpnl2"] / printed["lpf1"])])
+    return grid(heads, lines)
+
+
+def summary(errors: Sequence[Errors]) -> Iterator[str]:
+    """Yield what is asked for and what was found, a line each."""
+    for law in LAWS[1:]:
+        gains = {one.configuration: gain for one in errors if (gain := one.gain(law)) is not None}
+        if not gains:
+            continue
+        whole = [one.configuration for one in errors if not one.cavitates and one.configuration in gains]
+        theirs = [value for c in CONFIGURATIONS if (value := less(c.rms_lbf, law)) is not None]
+        printed = f"; printed: {min(theirs):.0f} to {max(theirs):.0f} %, mean {np.mean(theirs):.0f} %" if theirs else ""
+        least = min((gains[c] for c in whole), default=float("nan"))
+        yield (
+            f"- {law_title(law)} is {min(gains.values()):.0f} to {max(gains.values()):.0f} % better than Polylinear, "
+            f"mean {np.mean(list(gains.values())):.0f} % (asked for: {MEAN_GAIN:.0f} %); without the cavitating ones "
+            f"at least {least:.0f} % (asked for: {LEAST_GAIN:.0f} %){printed}."
+        )
+    ratios = {
+        one.configuration: one.rms["lpnl2"] / one.rms["lpf1"] for one in errors if {"lpf1", "lpnl2"} <= set(one.rms)
+    }
+    if ratios:
+        worst = max(ratios, key=lambda c: ratios[c])
+        yield (
+            f"- LPNL2 over LPF1: {min(ratios.values()):.3f} to {ratios[worst]:.3f} (configuration {worst}); asked for: "
+            f"{MOST_RATIO} at most."
+        )
+
+
+def less(errors: dict[str, float], law: str) -> float | None:
+    """Return by how much a law's error is less than the static one's [percent]; of the static law itself None."""
+    if law == "polylinear" or not {law, "polylinear"} <= set(errors):
+        return None
+    return 100.0 * (1.0 - errors[law] / errors["polylinear"])
+
+
+def grid(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    rows = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *(f"| {' | '.join(line)} |" for line in lines)]
+    return "\n".join(rows)
+
+
+def _as_printed(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
+
+
+def _pounds(forces: Sequence[float]) -> float:
+    return convert(float(np.sqrt(np.mean(np.square(forces)))), "N", "lbf")

@@ -1,0 +1,106 @@
+"""The table of shock laws: one short run leaves rows, and Bouc-Wen beside them is what it says it is."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
+from benchmarks.shock_records import Case
+from benchmarks.shock_rows import FIGURES, Found, Refused
+from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
+from eightpost.ident.shock.record.preparation import prepare
+from eightpost.rig import DynoTest
+from eightpost.signals import TimeSeries
+
+ROOT = Path(__file__).resolve().parents[1]
+KEYS = {"record", "law", "fit_percent", "validation_percent", "seconds"}
+WEN = BoucWen(1500.0, 800.0, 4e4, 30.0, reach=2e-3, share=0.7, exponent=1.6, reference=0.0)
+
+
+@pytest.mark.slow
+def test_a_run_of_one_configuration_leaves_a_row_for_each_law(tmp_path):
+    program, told = ROOT / "benchmarks" / "shock_fit.py", tmp_path / "rows.json"
+    options = ["--quick", "--configurations", "1", "--laws", "polylinear,lpf1", "--json", str(told)]
+    ran = subprocess.run(
+        [sys.executable, str(program), *options], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={"PATH": "", "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    static, lagged = json.loads(told.read_text())
+    assert set(static) == set(lagged) == KEYS
+    assert (static["record"], static["law"], lagged["law"]) == ("configuration 1", "polylinear", "lpf1")
+    assert lagged["validation_percent"] < 0.65 * static["validation_percent"] < 10.0
+    assert all(0.8 < one["validation_percent"] / one["fit_percent"] < 1.5 for one in (static, lagged))
+    assert all(one["seconds"] > 0.0 for one in (static, lagged))
+
+
+def motion(seed, duration=4.0, rate=300.0):
+    """Displacement [m] and velocity [m/s] of six sines at 0.4 to 3 Hz, 15 mm at most."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(round(duration * rate) + 1) / rate
+    angles = 2.0 * np.pi * np.outer(np.linspace(0.4, 3.0, 6), time) + generator.uniform(0.0, 6.3, (6, 1))
+    channels = {
+        "displacement": ("m", 2.5e-3 * np.sin(angles).sum(axis=0)),
+        "velocity": ("m/s", 2.5e-3 * np.gradient(np.sin(angles), 1.0 / rate, axis=1).sum(axis=0)),
+    }
+    return TimeSeries.from_channels(time, channels)
+
+
+def test_the_hysteresis_is_wens_equation():
+    series = motion(1)
+
+    def slope(time, z):
+        v = np.interp(time, series.time, series["velocity"])
+        beta, gamma = WEN.share / WEN.reach**WEN.exponent, (1.0 - WEN.share) / WEN.reach**WEN.exponent
+        size = abs(z[0])
+        return [v - beta * abs(v) * size ** (WEN.exponent - 1.0) * z[0] - gamma * v * size**WEN.exponent]
+
+    exact = solve_ivp(slope, (0.0, series.duration), [0.0], t_eval=series.time, rtol=1e-8, atol=1e-12, max_step=2e-3)
+    found = hysteresis(series["velocity"], 1.0 / 300.0, np.array([WEN.reach, WEN.share, WEN.exponent]))
+    # The way within a sample where the velocity turns is gone at once: that, and no more, is different.
+    assert np.abs(found - exact.y[0]).max() < 5e-3 * WEN.reach
+
+
+def test_bouc_wen_is_recovered_from_its_own_records_and_predicts_another_run():
+    series = [motion(seed) for seed in (1, 2, 3)]
+    forces = [WEN.force(one) + zero for one, zero in zip(series, (0.0, 50.0, -20.0), strict=True)]
+    tests = [DynoTest(one.with_channel("force", "N", force)) for one, force in zip(series, forces, strict=True)]
+    fit = fit_bouc_wen(tests[:2])
+    assert fit.rms < 0.01 * fit.deviation
+    assert len(fit.costs) >= 10
+    assert fit.law.damping == pytest.approx(WEN.damping, rel=0.05)
+    held_out = prepare(tests[2])
+    assert np.std(predict(fit.law, held_out) - held_out.measured) < 0.015 * held_out.deviation
+
+
+def found(law, rms, offset=0.0, **changed):
+    case = replace(Case("configuration 5", (), None, configuration=5), **changed)
+    return Found(case, law, fit_rms=rms, fit_deviation=1000.0, rms=rms, offset=offset, deviation=1000.0, seconds=1.0)
+
+
+def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown():
+    assert found("lpf1", 50.0, 30.0).row()["validation_percent"] == pytest.approx(5.0)
+    assert found("lpf1", 50.0, 30.0, about_mean=True).row()["validation_percent"] == pytest.approx(4.0)
+
+
+def test_a_law_that_is_refused_has_a_row_without_figures():
+    refused = Refused(Case("configuration 11", (), None, configuration=11), "maxwell", "the curve falls, and so on")
+    assert set(refused.row()) == KEYS
+    assert [refused.row()[name] for name in FIGURES] == [None] * 3
+    assert "refused: the curve falls |" in markdown([refused])
+
+
+def test_the_tables_stand_beside_the_printed_figures():
+    errors = virtual([found("polylinear", 200.0), found("lpf1", 100.0), found("lpnl2", 101.0, cavitates=True)])
+    assert less(errors[0].rms, "lpf1") == pytest.approx(50.0)
+    # Table 3.5, build 2, 1 click, 50 psi.
+    assert "| 41.5 |" in table_3_5(errors)
+    assert table_3_5(errors).splitlines()[-1].endswith("| 22.7 | 22.7 | 21.2 |")
+    assert "| 5 | 225 | yes |" in gains_table(errors)
+    assert any("1.010 (configuration 5); asked for: 1.005" in line for line in summary(errors))
