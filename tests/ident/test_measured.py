@@ -36,7 +36,8 @@ def read(name):
 @pytest.mark.parametrize("name", RECORDS)
 def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
     record = read(name)
-    fits = {law: fit_shock(record, law) for law in ("polylinear", "lpf1", "lpnl2")}
+    # Least squares, for their RMS is what is compared; weighing outliers down leaves more of it.
+    fits = {law: fit_shock(record, law, robust="none") for law in ("polylinear", "lpf1", "lpnl2")}
     assert fits["polylinear"].rms > 1.5 * fits["lpf1"].rms
     assert fits["lpnl2"].rms <= 1.001 * fits["lpf1"].rms
     for fit in fits.values():
