@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.page import compressed
+
 Array = NDArray[np.float64]
 
 #: Steps between the least and the greatest value of a channel: 16 bits are 100 times finer than a screen.
 LEVELS = 65535
-
-
-def compressed(content: bytes) -> str:
-    """Return bytes compressed (gzip) in base 64: letters that cannot end a script element."""
-    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode("ascii")
 
 
 @dataclass

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from cosim.energy import LIMIT
 from cosim.report.channels import Scale, panels, statistics
 from cosim.report.figures import figure, listed, percent
 from cosim.report.graph import graph
 from cosim.report.groups import Group, groups
-from cosim.report.packing import Store, compressed
+from cosim.report.packing import Store
 from cosim.report.provenance import drive_digest, origins, versions
 from cosim.report.spectra import Spectra, spectra
 from cosim.report.status import bond_rows, facts, notes, tiles, verdict
@@ -29,7 +25,10 @@ from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.system import System
 from eightpost.files import atomic_path
+from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries
+
+_PACKAGE = "cosim.report"
 
 #: Drawings on a page: of a system that falls into more parts, unlike each other, the others are in the tables only.
 _DRAWINGS = 12
@@ -71,7 +70,7 @@ def page(
     settled = _settled(result)
     kept, densities = traces(result.series), spectra(settled)
     manifest, numbers = _packed(result, kept, densities)
-    return _template().render(
+    return template(_PACKAGE, {"figure": figure, "percent": percent, "listed": listed}).render(
         _summary(result, system, scenario)
         | _signals(result, settled)
         | {
@@ -86,9 +85,9 @@ def page(
             "spectra": densities,
             "manifest": manifest,
             "numbers": numbers,
-            "plotly": _plotly(),
-            "style": Markup(_text("page.css")),
-            "script": Markup(_text("page.js")),
+            "plotly": plotly(),
+            "style": insert(_PACKAGE, "page.css"),
+            "script": insert(_PACKAGE, "page.js"),
         }
     )
 
@@ -153,25 +152,3 @@ def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[di
         "settling": result.settling,
     }
     return manifest, store.text
-
-
-def _template() -> jinja2.Template:
-    """The page with everything that is filled in escaped, and a name that is missing an error."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cosim.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"figure": figure, "percent": percent, "listed": listed}
-    return environment.get_template("page.html")
-
-
-@cache
-def _plotly() -> str:
-    return compressed(get_plotlyjs().encode())
-
-
-def _text(name: str) -> str:
-    return files("cosim.report").joinpath(name).read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from eightpost.ident.validation.evaluation import evaluate
+from eightpost.ident.validation.predicted import Predicted
 from eightpost.ident.validation.residual import residual_of
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RandomValidation:
+class RandomValidation(Predicted):
     """A shock on a random or track record.
 
     Attributes:
@@ -26,21 +27,6 @@ class RandomValidation:
 
     prediction: Validation
     residual: Residual | None
-
-    @property
-    def rms(self) -> float:
-        """Of the error [N]."""
-        return self.prediction.rms
-
-    @property
-    def percent(self) -> float:
-        """Of the measured force's standard deviation."""
-        return self.prediction.percent
-
-    @property
-    def beyond(self) -> float:
-        """Share of the samples outside the fitted velocities [1]."""
-        return self.prediction.beyond
 
 
 def validate_random(shock: Shock, record: Record, *, cutoff: float | None = None) -> RandomValidation:

@@ -13,6 +13,7 @@ from eightpost.ident.shock.record.segment import FILTER_EDGE
 from eightpost.ident.validation.evaluation import evaluate
 from eightpost.ident.validation.kinds import frequency_of
 from eightpost.ident.validation.motion import displacement_of, moving_part
+from eightpost.ident.validation.predicted import Predicted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SineValidation:
+class SineValidation(Predicted):
     """A shock on a sine record.
 
     Attributes:
@@ -74,21 +75,6 @@ class SineValidation:
     def speed(self) -> float:
         """Peak speed of a sine of this amplitude and frequency [m/s]."""
         return 2.0 * np.pi * self.frequency * self.amplitude
-
-    @property
-    def rms(self) -> float:
-        """Of the error [N]."""
-        return self.prediction.rms
-
-    @property
-    def percent(self) -> float:
-        """Of this record's standard deviation."""
-        return self.prediction.percent
-
-    @property
-    def beyond(self) -> float:
-        """Share of the samples outside the fitted velocities [1]."""
-        return self.prediction.beyond
 
 
 def validate_sine(shock: Shock, record: Record, *, cutoff: float | None = None) -> SineValidation:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
 import json
 from datetime import UTC, datetime
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 from markupsafe import Markup, escape
-from plotly.offline import get_plotlyjs
 
 from eightpost import __version__
 from eightpost.files import atomic_path
@@ -37,6 +31,7 @@ from eightpost.ident.validation.tables import (
     table_3_4,
     table_3_5,
 )
+from eightpost.page import compressed, insert, plotly, template
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,6 +39,8 @@ if TYPE_CHECKING:
     from eightpost.ident.validation.report.figure import Figure
     from eightpost.ident.validation.study import ValidationStudy
     from eightpost.ident.validation.tables import Cell, ResultTable
+
+_PACKAGE = "eightpost.ident.validation.report"
 
 _UNITS = ("N", "m", "m/s", "N/m", "J", "N2/Hz")
 
@@ -74,7 +71,7 @@ def page(study: ValidationStudy, *, limit: float | None, title: str) -> str:
     figures: list[dict[str, Any]] = []
     sections = [_placed(section, figures) for section in _sections(study)]
     content = {"figures": figures, "units": {unit: [field_factor(unit), field_unit(unit)] for unit in _UNITS}}
-    return _template().render(
+    return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
         title=title,
         verdict=verdict(study, limit),
         notes=notes_on(study, limit),
@@ -86,9 +83,9 @@ def page(study: ValidationStudy, *, limit: float | None, title: str) -> str:
         version=__version__,
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         figures=compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode()),
-        plotly=_plotly(),
-        style=Markup(_text("page.css")),
-        script=Markup(_text("page.js")),
+        plotly=plotly(),
+        style=insert(_PACKAGE, "page.css"),
+        script=insert(_PACKAGE, "page.js"),
     )
 
 
@@ -142,36 +139,9 @@ def caption(text: str) -> Markup:
     return Markup(escape(text).replace("{N}", unit("N")))
 
 
-def compressed(content: bytes) -> str:
-    """Return bytes compressed (gzip) in base 64: letters that cannot end a script element."""
-    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode("ascii")
-
-
 def _both(field: str, si: str) -> Markup:
     return Markup('<span class="us">{}</span><span class="si">{}</span>').format(field, si)
 
 
 def _minus(text: str) -> str:
     return text.replace("-", "−")
-
-
-def _template() -> jinja2.Template:
-    """The page with everything that is filled in escaped, and a name that is missing an error."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("eightpost.ident.validation.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"cell": cell, "unit": unit, "caption": caption}
-    return environment.get_template("page.html")
-
-
-@cache
-def _plotly() -> str:
-    return compressed(get_plotlyjs().encode())
-
-
-def _text(name: str) -> str:
-    return files("eightpost.ident.validation.report").joinpath(name).read_text(encoding="utf-8")
