@@ -67,12 +67,7 @@ def taken_by(system: System, scheme: str) -> GaussSeidel | Implicit:
     """
     if scheme == Implicit().name:
         return Implicit()
-    return GaussSeidel(values="parabolic" if ramps(system) else "held")
-
-
-def ramps(system: System) -> bool:
-    """Return whether all components follow inputs that change over a step."""
-    return all(c.capabilities.interpolates_inputs for c in system.components.values())
+    return GaussSeidel(values="parabolic" if system.ramps else "held")
 
 
 def run_automatic(
@@ -107,7 +102,7 @@ class _Search:
         first = min(FIRST_STEP, scenario.stop)
         self._record = scenario.record_step or first
         self._scenario = replace(scenario, record_step=self._record)
-        self._ramped = ramps(system)
+        self._ramped = system.ramps
         self._decisive = decisive(system)
         self._parts = max(1, ceil(self._record / first * (1.0 - 1e-12)))
         self.tried: list[str] = []

@@ -125,6 +125,11 @@ class System:
         )
 
     @property
+    def ramps(self) -> bool:
+        """Whether all components follow inputs that change over a step."""
+        return all(c.capabilities.interpolates_inputs for c in self.components.values())
+
+    @property
     def all_connections(self) -> tuple[Connection, ...]:
         """Those of the bonds, then the others."""
         return tuple(c for bond in self.bonds for c in bond.connections) + self.connections

@@ -54,6 +54,6 @@ def _drive_rows(setup: Setup, times: Times) -> tuple[Times, Times]:
         return np.zeros((times.size, 0)), np.zeros((times.size - 1, 0))
     times = times + setup.scenario.drive_start
     samples = np.ascontiguousarray(drive.sample(times).T)
-    if setup.ramps:
+    if setup.system.ramps:
         return samples, np.zeros((times.size - 1, 0))
     return samples, np.ascontiguousarray(drive.means(times).T)

@@ -64,14 +64,9 @@ class Setup:
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded)
 
     @property
-    def ramps(self) -> bool:
-        """Whether all components follow inputs that change over a step."""
-        return all(c.capabilities.interpolates_inputs for c in self.system.components.values())
-
-    @property
     def accuracy(self) -> Accuracy:
         """What is known of the error: the algorithm's, where the components let it have its own."""
-        return self.algorithm.accuracy if self.ramps else HELD_INPUTS
+        return self.algorithm.accuracy if self.system.ramps else HELD_INPUTS
 
     @property
     def following(self) -> frozenset[str]:

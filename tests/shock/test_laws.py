@@ -8,26 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
+
+from .example_curve import curve
 
 TAU = 0.0013
-
-
-def curve(**changes):
-    """A curve of the size of a stock-car shock: digressive, stiffer in rebound."""
-    values = {
-        "inner": (1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
-        "compression": (1490.0, 900.0, 40.0, 5.0),
-        "rebound": (-1400.0, -1100.0, -20.0, 3.0),
-        "transition_speed": 0.381,
-        "transition_width": 0.0127,
-        "compression_speed": 1.2,
-        "rebound_speed": 1.1,
-        "compression_slope": 3000.0,
-        "rebound_slope": 3500.0,
-    }
-    return StaticCurve(**(values | changes))
-
 
 LAWS = {
     "polylinear": Polylinear(curve()),

@@ -11,27 +11,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from eightpost.shock import Lpf1, Maxwell, Polylinear, Port, StaticCurve
+from eightpost.shock import Lpf1, Maxwell, Polylinear, Port
 from eightpost.shock.law import Piece, Valve, valve_force
 from eightpost.shock.maxwell import advance_core, velocity_under
 
+from .example_curve import curve
+
 STIFFNESS = 3.5e6
-
-
-def curve(**changes):
-    """A digressive curve of the size of a stock-car shock that rises all over."""
-    values = {
-        "inner": (1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
-        "compression": (1490.0, 900.0, 40.0, 5.0),
-        "rebound": (-1400.0, -1100.0, -20.0, 3.0),
-        "transition_speed": 0.381,
-        "transition_width": 0.0127,
-        "compression_speed": 1.2,
-        "rebound_speed": 1.1,
-        "compression_slope": 3000.0,
-        "rebound_slope": 3500.0,
-    }
-    return StaticCurve(**(values | changes))
 
 
 def straight(slope, **changes):
