@@ -1,0 +1,96 @@
+"""What is identified: which channels of the rig tests are inputs, shock forces and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from eightpost.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """The channels of an identification and the damping around which it is made.
+
+    Attributes:
+        name: What the vehicle is called.
+        rig: The rig's inputs: roads, aeroloaders or forces and moments on the chassis.
+        forces: The shock forces, `force` of each port.
+        outputs: What the model shall give; the shock velocities of all ports are among them.
+        baseline_damping: C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
+        static: Values of the static state by output, SI, as in `IdentifiedVehicle`.
+        sources: SHA-256 digests of the files, by name.
+    """
+
+    name: str
+    rig: tuple[str, ...]
+    forces: tuple[str, ...]
+    outputs: tuple[str, ...]
+    baseline_damping: Mapping[str, float]
+    static: Mapping[str, float] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that every port has a velocity and a damping."""
+        for port in self.ports:
+            if channel(port, "velocity") not in self.outputs:
+                raise ParameterError(f"{self.name}: {channel(port, 'velocity')} must be an output, or no shock fits")
+            if port not in self.baseline_damping:
+                raise ParameterError(f"{self.name}: the port {port!r} has no baseline damping; give one [N.s/m]")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The rig's inputs, then the shock forces."""
+        return self.rig + self.forces
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """The ports, in the order of the forces."""
+        return tuple(name.removesuffix("force").rstrip(".") for name in self.forces)
+
+
+def channel(port: str, quantity: str) -> str:
+    """Return the name of a port's channel: `lf.force`, or `force` for a quarter car."""
+    return f"{port}.{quantity}" if port else quantity
+
+
+def experiment_of(
+    names: Iterable[str],
+    baseline_damping: Mapping[str, float],
+    *,
+    name: str = "vehicle",
+    sources: Mapping[str, str] | None = None,
+) -> Experiment:
+    """Return the experiment that records with these channels make: a quarter car, a seven-DOF car or an 8-post rig.
+
+    Args:
+        names: The channels that all records have, as in docs/rig.md.
+        baseline_damping: C-bar [N.s/m] by port.
+        name: What the vehicle is called.
+        sources: Digests of the files.
+
+    Raises:
+        ParameterError: The channels are those of no rig.
+    """
+    there = tuple(names)
+    ports = ("",) if "road" in there else ("lf", "rf", "lr", "rr")
+    roads, forces = (tuple(channel(port, quantity) for port in ports) for quantity in ("road", "force"))
+    aero = tuple(n for n in (channel(port, "aero") for port in ports) if n in there)
+    loads = aero or tuple(n for n in _LOADS if n in there)
+    if not set(roads + forces) <= set(there):
+        missing = ", ".join(sorted(set(roads + forces) - set(there)))
+        raise ParameterError(f"{name}: the records lack {missing}; a rig test has the road and the force of each shock")
+    outputs = tuple(channel(port, quantity) for quantity in _CORNER_OUTPUTS for port in ports)
+    outputs = tuple(n for n in (*outputs, *_CAR_OUTPUTS) if n in there)
+    return Experiment(name, roads + loads, forces, outputs, baseline_damping, {}, sources or {})
+
+
+#: Loads on a chassis without aeroloaders.
+_LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
+#: Outputs of Table 6.1 that a model is asked for, where the records have them.
+_CORNER_OUTPUTS = ("velocity", "displacement", "tire_force", "hub_acceleration", "chassis_acceleration")
+_CAR_OUTPUTS = ("ride_height", "front.ride_height", "rear.ride_height", "driver.acceleration")
