@@ -1,0 +1,190 @@
+"""Which corner matters for which measure: main effects and first-order interactions of the builds.
+
+The functional analysis of variance of a measure y over all setups (s_1, ..., s_F), each build as likely as another:
+
+    y(s) = mean + sum_f y_f(s_f) + sum_{f<g} y_fg(s_f, s_g) + rest,
+
+where every term has the mean 0 over each of its arguments, so that the variances of the terms add up to the
+variance of y. Over a bank that was run whole the terms are averages and exact; over a part of it they are fitted by
+least squares, and what they leave is the rest.
+
+I. M. Sobol', Mathematics and Computers in Simulation 55 (2001) 271, doi:10.1016/S0378-4754(00)00270-6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import helmert
+
+from eightpost.errors import InputError
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: How the terms were found: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
+Method = Literal["exact", "fitted", "fitted main effects"]
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """A place where builds are swapped.
+
+    Attributes:
+        name: A corner, or the corners that are kept alike, as `lf+rf`.
+        builds: That may go there; their order means nothing.
+    """
+
+    name: str
+    builds: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensitivity:
+    """The terms of one measure, in the measure's unit.
+
+    Attributes:
+        measure: Its name.
+        factors: F of them.
+        mean: Over all setups.
+        main: By factor: the effect (L_f,) of each of its builds.
+        pairs: By pair of factors: the effect (L_f, L_g) that both builds together have beyond their main effects;
+            empty where too few setups were run to tell.
+        rest: Variance that the terms leave: higher interactions, and of a part of the bank what does not fit.
+        setups: That were used.
+        method: How the terms were found.
+    """
+
+    measure: str
+    factors: tuple[Factor, ...]
+    mean: float
+    main: Mapping[str, Array]
+    pairs: Mapping[tuple[str, str], Array]
+    rest: float
+    setups: int
+    method: Method
+
+    @property
+    def variance(self) -> float:
+        """Of the measure over all setups, the unit squared."""
+        terms = (*self.main.values(), *self.pairs.values())
+        return float(sum(np.mean(term**2) for term in terms)) + self.rest
+
+    def share(self, *names: str) -> float:
+        """Return the share of the variance [1] that one factor, or two beyond their main effects, account for."""
+        term = self.main[names[0]] if len(names) == 1 else self._pair(*names)
+        return self._part(float(np.mean(term**2)))
+
+    def total(self, name: str) -> float:
+        """Return the share [1] of a factor with all its first-order interactions."""
+        return self.share(name) + sum(self.share(*pair) for pair in self.pairs if name in pair)
+
+    @property
+    def rest_share(self) -> float:
+        """The share [1] of the variance that neither main effects nor pairs account for."""
+        return self._part(self.rest)
+
+    def shares(self) -> Iterator[tuple[str, float]]:
+        """Yield what accounts for the variance and its share [1]: factors, pairs (`lf x rf`), the rest."""
+        yield from ((name, self.share(name)) for name in self.main)
+        yield from ((" x ".join(pair), self.share(*pair)) for pair in self.pairs)
+        yield "rest", self.rest_share
+
+    def _pair(self, first: str, second: str) -> Array:
+        return self.pairs[first, second] if (first, second) in self.pairs else self.pairs[second, first]
+
+    def _part(self, variance: float) -> float:
+        return variance / self.variance if self.variance > 0.0 else 0.0
+
+
+def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, measure: str = "") -> Sensitivity:
+    """Return which factors a measure depends on.
+
+    Args:
+        factors: F of them, each with two builds or more.
+        levels: (N, F) the number of the build of each factor, a row per setup, no setup twice.
+        values: (N,) the measure; NaN where a setup failed, which is then left out.
+        measure: Its name.
+
+    Raises:
+        InputError: The shapes disagree, a setup comes twice, or too few setups were run for the main effects.
+    """
+    shape = tuple(len(factor.builds) for factor in factors)
+    levels, values = _checked(shape, levels, values, measure)
+    if values.size == np.prod(shape, dtype=np.int64):
+        return _exact(factors, levels, values, measure)
+    return _fitted(factors, levels, values, measure)
+
+
+def _checked(shape: tuple[int, ...], levels: Integers, values: Array, measure: str) -> tuple[Integers, Array]:
+    if levels.shape != (values.size, len(shape)):
+        raise InputError(
+            f"{measure}: {values.size} values of {len(shape)} factors need as many levels, not {levels.shape}"
+        )
+    done = np.isfinite(values)
+    numbers = np.ravel_multi_index(tuple(levels[done].T), shape)
+    if np.unique(numbers).size != numbers.size:
+        raise InputError(f"{measure}: a setup comes twice; give each once")
+    return levels[done], values[done]
+
+
+def _exact(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
+    grid = np.empty(tuple(len(factor.builds) for factor in factors))
+    grid[tuple(levels.T)] = values
+    mean = float(grid.mean())
+    main = {f.name: _average(grid, keep=(i,)) - mean for i, f in enumerate(factors)}
+    pairs = {}
+    for (i, f), (j, g) in combinations(enumerate(factors), 2):
+        pairs[f.name, g.name] = _average(grid, keep=(i, j)) - mean - main[f.name][:, None] - main[g.name]
+    explained = sum(float(np.mean(term**2)) for term in (*main.values(), *pairs.values()))
+    rest = max(float(grid.var()) - explained, 0.0)
+    return Sensitivity(measure, tuple(factors), mean, main, pairs, rest, values.size, "exact")
+
+
+def _average(grid: Array, *, keep: tuple[int, ...]) -> Array:
+    others = tuple(axis for axis in range(grid.ndim) if axis not in keep)
+    return np.asarray(grid.mean(axis=others), dtype=np.float64)
+
+
+def _fitted(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
+    """Fit with pairs where they can be told apart and something is left to judge them by, else without."""
+    codes = {f.name: helmert(len(f.builds)).T for f in factors}  # columns of sum 0, orthonormal
+    main = {f.name: codes[f.name][levels[:, i]] for i, f in enumerate(factors)}
+    pairs = {(f, g): _products(main[f], main[g]) for f, g in combinations(main, 2)}
+    for kept in (pairs, {}):
+        columns = np.hstack([np.ones((values.size, 1)), *main.values(), *kept.values()])
+        if values.size > columns.shape[1] == np.linalg.matrix_rank(columns):
+            break
+    else:
+        raise InputError(_too_few(factors, values.size, measure))
+    solution, squares, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    parts = iter(np.split(solution, np.cumsum([1, *(b.shape[1] for b in (*main.values(), *kept.values()))])[:-1]))
+    mean = float(next(parts)[0])
+    effects = {name: code @ next(parts) for name, code in codes.items()}
+    joint = {(f, g): _joint(codes[f], codes[g], next(parts)) for f, g in kept}
+    rest = float(squares[0]) / (values.size - columns.shape[1])
+    method: Method = "fitted" if kept else "fitted main effects"
+    return Sensitivity(measure, tuple(factors), mean, effects, joint, rest, values.size, method)
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Return every product of a column of `a` (N, p) with one of `b` (N, q): (N, p q)."""
+    return np.asarray((a[:, :, None] * b[:, None, :]).reshape(a.shape[0], -1), dtype=np.float64)
+
+
+def _joint(a: Array, b: Array, solution: Array) -> Array:
+    """Return the effect (L_f, L_g) of a pair from what its products (p q,) are multiplied by."""
+    return np.asarray(a @ solution.reshape(a.shape[1], b.shape[1]) @ b.T, dtype=np.float64)
+
+
+def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:
+    needed = 2 + sum(len(f.builds) - 1 for f in factors)
+    return (
+        f"{measure}: {setups} setups do not tell the factors apart; run {needed} or more, with every build at every "
+        "place and no two places always alike"
+    )

@@ -1,0 +1,127 @@
+"""Main effects and interactions of constructed measures whose terms are known."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from cosim.study.sensitivity import Factor, sensitivity
+from eightpost.errors import InputError
+
+CORNERS = ("lf", "rf", "lr", "rr")
+FACTORS = tuple(Factor(corner, ("AA/AA", "B/B", "C/C")) for corner in CORNERS)
+LEVELS = np.array(list(product(range(3), repeat=4)))
+
+LF = np.array([-1.0, 0.25, 0.75])
+LR = np.array([0.5, -1.0, 0.5])
+LF_RF = np.outer([-1.0, 0.0, 1.0], [0.5, -1.0, 0.5])
+
+
+def constructed(levels: np.ndarray) -> np.ndarray:
+    lf, rf, lr, _ = levels.T
+    return 10.0 + LF[lf] + LR[lr] + LF_RF[lf, rf]
+
+
+def test_the_terms_that_made_a_measure_are_found_again():
+    found = sensitivity(FACTORS, LEVELS, constructed(LEVELS), "front ride height")
+    assert found.mean == pytest.approx(10.0)
+    np.testing.assert_allclose(found.main["lf"], LF, atol=1e-14)
+    np.testing.assert_allclose(found.main["lr"], LR, atol=1e-14)
+    np.testing.assert_allclose(found.main["rr"], 0.0, atol=1e-14)
+    np.testing.assert_allclose(found.pairs["lf", "rf"], LF_RF, atol=1e-14)
+    assert found.rest == pytest.approx(0.0, abs=1e-14)
+
+
+def test_shares_of_the_variance_add_up_to_one():
+    values = np.random.default_rng(1).normal(size=81)
+    found = sensitivity(FACTORS, LEVELS, values)
+    assert sum(share for _, share in found.shares()) == pytest.approx(1.0)
+    assert found.variance == pytest.approx(values.var())
+
+
+def test_a_triple_interaction_is_rest():
+    contrast = np.array([-1.0, 0.0, 1.0])
+    values = contrast[LEVELS[:, 0]] * contrast[LEVELS[:, 1]] * contrast[LEVELS[:, 2]]
+    assert sensitivity(FACTORS, LEVELS, values).rest_share == pytest.approx(1.0)
+
+
+def test_main_effects_equal_the_average_over_all_others():
+    values = np.random.default_rng(2).normal(size=81)
+    found = sensitivity(FACTORS, LEVELS, values)
+    averages = [values[LEVELS[:, 3] == build].mean() - values.mean() for build in range(3)]
+    np.testing.assert_allclose(found.main["rr"], averages)
+
+
+def test_the_order_of_setups_does_not_matter():
+    values, order = constructed(LEVELS), np.random.default_rng(3).permutation(81)
+    shuffled = sensitivity(FACTORS, LEVELS[order], values[order])
+    np.testing.assert_allclose(shuffled.pairs["lf", "rf"], LF_RF, atol=1e-14)
+
+
+@pytest.mark.parametrize("kept", [45, 80])
+def test_a_part_of_the_bank_tells_the_same_terms(kept):
+    part = np.random.default_rng(4).permutation(81)[:kept]
+    found = sensitivity(FACTORS, LEVELS[part], constructed(LEVELS[part]))
+    assert found.method == "fitted"
+    np.testing.assert_allclose(found.main["lf"], LF, atol=1e-12)
+    np.testing.assert_allclose(found.pairs["lf", "rf"], LF_RF, atol=1e-12)
+    assert found.share("lf") == pytest.approx(sensitivity(FACTORS, LEVELS, constructed(LEVELS)).share("lf"))
+
+
+def test_a_failed_setup_is_left_out():
+    values = constructed(LEVELS)
+    values[17] = np.nan
+    found = sensitivity(FACTORS, LEVELS, values)
+    assert found.setups == 80
+    assert found.method == "fitted"
+    np.testing.assert_allclose(found.main["lr"], LR, atol=1e-12)
+
+
+def test_what_does_not_fit_is_rest_of_the_size_of_its_variance():
+    deviation = 0.3
+    part = np.random.default_rng(5).permutation(81)[:70]
+    noise = np.random.default_rng(6).normal(scale=deviation, size=(200, 70))
+    rests = [sensitivity(FACTORS, LEVELS[part], constructed(LEVELS[part]) + row).rest for row in noise]
+    assert np.mean(rests) == pytest.approx(deviation**2, rel=0.05)
+
+
+def test_too_few_for_interactions_still_tell_the_main_effects():
+    part = np.random.default_rng(7).permutation(81)[:20]
+    values = 10.0 + LF[LEVELS[part, 0]] + LR[LEVELS[part, 2]]
+    found = sensitivity(FACTORS, LEVELS[part], values)
+    assert found.method == "fitted main effects"
+    assert not found.pairs
+    np.testing.assert_allclose(found.main["lf"], LF, atol=1e-12)
+
+
+def test_too_few_for_main_effects_are_refused_with_how_many_it_takes():
+    with pytest.raises(InputError, match=r"ride height: 5 setups .* run 10 or more"):
+        sensitivity(FACTORS, LEVELS[:5], constructed(LEVELS[:5]), "ride height")
+
+
+def test_places_that_are_always_alike_cannot_be_told_apart():
+    alike = LEVELS[LEVELS[:, 0] == LEVELS[:, 1]]
+    with pytest.raises(InputError, match="no two places always alike"):
+        sensitivity(FACTORS, alike, constructed(alike))
+
+
+def test_a_setup_that_comes_twice_is_refused():
+    twice = np.vstack([LEVELS, LEVELS[:1]])
+    with pytest.raises(InputError, match="comes twice"):
+        sensitivity(FACTORS, twice, constructed(twice))
+
+
+def test_factors_may_have_different_numbers_of_builds():
+    factors = (Factor("front", ("A", "B")), Factor("rear", ("A", "B", "C", "D")))
+    levels = np.array(list(product(range(2), range(4))))
+    values = np.array([-1.0, 1.0])[levels[:, 0]] + np.array([-3.0, -1.0, 1.0, 3.0])[levels[:, 1]]
+    found = sensitivity(factors, levels, values)
+    assert found.share("front") == pytest.approx(1.0 / 6.0)
+    assert found.total("rear") == pytest.approx(5.0 / 6.0)
+
+
+def test_a_measure_that_nothing_changes_depends_on_nothing():
+    found = sensitivity(FACTORS, LEVELS, np.full(81, 2.0))
+    assert all(share == 0.0 for _, share in found.shares())
