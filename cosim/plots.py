@@ -10,13 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
-from cosim.study.measures import Measure
+from cosim.study.measures import DISPLAY, Measure
 from eightpost import units
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
-
-#: SI unit -> what a race engineer reads on an axis.
-DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
 
 _COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 

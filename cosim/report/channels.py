@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 
-from cosim.plots import DISPLAY
+from cosim.study.measures import DISPLAY
 from eightpost import units
 from eightpost.signals import TimeSeries
 

@@ -1,1 +1,23 @@
-"""Response measures, and later the setup study: it needs FMUs only."""
+"""The setup study of chapter 7: setups, response measures, their table. It needs FMUs only."""
+
+from cosim.study.measures import Measure
+from cosim.study.result import Provenance, StudyResult
+from cosim.study.setup import Setup, SetupSpace
+from cosim.study.statistics import STATISTICS, Response
+from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
+
+__all__ = [
+    "STATISTICS",
+    "Build",
+    "Constraint",
+    "Drive",
+    "Measure",
+    "Provenance",
+    "Response",
+    "Setup",
+    "SetupSpace",
+    "Study",
+    "StudyResult",
+    "Term",
+    "Vehicle",
+]

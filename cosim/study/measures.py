@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cosim.study.band import band_pass
+from cosim.study.own_measure import own_function
+from cosim.study.statistics import Array, Response, options_for, rms, statistic
+from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
-Statistic = Literal["rms", "mean"]
+__all__ = ["DISPLAY", "Measure", "available", "channel_measures", "ride_measures", "rms"]
 
-_STATISTICS: tuple[tuple[str, Statistic], ...] = (("RMS", "rms"), ("mean", "mean"))
+#: SI unit -> what a race engineer reads on an axis.
+DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
+
+_STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,33 +27,103 @@ class Measure:
 
     Args:
         name: As people say it.
-        channels: What it looks at; several are added up sample by sample first.
-        statistic: `rms` (mean removed) or `mean`.
-        display: Unit to show it in.
+        channels: What it looks at; most statistics add several up sample by sample first.
+        statistic: A name of cosim.study.statistics; `rms` has the mean removed.
+        display: Unit to show it in; empty: its SI unit.
+        weights: Factor on each channel; empty: all 1.
+        band: Only what lies between two frequencies [Hz]; 0 and infinity leave a side open.
+        section: Only between two times of the drive [s]: a section of the lap.
+        options: Of the statistic, in SI.
+        drive: Name of the drive that it is of; empty: of any.
+        function: In place of a statistic, your own: `file.py:name` (docs/study.md).
+        function_unit: SI unit of what your function returns; empty: that of the first channel.
+
+    Raises:
+        InputError: There is no such statistic, an option is missing or unknown, there are no channels, or weights, band
+            or section make no sense.
     """
 
     name: str
     channels: tuple[str, ...]
-    statistic: Statistic
-    display: str
+    statistic: str = "rms"
+    display: str = ""
+    weights: tuple[float, ...] = ()
+    band: tuple[float, float] | None = None
+    section: tuple[float, float] | None = None
+    options: Mapping[str, float] = field(default_factory=dict)
+    drive: str = ""
+    function: str = ""
+    function_unit: str = ""
 
-    def of(self, series: TimeSeries) -> float:
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))
+        if not self.channels:
+            raise InputError(f"measure {self.name!r}: names no channel")
+        if self.weights and len(self.weights) != len(self.channels):
+            raise InputError(f"measure {self.name!r}: {len(self.channels)} channels need as many weights")
+        for what, pair in (("band", self.band), ("section", self.section)):
+            if pair is not None and not 0.0 <= pair[0] < pair[1]:
+                raise InputError(
+                    f"measure {self.name!r}: its {what} must go from a lower to a higher value, not {pair}"
+                )
+        try:
+            options = options_for(self.statistic, self.options)
+        except InputError as error:
+            raise InputError(f"measure {self.name!r}: {error}") from error
+        object.__setattr__(self, "options", options if not self.function else dict(self.options))
+        if self.statistic == "work" and len(self.channels) != 2:
+            raise InputError(f"measure {self.name!r}: work takes two channels, a force and a velocity")
+
+    @property
+    def absolute(self) -> bool:
+        """Whether it hangs on the mean of its channels."""
+        return not self.function and statistic(self.statistic).absolute and (self.band is None or self.band[0] == 0.0)
+
+    def of(self, series: TimeSeries, *, start: float = -np.inf) -> float:
         """Return the measure in SI.
+
+        Args:
+            series: The run; what lies before `start` is filtered with the rest, then left out.
+            start: End of the settling time [s].
 
         Raises:
             MissingChannelError: The series lacks one of its channels.
+            InputError: Its section holds no two samples, or its band does not fit the sample rate.
         """
-        values = np.sum([series[name] for name in self.channels], axis=0)
-        return float(np.mean(values)) if self.statistic == "mean" else rms(values)
+        response = Response(self._rows(series, start), _step(series), self.options)
+        if self.function:
+            return float(own_function(self.function)(response))
+        return statistic(self.statistic).of(response)
 
     def unit(self, series: TimeSeries) -> str:
         """Return the SI unit of the measure."""
-        return series.unit(self.channels[0])
+        return self.unit_for(series.unit(self.channels[0]))
+
+    def unit_for(self, channel: str) -> str:
+        """Return the SI unit of the measure for channels in the SI unit `channel`."""
+        own = self.function_unit if self.function else statistic(self.statistic).unit
+        return own or channel
+
+    def _rows(self, series: TimeSeries, start: float) -> Array:
+        """Its channels (C, N): weighted, filtered, within its window."""
+        rows = np.stack([series[name] for name in self.channels])
+        if self.weights:
+            rows = rows * np.array(self.weights)[:, None]
+        if self.band is not None:
+            rows = band_pass(rows, series.sample_rate, self.band, self.name)
+        first, last = self.section or (-np.inf, np.inf)
+        begin, end = np.searchsorted(series.time, (max(first, start) - 1e-9, last + 1e-9))
+        if end - begin < 2:
+            span = f"{series.time[0]:g} to {series.time[-1]:g} s"
+            raise InputError(
+                f"measure {self.name!r}: no two samples from {max(first, start):g} to {last:g} s in {span}"
+            )
+        window: Array = rows[:, begin:end]
+        return window
 
 
-def rms(values: NDArray[np.float64]) -> float:
-    """Return the root mean square of the values less their mean, in their unit."""
-    return float(np.std(values))
+def _step(series: TimeSeries) -> float:
+    return series.duration / (len(series) - 1) if len(series) > 1 else 0.0
 
 
 def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, ...]:
@@ -59,9 +134,9 @@ def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, 
 def channel_measures(series: TimeSeries, display: Mapping[str, str]) -> tuple[Measure, ...]:
     """Return RMS and mean of every channel; `display` gives the unit to show by SI unit."""
     return tuple(
-        Measure(f"{name}, {label}", (name,), statistic, display.get(unit, unit))
+        Measure(f"{name}, {label}", (name,), kind, display.get(unit, unit))
         for name, unit in zip(series.names, series.units, strict=True)
-        for label, statistic in _STATISTICS
+        for label, kind in _STATISTICS
     )
 
 

@@ -10,8 +10,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cosim.plots import DISPLAY, plot_measures
-from cosim.study.measures import Measure, available, channel_measures, ride_measures
+from cosim.plots import plot_measures
+from cosim.study.measures import DISPLAY, Measure, available, channel_measures, ride_measures
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import TimeSeries, read_series

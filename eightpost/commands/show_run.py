@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 import cosim
-from cosim.plots import DISPLAY
+from cosim.study.measures import DISPLAY
 from eightpost import units
 
 

@@ -1,0 +1,244 @@
+"""What a study leaves: a row per setup, with all that a figure needs to be traced."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+from numpy.typing import NDArray
+
+from cosim.study.measures import Measure
+from cosim.study.setup import Setup
+from cosim.study.study import Study
+from eightpost import __version__, units
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import atomic_path
+
+#: Version of the file that is written, and the newest that is read.
+SCHEMA = 1
+
+#: Values of the column `status`.
+DONE, FAILED = "done", "failed"
+
+#: Columns beside corners and measures, before and after them.
+HEAD, TAIL = ("setup",), ("status", "message", "coupling_error_percent", "marks", "seconds")
+
+_KEY = b"eightpost"
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a study's figures come from.
+
+    Args:
+        digest: Of all that the figures hang on (SHA-256).
+        guids: GUID of every FMU, by its file.
+        digests: SHA-256 of every file that was read, by its path.
+        settings: How it was run: scheme, coupling step [s], its stated error, and what else was decided.
+        tool_version: Of eightpost.
+        measure_units: SI unit of every measure.
+    """
+
+    digest: str
+    guids: Mapping[str, str]
+    digests: Mapping[str, str]
+    settings: Mapping[str, Any]
+    measure_units: Mapping[str, str]
+    tool_version: str = __version__
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """A study and its table.
+
+    Columns: `setup` (its number), one per corner (the build's name), one per measure (SI; unit, display unit and label
+    in the field's metadata), `status` (done or failed), `message`, `coupling_error_percent`, `marks` (beyond a shock's
+    fitted range, a tire off the ground), `seconds` (wall time of its runs).
+
+    Args:
+        study: What was run.
+        table: One row per setup, by number.
+        provenance: Where it comes from.
+        partial: Whether setups are missing because the study was interrupted.
+    """
+
+    study: Study
+    table: pa.Table
+    provenance: Provenance
+    partial: bool = False
+    _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Those of the study, in the table's order."""
+        return self.study.measures
+
+    @property
+    def setups(self) -> NDArray[np.int64]:
+        """Numbers of the setups (R,)."""
+        return np.asarray(self.table["setup"].to_numpy(), dtype=np.int64)
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """Which setups ran to the end (R,)."""
+        return np.array([status == DONE for status in self.table["status"].to_pylist()], dtype=np.bool_)
+
+    def setup(self, row: int) -> Setup:
+        """Return the setup of a row."""
+        return self.study.space.setup(int(self.setups[row]))
+
+    def row(self, builds: Mapping[str, str]) -> int | None:
+        """Return the row of a setup; None where it was not run."""
+        found = np.flatnonzero(self.setups == self.study.space.find(builds).index)
+        return int(found[0]) if found.size else None
+
+    @property
+    def baseline_row(self) -> int | None:
+        """The baseline's row; None where there is none or it was not run."""
+        return self.row(self.study.baseline) if self.study.baseline else None
+
+    def builds(self, corner: str) -> list[str]:
+        """Return the build of every row (R,) at a corner."""
+        found: list[str] = self.table[corner].to_pylist()
+        return found
+
+    def unit(self, measure: str) -> str:
+        """Return a measure's SI unit."""
+        return self.provenance.measure_units[measure]
+
+    def display(self, measure: str) -> str:
+        """Return the unit to show a measure in."""
+        return self.study.measure(measure).display or self.unit(measure)
+
+    def values(self, measure: str) -> NDArray[np.float64]:
+        """Return a measure of every row (R,) in SI, NaN where the setup failed.
+
+        Raises:
+            InputError: There is no such measure.
+        """
+        if measure not in self._cache:
+            self.study.measure(measure)
+            self._cache[measure] = np.asarray(self.table[measure].to_numpy(zero_copy_only=False), dtype=np.float64)
+        return self._cache[measure]
+
+    def shown(self, measure: str) -> NDArray[np.float64]:
+        """Return a measure of every row (R,) in its display unit."""
+        return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
+
+    @property
+    def objective(self) -> NDArray[np.float64] | None:
+        """The objective of every row (R,) (Eq 2.6); None where the study has none."""
+        if not self.study.objective:
+            return None
+        terms = [
+            term.weight * units.convert(self.values(term.measure), self.unit(term.measure), term.unit)
+            for term in self.study.objective
+        ]
+        return np.asarray(np.sum(terms, axis=0))
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Which setups ran and keep all constraints (R,) (Eq 2.3)."""
+        kept = self.done
+        for constraint in self.study.constraints:
+            values = self.values(constraint.measure)
+            kept = kept & (values >= constraint.at_least) & (values <= constraint.at_most)
+        return kept
+
+    def ranking(self, measure: str | None = None) -> NDArray[np.int64]:
+        """Return the rows of feasible setups, best first.
+
+        Args:
+            measure: To rank by, least first; None: the objective, or where there is none the first measure.
+        """
+        by = self.objective if measure is None else self.values(measure)
+        by = self.values(self.measures[0].name) if by is None else by
+        rows = np.flatnonzero(self.feasible)
+        return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
+
+    def save(self, path: str | Path) -> None:
+        """Write a Parquet file; it replaces an old one only when it is whole."""
+        header = {
+            "schema": "eightpost.study",
+            "schema_version": SCHEMA,
+            **asdict(self.provenance),
+            "partial": self.partial,
+            "study": json.loads(self.study.to_json()),
+        }
+        table = self.table.replace_schema_metadata({_KEY: json.dumps(header)})
+        with atomic_path(path) as temporary:
+            pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+    @classmethod
+    def load(cls, path: str | Path) -> StudyResult:
+        """Read what `save` wrote.
+
+        Raises:
+            FileFormatError: The file is not there, is no study's result, or a newer version wrote it.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileFormatError("there is no such file: name the results.parquet of a study", path=path)
+        try:
+            table = pyarrow.parquet.read_table(path, use_threads=False)
+        except pa.ArrowInvalid as error:
+            raise FileFormatError(f"is not a Parquet file: {error}", path=path) from error
+        header = _header(path, table)
+        study = Study.from_json(json.dumps(header["study"]))
+        names = Provenance.__dataclass_fields__
+        return cls(study, table, Provenance(**{k: header[k] for k in names}), bool(header["partial"]))
+
+
+def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
+    """Return the columns of a study's table."""
+    tail = {"coupling_error_percent": pa.float64(), "seconds": pa.float64()}
+    return pa.schema(
+        [
+            pa.field("setup", pa.int64()),
+            *(pa.field(corner, pa.string()) for corner in study.corners),
+            *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
+            *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
+        ]
+    )
+
+
+def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
+    """Return rows by column name as a table, by number of setup.
+
+    Raises:
+        InputError: Two rows are of one setup.
+    """
+    table = pa.Table.from_pylist(list(rows), schema=schema).sort_by("setup")
+    numbers = table["setup"].to_numpy()
+    if np.unique(numbers).size < numbers.size:
+        raise InputError("two rows are of one setup")
+    return table
+
+
+def _words(measure: Measure, unit: str) -> dict[str, str]:
+    return {"unit": unit, "display": measure.display or unit, "label": measure.name}
+
+
+def _header(path: Path, table: pa.Table) -> dict[str, Any]:
+    try:
+        header: dict[str, Any] = json.loads((table.schema.metadata or {})[_KEY])
+    except (KeyError, ValueError) as error:
+        raise FileFormatError("is no result of a study: it has no header of ours", path=path) from error
+    if header.get("schema") != "eightpost.study":
+        raise FileFormatError(f"is {header.get('schema')!r}, no result of a study", path=path)
+    if int(header["schema_version"]) > SCHEMA:
+        raise FileFormatError(
+            f"has schema version {header['schema_version']} (eightpost {header.get('tool_version')}), this eightpost "
+            f"{__version__} reads up to {SCHEMA}; update eightpost",
+            path=path,
+        )
+    return header
