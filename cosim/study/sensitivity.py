@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
+from cosim.study.factor import Factor
 from eightpost.errors import InputError
 
 Array = NDArray[np.float64]
@@ -29,19 +30,6 @@ Integers = NDArray[np.int64]
 
 #: How the terms were found: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
 Method = Literal["exact", "fitted", "fitted main effects"]
-
-
-@dataclass(frozen=True, slots=True)
-class Factor:
-    """A place where builds are swapped.
-
-    Attributes:
-        name: A corner, or the corners that are kept alike, as `lf+rf`.
-        builds: That may go there; their order means nothing.
-    """
-
-    name: str
-    builds: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cosim.study.sensitivity import Factor, sensitivity
+from cosim.study.factor import Factor
+from cosim.study.sensitivity import sensitivity
 from eightpost.errors import InputError
 
 CORNERS = ("lf", "rf", "lr", "rr")

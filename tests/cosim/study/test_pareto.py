@@ -1,0 +1,45 @@
+"""Fronts and hypervolumes against definitions spelled out and areas known by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.study.pareto import hypervolume, pareto_front
+
+
+def by_definition(values: np.ndarray) -> np.ndarray:
+    beaten = [any((other <= row).all() and (other < row).any() for other in values) for row in values]
+    return ~np.array(beaten)
+
+
+@pytest.mark.parametrize("responses", [1, 2, 3, 5])
+def test_the_front_is_what_no_other_setup_beats(responses):
+    values = np.random.default_rng(responses).integers(0, 6, size=(150, responses)).astype(float)
+    np.testing.assert_array_equal(pareto_front(values), by_definition(values))
+
+
+def test_equal_setups_stand_on_the_front_together():
+    assert pareto_front(np.array([[1.0, 2.0], [1.0, 2.0], [2.0, 2.0]])).tolist() == [True, True, False]
+
+
+def test_a_failed_setup_is_never_on_the_front():
+    assert pareto_front(np.array([[np.nan, 0.0], [1.0, 1.0]])).tolist() == [False, True]
+
+
+def test_the_area_of_a_staircase_is_known_by_hand():
+    staircase = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0]])
+    assert hypervolume(staircase, np.array([3.0, 3.0])) == pytest.approx(6.0)
+
+
+def test_a_volume_is_that_of_its_grid_points_counted():
+    values = np.random.default_rng(3).integers(0, 6, size=(12, 3)).astype(float)
+    cells = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    reached = (values <= cells).all(axis=2).any(axis=1)
+    assert hypervolume(values, np.full(3, 6.0)) == pytest.approx(reached.sum())
+
+
+def test_what_does_not_beat_the_reference_adds_nothing():
+    reference = np.array([1.0, 1.0])
+    assert hypervolume(np.array([[2.0, 0.0], [1.0, 0.5]]), reference) == 0.0
+    assert hypervolume(np.array([[2.0, -5.0], [0.5, 0.5]]), reference) == pytest.approx(0.25)
