@@ -123,7 +123,7 @@ def _tell(algorithm: Any, population: Any, scores: Scores) -> None:
     from pymoo.core.evaluator import Evaluator  # noqa: PLC0415 - an extra
     from pymoo.problems.static import StaticProblem  # noqa: PLC0415
 
-    failed = ~np.isfinite(scores.objectives).all(axis=1)
+    failed = np.asarray(~np.isfinite(scores.objectives).all(axis=1))
     objectives = np.where(failed[:, None], 0.0, scores.objectives)
     constraints = np.column_stack([np.where(failed[:, None], 0.0, scores.violations), np.where(failed, _FAILED, 0.0)])
     Evaluator().eval(StaticProblem(algorithm.problem, F=objectives, G=constraints), population)
