@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from cosim.study.factor import Factor
+from cosim.study.factor import Factor, factors_of, levels_of, varied
+from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 
 Array = NDArray[np.float64]
@@ -88,6 +89,25 @@ class Sensitivity:
 
     def _part(self, variance: float) -> float:
         return variance / self.variance if self.variance > 0.0 else 0.0
+
+
+def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
+    """Return the sensitivity of every measure of a study to the corners, in the table's order and units.
+
+    Corners that are kept alike are one factor; a place with one build is none.
+
+    Raises:
+        InputError: Nothing can be chosen anywhere, or too few setups were run for the main effects.
+    """
+    factors = factors_of(result.study.space)
+    free = varied(factors)
+    if not free:
+        raise InputError(
+            f"{result.study.name}: every corner has one build only, so there is nothing to be sensitive to"
+        )
+    levels = levels_of(result.study.space, result.setups)[:, free]
+    names = (measure.name for measure in result.measures)
+    return tuple(sensitivity([factors[n] for n in free], levels, result.values(name), name) for name in names)
 
 
 def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, measure: str = "") -> Sensitivity:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from cosim.study.factor import Factor
-from cosim.study.sensitivity import sensitivity
+from cosim.study.sensitivity import sensitivities_of, sensitivity
 from eightpost.errors import InputError
+
+from .constructed import result
 
 CORNERS = ("lf", "rf", "lr", "rr")
 FACTORS = tuple(Factor(corner, ("AA/AA", "B/B", "C/C")) for corner in CORNERS)
@@ -126,3 +128,22 @@ def test_factors_may_have_different_numbers_of_builds():
 def test_a_measure_that_nothing_changes_depends_on_nothing():
     found = sensitivity(FACTORS, LEVELS, np.full(81, 2.0))
     assert all(share == 0.0 for _, share in found.shares())
+
+
+def test_a_study_tells_its_sensitivity_measure_by_measure():
+    def front(digits: np.ndarray) -> np.ndarray:
+        return digits[:, 0] + digits[:, 1] + 0.0
+
+    def rear(digits: np.ndarray) -> np.ndarray:
+        return digits[:, 2] + 0.0
+
+    found = {s.measure: s for s in sensitivities_of(result({"front": front, "rear": rear}))}
+    assert [found["front"].share(corner) for corner in CORNERS] == pytest.approx([0.5, 0.5, 0.0, 0.0])
+    assert [found["rear"].share(corner) for corner in CORNERS] == pytest.approx([0.0, 0.0, 1.0, 0.0])
+
+
+def test_corners_that_are_kept_alike_are_one_factor():
+    study = result({"sum": lambda digits: digits.sum(axis=1) + 0.0}, alike=(("lf", "rf"), ("lr", "rr")))
+    (found,) = sensitivities_of(study)
+    assert (found.method, found.setups) == ("exact", 49)
+    assert found.share("lf+rf") == pytest.approx(0.5)

@@ -1,0 +1,56 @@
+"""Study results made by hand: measures that are known functions of the builds, no FMU behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from cosim.study.measures import Measure
+from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.study import Build, Drive, Study, Vehicle
+
+CORNERS = ("lf", "rf", "lr", "rr")
+#: Table 7.3.
+BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
+
+Response = Callable[[np.ndarray], np.ndarray]
+
+
+def study(measures: tuple[str, ...], builds: tuple[str, ...] = BUILDS, **fields: object) -> Study:
+    bank = {name: Build(Path(f"{name.replace('/', '-')}.fmu")) for name in builds}
+    given = {
+        "name": "constructed",
+        "vehicle": Vehicle(Path("car.fmu")),
+        "bank": bank,
+        "corners": dict.fromkeys(CORNERS, builds),
+        "drives": (Drive("lap", Path("lap.parquet"), 30.0),),
+        "measures": tuple(Measure(name, ("car.front.ride_height",), display="in") for name in measures),
+    }
+    return Study(**{**given, **fields})
+
+
+def result(
+    responses: Mapping[str, Response],
+    *,
+    kept: np.ndarray | None = None,
+    marks: Mapping[int, str] | None = None,
+    failed: tuple[int, ...] = (),
+    **fields: object,
+) -> StudyResult:
+    """Return the result of a study whose measures are functions of the builds' places (S, corners)."""
+    made = study(tuple(responses), **fields)
+    indices = made.space.indices if kept is None else kept
+    digits = made.space.digits(indices)
+    values = {name: response(digits) for name, response in responses.items()}
+    rows = []
+    for place, index in enumerate(int(i) for i in indices):
+        done = index not in failed
+        measured = {name: float(column[place]) if done else None for name, column in values.items()}
+        words = {"status": "done" if done else "failed", "message": "", "marks": (marks or {}).get(index, "")}
+        numbers = {"coupling_error_percent": 0.1, "seconds": 0.03}
+        rows.append({"setup": index, **made.space.setup(index).builds, **measured, **words, **numbers})
+    units = dict.fromkeys(responses, "m")
+    table = result_table(rows, study_schema(made, units))
+    return StudyResult(made, table, Provenance("0" * 64, {}, {}, {}, units))

@@ -1,0 +1,98 @@
+"""What is selected for the rig, on banks whose low and high setups are known."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from cosim.study.selection import select
+from cosim.study.study import Term
+from eightpost.errors import InputError
+
+from .constructed import CORNERS, result
+
+
+def front(digits: np.ndarray) -> np.ndarray:
+    """Low with soft builds in front; the rear matters next to nothing, as 7.2 found for the front ride height."""
+    return 10.0 + digits[:, 0] + digits[:, 1] + 1e-3 * digits[:, 2] + 1e-4 * digits[:, 3]
+
+
+def rear(digits: np.ndarray) -> np.ndarray:
+    return 5.0 - digits[:, 2] - digits[:, 3] + 1e-3 * digits[:, 0]
+
+
+def accel(digits: np.ndarray) -> np.ndarray:
+    return digits @ np.array([1.0, 2.0, -1.5, 0.5])
+
+
+STUDY = result({"front": front, "rear": rear, "accel": accel})
+
+
+def test_the_extreme_setups_of_every_measure_come_first():
+    selection = select(STUDY, total=18)
+    for measure in ("front", "rear", "accel"):
+        values, chosen = STUDY.values(measure), selection.of(measure)
+        low, high = (next(s for s in chosen if s.end == end) for end in ("low", "high"))
+        assert (low.rank, high.rank) == (1, 1)
+        assert low.value == values.min()
+        assert high.value == values.max()
+
+
+def test_twenty_setups_are_shared_out_as_table_7_5_does():
+    selection = select(STUDY, share={"front": 4, "rear": 4, "accel": 2})
+    assert len({selected.setup.index for selected in selection.chosen}) == 20
+    counts = [
+        len([s for s in selection.of(m) if s.end == e]) for m in ("front", "rear", "accel") for e in ("low", "high")
+    ]
+    assert counts == [4, 4, 4, 4, 2, 2]
+
+
+def test_what_is_chosen_for_an_end_is_near_that_end():
+    selection = select(STUDY, total=18)
+    assert max(selected.rank for selected in selection.chosen) <= 0.02 * 2401 + 18
+
+
+def test_chosen_setups_differ_more_than_the_plain_extremes_do():
+    def fewest_changes(setups):
+        return min(sum(a.builds[c] != b.builds[c] for c in CORNERS) for a, b in combinations(setups, 2))
+
+    selection = select(STUDY, share={"front": 4})
+    plain = [STUDY.setup(int(row)) for row in np.argsort(STUDY.values("front"))[[0, 1, 2, 3, -4, -3, -2, -1]]]
+    assert fewest_changes(plain) == 1
+    assert selection.closest == fewest_changes([s.setup for s in selection.chosen]) == 2
+
+
+def test_the_same_study_selects_the_same_setups_every_time():
+    again = result({"front": front, "rear": rear, "accel": accel})
+    assert select(again) == select(STUDY)
+
+
+def test_the_objective_says_which_measures_to_confirm():
+    objective = (Term("rear", 2.0, "in"), Term("front", 1.0, "in"))
+    selection = select(result({"front": front, "rear": rear, "accel": accel}, objective=objective), total=10)
+    assert [len(selection.of(m)) for m in ("rear", "front", "accel")] == [6, 4, 0]
+
+
+def test_failed_and_marked_setups_are_not_sent_to_the_rig():
+    lowest = int(front(STUDY.study.space.digits(STUDY.setups)).argmin())
+    marked = result({"front": front}, marks={lowest: "beyond the fitted range"}, failed=(lowest + 1,))
+    chosen = {selected.setup.index for selected in select(marked, total=8).chosen}
+    assert not chosen & {lowest, lowest + 1}
+
+
+def test_more_than_the_study_has_are_refused():
+    few = result({"front": front}, kept=np.arange(6))
+    with pytest.raises(InputError, match="20 setups cannot be selected from 6"):
+        select(few)
+
+
+def test_fewer_than_one_of_each_end_are_refused():
+    with pytest.raises(InputError, match="ask for 6"):
+        select(STUDY, total=4)
+
+
+def test_a_measure_that_the_study_lacks_is_named():
+    with pytest.raises(InputError, match="did you mean 'front'"):
+        select(STUDY, ["frnt"])
