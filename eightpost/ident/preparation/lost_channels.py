@@ -1,0 +1,63 @@
+"""Channels that die in the course of a record: a cable that breaks, a logger that holds its last value."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.errors import ConstantChannelError
+from eightpost.signals.origin import IN_MEMORY, Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals.timeseries import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: A channel that repeats one value for this long [s] ...
+HELD = 0.25
+#: ... while others of its kind, or the road, change in at least this part of the samples.
+MOVING = 0.5
+
+_RESPONSES = ("tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
+
+
+def check_lives(series: TimeSeries, corners: Sequence[str], *, origin: Origin = IN_MEMORY) -> None:
+    """Raise ConstantChannelError where a channel stops while the others go on.
+
+    Args:
+        series: A rig record.
+        corners: Its corners; one empty name for a quarter car.
+        origin: Where it came from.
+    """
+    names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
+    there = [name for name in names if name in series]
+    for name in there:
+        start, stop = _longest_hold(series[name])
+        span = (stop - start) / series.sample_rate
+        if span < HELD or not _others_move(series, there, name, slice(start, stop)):
+            continue
+        where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
+        what = (
+            f"it stays at {series[name][start]:.6g} (SI) {where} ({span:.3g} s) while the other channels move: a cable "
+            "or a logger failed there; use the record without that part, or leave the channel out of the map"
+        )
+        raise origin.fault(ConstantChannelError, what, channel=name, sample=start)
+
+
+def _longest_hold(values: Array) -> tuple[int, int]:
+    """Return the first and the last sample of the longest run of one value."""
+    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    bounds = np.concatenate(([0], edges, [values.size]))
+    longest = int(np.argmax(np.diff(bounds)))
+    return int(bounds[longest]), int(bounds[longest + 1]) - 1
+
+
+def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
+    """Say whether most of the other channels change in most samples of a span: an empty rig moves none."""
+    moving = [np.mean(np.diff(series[name][held]) != 0.0) > MOVING for name in names if name != own]
+    return bool(moving) and float(np.mean(moving)) > 0.5

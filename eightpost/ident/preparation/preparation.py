@@ -1,0 +1,217 @@
+"""From rig tests as they were recorded to records that an identification takes (6.1.2, 6.4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.preparation.decimation import Decimation
+from eightpost.ident.preparation.lags import LIKE, Lag, drifts, drive_lag, record_lags, shifted
+from eightpost.ident.preparation.lost_channels import check_lives
+from eightpost.ident.preparation.math_channels import with_modes, with_velocities
+from eightpost.ident.preparation.prepared import Prepared
+from eightpost.signals.timeseries import TimeSeries
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from eightpost.rig.post.car import Geometry
+    from eightpost.rig.post.rig_test import RigTest
+
+#: Fewest samples that a record must keep.
+_FEWEST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """How records are prepared. The default takes nothing for granted that the records do not say.
+
+    Attributes:
+        decimation: To the model's rate.
+        pot_cutoff: Low-pass of the potentiometers before shock velocities are made of them [Hz]; None keeps the
+            records' own velocities.
+        geometry: Of the rig; with it the aeroloaders' modes and the ride heights are made. None keeps the records' own.
+        delays: By how much channels come late [s], by name: they are brought forward in every record.
+        same_start: A channel by which every record is brought into step with the first, such as `lf.road`; None
+            leaves the records as they start. For recipes that need the same drive sample by sample.
+        settling: Left out at the start of every record [s].
+    """
+
+    decimation: Decimation = field(default_factory=Decimation)
+    pot_cutoff: float | None = 50.0
+    geometry: Geometry | None = None
+    delays: Mapping[str, float] = field(default_factory=dict)
+    same_start: str | None = None
+    settling: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.pot_cutoff is not None and not self.pot_cutoff > 0.0:
+            raise ParameterError(f"the potentiometers' cut-off must be above 0 Hz, not {self.pot_cutoff:g}")
+        if self.settling < 0.0:
+            raise ParameterError(f"the settling must not be negative, as {self.settling:g} s is")
+
+
+def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) -> Prepared:
+    """Prepare rig tests.
+
+    Each test is brought to the model's rate before the next one is taken, so that tests that are read one by one (a
+    generator) need the memory of one.
+
+    Args:
+        tests: One or more, of one car.
+        preparation: How.
+
+    Raises:
+        InputError: There is no test, or the tests are of different cars.
+        ParameterError: A record's rate is no multiple of the model's.
+        ConstantChannelError: A channel dies in the course of its record.
+        TooShortError: Next to nothing is left of a record.
+        MissingChannelError: A channel to be aligned is not there.
+    """
+    how = preparation or Preparation()
+    first: _Single | None = None
+    singles: list[_Single] = []
+    for number, test in enumerate(tests, start=1):
+        single = _prepared(test, how, _called(test, number), first)
+        first = first or single
+        singles.append(single._replace(full=None) if number > 1 else single)
+    if not singles:
+        raise InputError("there is no rig test to prepare; give one or more")
+    return _together(singles, how)
+
+
+class _Single(NamedTuple):
+    """One record, prepared."""
+
+    name: str
+    corners: tuple[str, ...]
+    series: TimeSeries
+    means: Mapping[str, float]
+    lags: tuple[Lag, ...]
+    drifts: tuple[Lag, ...]
+    steps: tuple[str, ...]
+    sha256: str
+    full: TimeSeries | None
+    """The channel that other records are aligned with, at full rate."""
+
+
+def _called(test: RigTest, number: int) -> str:
+    return test.source.name if test.source else f"record {number}"
+
+
+def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None) -> _Single:
+    corners = test.corners
+    check_lives(test.series, corners)
+    series = shifted(test.series, how.delays)
+    changes = drifts(series, corners)
+    full = series.select([how.same_start]) if how.same_start and first is None else None
+    lags = list(record_lags(series, corners))
+    if how.same_start and first is not None and first.full is not None:
+        late = _start(series, first.full, how.same_start, name)
+        lags.append(late)
+        series = shifted(series, dict.fromkeys(series.names, late.seconds))
+    steps: tuple[str, ...] = ()
+    if how.pot_cutoff is not None:
+        series, steps = with_velocities(series, corners, how.pot_cutoff)
+    if how.geometry is not None:
+        series, added = with_modes(series, how.geometry)
+        steps += added
+    series = _settled(series, how.settling, name)
+    record, means = _decimated(series, how.decimation)
+    return _Single(name, corners, record, means, tuple(lags), changes, steps, test.sha256, full)
+
+
+def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> Lag:
+    """Return how late a record is against the first."""
+    if abs(series.sample_rate / first.sample_rate - 1.0) > 1e-3:
+        rates = f"{series.sample_rate:g} and {first.sample_rate:g} Hz"
+        raise InputError(f"{name}: records of {rates} are not brought into step; export both at one rate")
+    late = drive_lag(series, first, channel)
+    if late.likeness < LIKE:
+        raise InputError(
+            f"{name}: its {channel} is not that of the first record (correlation {late.likeness:.2f}), so the two "
+            "cannot be brought into step; leave same_start away for records of different drives"
+        )
+    return late
+
+
+def _settled(series: TimeSeries, settling: float, name: str) -> TimeSeries:
+    if settling >= series.duration:
+        raise TooShortError(f"{name}: the record has {series.duration:.4g} s, the settling takes {settling:.4g} s")
+    return series.window(series.time[0] + settling, series.time[-1]) if settling else series
+
+
+def _decimated(series: TimeSeries, decimation: Decimation) -> tuple[TimeSeries, dict[str, float]]:
+    """Return the record at the model's rate without means, and the means."""
+    means = series.values.mean(axis=1)
+    # Row by row: all channels at full rate and their filtered copies would be gigabytes.
+    rows = [decimation.apply(row - mean, series.sample_rate) for row, mean in zip(series.values, means, strict=True)]
+    factor = decimation.factor(series.sample_rate)
+    channels = {n: (u, row) for n, u, row in zip(series.names, series.units, rows, strict=True)}
+    record = TimeSeries.from_channels(series.time[::factor], channels)
+    return record, dict(zip(series.names, means.tolist(), strict=True))
+
+
+def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
+    for single in singles:
+        if single.corners != singles[0].corners:
+            raise InputError(f"{single.name} has other corners than {singles[0].name}; give tests of one car")
+        if len(single.series) < _FEWEST:
+            raise TooShortError(
+                f"{single.name}: {len(single.series)} samples are left at {how.decimation.rate:g} Hz; at least "
+                f"{_FEWEST} are needed: record longer, or take a higher rate"
+            )
+    shared = [name for name in singles[0].series.names if all(name in single.series for single in singles)]
+    records = [single.series.select(shared) for single in singles]
+    if how.same_start:
+        size = min(len(record) for record in records)
+        records = [record.window(record.time[0], record.time[size - 1]) for record in records]
+    return Prepared(
+        records=tuple(records),
+        means=tuple({name: single.means[name] for name in shared} for single in singles),
+        names=tuple(single.name for single in singles),
+        corners=singles[0].corners,
+        lags=tuple(single.lags for single in singles),
+        steps=_steps(singles[0], how),
+        notes=_notes(singles, shared, how),
+        sources={single.name: single.sha256 for single in singles if single.sha256},
+    )
+
+
+def _steps(single: _Single, how: Preparation) -> tuple[str, ...]:
+    said = [f"{name} brought forward by {1e3 * delay:.4g} ms" for name, delay in how.delays.items()]
+    if how.same_start:
+        said.append(f"every record brought into step with the first by {how.same_start}")
+    said += single.steps
+    if how.settling:
+        said.append(f"the first {how.settling:g} s left out")
+    said.append("means taken out and kept aside")
+    decimation = how.decimation
+    said.append(
+        f"decimated to {decimation.rate:g} Hz: Chebyshev I of order {decimation.order}, forward and backward, "
+        f"pass band to {decimation.cutoff:g} Hz"
+    )
+    return tuple(said)
+
+
+def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) -> tuple[str, ...]:
+    said = []
+    for single in singles:
+        lost = [name for name in single.series.names if name not in shared]
+        if lost:
+            said.append(f"{single.name}: left out, as not all records have them: {', '.join(lost)}")
+        for lag in single.lags:
+            if lag.is_notable and lag.channel != how.same_start:
+                said.append(
+                    f"{single.name}: {lag}; if its logger is late, give each of that logger's channels a delay of "
+                    f"{lag.seconds:.5f} s"
+                )
+        said += [
+            f"{single.name}: between start and end {drift.channel} falls behind {drift.against} by "
+            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ; use a part of the record"
+            for drift in single.drifts
+        ]
+    return tuple(said)

@@ -1,0 +1,67 @@
+"""Rig records of the dissertation's linear cars, exact: spectra of periodic drives through the models' responses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
+from eightpost.units import convert
+from eightpost.vehicle import StateSpace, add_port_damping, read_vehicle, shipped
+
+Array = NDArray[np.float64]
+
+RATE = 1250.0
+DAMPING = convert(17.5, "lbf/(in/s)", "N.s/m")
+
+
+def car(name: str, damping: float = DAMPING) -> StateSpace:
+    """A car of the dissertation with linear dampers."""
+    model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
+    ports = [n.removesuffix("force").rstrip(".") for n in model.input_names if n in ("force", "lf.force")]
+    ports = ports if name == "quarter_car" else ["lf", "rf", "lr", "rr"]
+    return add_port_damping(model, dict.fromkeys(ports, damping))
+
+
+def spectrum(samples: int, highest: float, generator: np.random.Generator) -> NDArray[np.complex128]:
+    """White up to 2 Hz, falling with frequency, nothing from `highest` [Hz]; standard deviation 1."""
+    lines = np.fft.rfftfreq(samples, 1.0 / RATE)
+    shape = np.where((lines > 0.0) & (lines < highest), 1.0 / np.maximum(lines / 2.0, 1.0), 0.0)
+    drawn = shape * (generator.normal(size=lines.size) + 1j * generator.normal(size=lines.size))
+    return np.asarray(drawn / np.fft.irfft(drawn, samples).std())
+
+
+def record(
+    name: str,
+    *,
+    seconds: float = 10.0,
+    seed: int = 1,
+    damping: float = DAMPING,
+    active: Sequence[str] = (),
+    size: float = 1.0,
+    noise: float = 1e-3,
+) -> RigTest:
+    """A random test at 1250 Hz; each measured channel has noise of that part of its standard deviation."""
+    model, generator = car(name, damping), np.random.default_rng(seed)
+    samples = round(seconds * RATE)
+    drive = np.zeros((len(model.inputs), samples // 2 + 1), dtype=complex)
+    for i, channel in enumerate(model.inputs):
+        if channel.name.endswith("road"):
+            drive[i] = 0.004 * spectrum(samples, 30.0, generator)
+        elif not channel.name.endswith("force") or channel.name in ("aero_force", "heave_force"):
+            drive[i] = 500.0 * spectrum(samples, 5.0, generator)
+        if active and channel.name not in active:
+            drive[i] = 0.0
+    drive *= size
+    lines = np.fft.rfftfreq(samples, 1.0 / RATE)
+    answer = np.einsum("pmk,mk->pk", model.frequency_response(np.maximum(lines, 1e-6)), drive)
+    channels = {c.name: (c.unit, np.fft.irfft(drive[i], samples)) for i, c in enumerate(model.inputs)}
+    channels |= {c.name: (c.unit, np.fft.irfft(answer[i], samples)) for i, c in enumerate(model.outputs)}
+    for corner in ("",) if name == "quarter_car" else ("lf.", "rf.", "lr.", "rr."):
+        channels[f"{corner}force"] = ("N", damping * channels[f"{corner}velocity"][1])
+    channels = {n: c for n, c in channels.items() if not n.endswith(("position", "spring_force"))}
+    measured = {n: (u, v + noise * v.std() * generator.standard_normal(samples)) for n, (u, v) in channels.items()}
+    return RigTest(TimeSeries.from_channels(np.arange(samples) / RATE, measured))

@@ -1,0 +1,241 @@
+"""Records are decimated, derived and put in step without changing what is in the band, and all of it is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import cheby1, sosfreqz
+
+from eightpost.errors import ConstantChannelError, InputError, MissingChannelError, ParameterError, TooShortError
+from eightpost.ident.preparation import (
+    Decimation,
+    Preparation,
+    check_lives,
+    drifts,
+    prepare,
+    record_lags,
+    shifted,
+    time_lag,
+)
+from eightpost.ident.response import LocalPolynomial, contribution_error, estimate_response, response_of
+from eightpost.rig.post import RigTest, stand_in_truth
+from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.signals import TimeSeries
+
+from .linear_rig import RATE, car, record, spectrum
+
+CORNERS = ("lf", "rf", "lr", "rr")
+
+
+@pytest.fixture(scope="module")
+def quarter() -> RigTest:
+    return record("quarter_car")
+
+
+@pytest.fixture(scope="module")
+def seven() -> RigTest:
+    return record("seven_dof", seconds=8.0)
+
+
+def with_channels(test: RigTest, **changes: np.ndarray) -> RigTest:
+    """Replace channels; a double underscore stands for the dot of a name."""
+    series = test.series
+    for name, values in changes.items():
+        series = series.with_channel(name.replace("__", "."), series.unit(name.replace("__", ".")), values)
+    return replace(test, series=series)
+
+
+def test_decimation_keeps_the_band_within_a_thousandth_and_folds_nothing_into_it():
+    decimation = Decimation(125.0)
+    time = np.arange(25000) / RATE
+    for frequency in (0.5, 5.0, 20.0, 45.0):
+        kept = decimation.apply(np.sin(2.0 * np.pi * frequency * time), RATE)[200:-200]
+        np.testing.assert_allclose(kept, np.sin(2.0 * np.pi * frequency * time[::10][200:-200]), atol=1.2e-3)
+    for frequency in (75.0, 100.0, 130.0):
+        folded = decimation.apply(np.sin(2.0 * np.pi * frequency * time), RATE)[200:-200]
+        assert np.abs(folded).max() < 1e-3
+
+
+def test_the_filter_is_that_of_6_4_1_run_twice():
+    decimation = Decimation(125.0, ripple=0.05)
+    impulse = np.zeros(8001)
+    impulse[4000] = 10.0
+    found = np.abs(np.fft.rfft(decimation.apply(impulse, RATE)))
+    lines = np.fft.rfftfreq(801, 1.0 / 125.0)
+    gain = np.abs(sosfreqz(cheby1(8, 0.05, 0.8 * 62.5, fs=RATE, output="sos"), lines, fs=RATE)[1]) ** 2
+    inside = lines < 45.0
+    np.testing.assert_allclose(found[inside], gain[inside], rtol=2e-3)
+
+
+def test_a_rate_that_is_no_multiple_is_refused_with_those_that_are():
+    with pytest.raises(ParameterError, match=r"1000 Hz cannot be decimated to 300 Hz.*333\.333 or 250 Hz"):
+        Decimation(300.0).factor(1000.0)
+    with pytest.raises(ParameterError, match="no multiple"):
+        Decimation(125.0).factor(100.0)
+    assert Decimation(125.0).factor(1250.3) == 10
+
+
+def test_responses_of_prepared_records_are_those_of_the_car(quarter):
+    prepared = prepare([record("quarter_car", seconds=100.0, noise=1e-4)])
+    assert prepared.rate == pytest.approx(125.0)
+    outputs = ("velocity", "tire_force")
+    found = estimate_response(
+        prepared.records, inputs=["road", "aero_force"], outputs=outputs, recipe=LocalPolynomial(high=4.0)
+    )
+    truth = response_of(car("quarter_car").select(inputs=found.input_names, outputs=outputs), found.frequency)
+    assert contribution_error(found, truth, [[0.004**2], [500.0**2]]).max() < 5e-3
+
+
+def test_means_are_taken_out_and_kept(quarter):
+    lifted = with_channels(quarter, tire_force=quarter.series["tire_force"] + 3000.0)
+    prepared = prepare([lifted])
+    assert prepared.means[0]["tire_force"] == pytest.approx(lifted.series["tire_force"].mean())
+    assert abs(prepared.records[0]["tire_force"].mean()) < 1e-2 * prepared.records[0]["tire_force"].std()
+
+
+def test_the_shock_velocity_is_made_of_the_potentiometer_before_decimation(quarter):
+    wrong = with_channels(quarter, velocity=np.zeros(len(quarter.series)))
+    velocity = prepare([wrong]).records[0]["velocity"][100:-100]
+    truth = quarter.series["velocity"][::10][100:-100]
+    assert np.std(velocity - truth) < 0.02 * np.std(truth)
+
+
+def test_velocities_that_were_measured_are_kept_on_request(quarter):
+    doubled = with_channels(quarter, velocity=2.0 * quarter.series["velocity"])
+    own, derived = (
+        prepare([doubled], Preparation(pot_cutoff=cutoff)).records[0]["velocity"] for cutoff in (None, 50.0)
+    )
+    assert np.std(own) == pytest.approx(2.0 * np.std(derived), rel=0.02)
+
+
+def test_modes_are_those_of_the_transforms_and_rigid_heave_is_heave():
+    geometry = stand_in_truth().geometry
+    generator, size = np.random.default_rng(2), 10_000
+    heave, load = generator.standard_normal(size), generator.standard_normal((4, size))
+    base = record("seven_dof", seconds=size / RATE).series
+    for corner, row in zip(CORNERS, load, strict=True):
+        base = base.with_channel(f"{corner}.aero_position", "m", heave).with_channel(f"{corner}.aero", "N", row)
+        base = base.with_channel(f"{corner}.road", "m", heave)
+    made = prepare([RigTest(base)], Preparation(Decimation(RATE), geometry=geometry)).records[0]
+    np.testing.assert_allclose(made["aero.heave"], heave - heave.mean(), atol=1e-12)
+    for name in ("aero.pitch", "aero.roll", "aero.warp", "front.ride_height", "rear.ride_height"):
+        np.testing.assert_allclose(made[name], 0.0, atol=1e-12)
+    assert displacement_modes(geometry).shape == (4, 4)
+    expected = -(force_modes(geometry) @ load)[2]
+    np.testing.assert_allclose(made["aero.roll_moment"], expected - expected.mean(), atol=1e-9)
+
+
+@pytest.mark.parametrize("seconds", [-0.0131, 0.0004, 0.0077])
+def test_a_lag_is_found_to_a_tenth_of_a_sample(seconds):
+    samples = 12_500
+    generator = np.random.default_rng(1)
+    drawn = spectrum(samples, 20.0, generator)
+    late = drawn * np.exp(-2j * np.pi * np.fft.rfftfreq(samples, 1.0 / RATE) * seconds)
+    lag, likeness = time_lag(np.fft.irfft(late, samples), np.fft.irfft(drawn, samples), RATE)
+    assert lag == pytest.approx(seconds, abs=0.1 / RATE)
+    assert likeness > 0.98
+
+
+@pytest.mark.parametrize("name", ["quarter_car", "seven_dof"])
+def test_a_record_in_step_has_no_notable_lag(name, request):
+    test = request.getfixturevalue("quarter" if name == "quarter_car" else "seven")
+    lags = record_lags(test.series, test.corners)
+    assert len(lags) == 2 * len(test.corners) + 1
+    assert not any(lag.is_notable for lag in lags)
+    assert not prepare([test]).notes
+
+
+def test_a_late_logger_is_found_said_and_brought_forward_on_request(seven):
+    late = [f"{corner}.{quantity}" for corner in CORNERS for quantity in ("hub_acceleration", "chassis_acceleration")]
+    test = replace(seven, series=shifted(seven.series, dict.fromkeys(late, -0.0123)))
+    prepared = prepare([test])
+    pots = [lag for lag in prepared.lags[0] if lag.is_notable]
+    assert [lag.channel for lag in pots] == [*(f"{corner}.displacement" for corner in CORNERS), "tire_force"]
+    np.testing.assert_allclose([lag.seconds for lag in pots], -0.0123, atol=1e-4)
+    assert "lf.displacement comes 12.29 ms before the accelerometers" in prepared.notes[0]
+    corrected = prepare([test], Preparation(delays=dict.fromkeys(late, 0.0123)))
+    assert corrected.notes == ()
+    assert "lf.hub_acceleration brought forward by 12.3 ms" in corrected.steps
+
+
+def test_samples_that_a_logger_lost_are_found_as_a_drift(seven):
+    force = seven.series["lf.displacement"]
+    lost = np.concatenate((np.delete(force, np.arange(5000, 5020)), np.full(20, force[-1])))
+    test = with_channels(seven, lf__displacement=lost)
+    (drift,) = [d for d in drifts(test.series, test.corners) if d.channel == "lf.displacement"]
+    assert drift.seconds == pytest.approx(-20 / RATE, abs=1e-3)
+    assert any("logger lost samples" in note for note in prepare([test]).notes)
+
+
+def test_runs_of_the_same_drive_are_brought_into_step(quarter):
+    series = quarter.series
+    kept = slice(337, None)
+    later = RigTest(TimeSeries(series.time[: len(series) - 337], series.values[:, kept], series.names, series.units))
+    prepared = prepare([quarter, later], Preparation(same_start="road"))
+    first, second = prepared.records
+    assert prepared.lags[1][-1].seconds == pytest.approx(-337 / RATE, abs=0.02 / RATE)
+    assert len(first) == len(second)
+
+
+def test_runs_of_the_same_drive_then_agree_sample_by_sample(quarter):
+    series = quarter.series
+    early, late = series.window(0.0, 9.0), series.window(0.2, 9.2)
+    tests = [
+        RigTest(TimeSeries(part.time - part.time[0], part.values, part.names, part.units)) for part in (late, early)
+    ]
+    first, second = prepare(tests, Preparation(same_start="road")).records
+    assert first.time == pytest.approx(second.time)
+    inside = slice(100, -100)
+    wrong = first["tire_force"][inside] - second["tire_force"][inside]
+    assert np.std(wrong) < 0.01 * np.std(first["tire_force"])
+
+
+def test_records_of_different_drives_are_not_brought_into_step(quarter):
+    with pytest.raises(InputError, match=r"its road is not that of the first record.*leave same_start away"):
+        prepare([quarter, record("quarter_car", seed=9)], Preparation(same_start="road"))
+
+
+def test_a_channel_that_dies_on_the_way_is_named_with_the_time(seven):
+    broken = seven.series["rr.hub_acceleration"].copy()
+    broken[4000:6000] = broken[4000]
+    with pytest.raises(ConstantChannelError, match=r"rr\.hub_acceleration.*from 3\.2 s to 4\.799 s.*cable"):
+        prepare([with_channels(seven, rr__hub_acceleration=broken)])
+
+
+def test_a_car_at_rest_is_no_broken_cable(seven):
+    series = seven.series
+    rest = TimeSeries(series.time, np.where(series.time < 2.0, 0.0, series.values), series.names, series.units)
+    check_lives(rest, CORNERS)
+
+
+def test_tests_of_two_cars_no_test_and_too_little_of_one_are_refused(quarter, seven):
+    with pytest.raises(InputError, match="other corners"):
+        prepare([quarter, seven])
+    with pytest.raises(InputError, match="give one or more"):
+        prepare([])
+    with pytest.raises(TooShortError, match="75 samples are left"):
+        prepare([quarter], Preparation(settling=9.4))
+    with pytest.raises(TooShortError, match="the settling takes 20 s"):
+        prepare([quarter], Preparation(settling=20.0))
+    with pytest.raises(ParameterError, match="settling must not be negative"):
+        Preparation(settling=-1.0)
+
+
+def test_a_delay_of_no_channel_is_refused(quarter):
+    with pytest.raises(MissingChannelError, match="front_left"):
+        prepare([quarter], Preparation(delays={"front_left": 0.01}))
+
+
+def test_channels_that_not_all_records_have_are_left_out_and_said(quarter):
+    fewer = replace(quarter, series=quarter.series.select([n for n in quarter.series.names if n != "ride_height"]))
+    prepared = prepare([quarter, fewer])
+    assert "ride_height" not in prepared.channels
+    assert any("left out, as not all records have them: ride_height" in note for note in prepared.notes)
+
+
+def test_the_summary_says_what_was_read_and_done(quarter):
+    said = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
+    for words in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s left out", "means taken out", "to 50 Hz"):
+        assert words in said
