@@ -1,0 +1,112 @@
+"""What is not known exactly of shocks and vehicle, and studies in which it is drawn.
+
+One draw is one study: the same shocks and the same vehicle at every setup, on the same drive. So what two setups
+have in common cancels in their difference, and a difference can be certain where neither level is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, qmc
+
+from cosim.study.study import Parameters, Study
+from eightpost.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: A covariance may be as far from symmetric and positive as rounding makes it, in shares of its largest entry.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertain:
+    """Parameters of one FMU that are known with a covariance, such as a fit's. n parameters.
+
+    Attributes:
+        part: Name of the build, or of the vehicle's component. A build has the same errors at every corner.
+        names: Of the FMU's parameters.
+        values: (n,) their best values, each in the FMU's own unit.
+        covariance: (n, n).
+        lowest: (n,) least values that make sense: draws beyond are set to it. One number for all.
+        highest: (n,) likewise the greatest.
+
+    Raises:
+        InputError: Shapes disagree, or the covariance is not symmetric with variances of 0 or more.
+    """
+
+    part: str
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    lowest: ArrayLike = -inf
+    highest: ArrayLike = inf
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
+            found = f"{np.shape(self.values)} and {np.shape(self.covariance)}"
+            raise InputError(f"{self.part}: {n} parameters need as many values and a square covariance, not {found}")
+        scale = _ROUNDING * float(np.abs(self.covariance).max(initial=0.0))
+        if not np.allclose(self.covariance, self.covariance.T, rtol=0.0, atol=scale):
+            raise InputError(f"{self.part}: the covariance of {', '.join(self.names)} is not symmetric")
+        if not np.linalg.eigvalsh(self.covariance).min(initial=0.0) >= -scale:
+            raise InputError(
+                f"{self.part}: the covariance of {', '.join(self.names)} is not that of any spread: it has negative "
+                "variances or NaN; leave out what the fit did not determine"
+            )
+
+    @classmethod
+    def independent(cls, part: str, parameters: Mapping[str, tuple[float, float]], **limits: float) -> Uncertain:
+        """Return parameters that are known by value and standard deviation, each by itself."""
+        values, deviations = np.array(list(parameters.values()), dtype=np.float64).reshape(-1, 2).T
+        return cls(part, tuple(parameters), values, np.diag(deviations**2), **limits)
+
+    def at(self, standard: Array) -> Array:
+        """Return values (S, n) for standard normal numbers (S, n)."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        drawn = self.values + (standard * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+        return np.asarray(np.clip(drawn, self.lowest, self.highest), dtype=np.float64)
+
+
+def drawn_studies(study: Study, uncertain: Sequence[Uncertain], *, draws: int, seed: int = 0) -> tuple[Study, ...]:
+    """Return studies in which the uncertain parameters are drawn: a Latin hypercube of their normal distribution.
+
+    Args:
+        study: With the best values.
+        uncertain: What is not known exactly, each part once.
+        draws: S, how many studies.
+        seed: Of the random numbers; the same seed gives the same studies.
+
+    Raises:
+        InputError: Fewer than two draws, or a part is neither a build of the bank nor the vehicle.
+    """
+    if draws < 2:
+        raise InputError(f"a spread needs two draws or more, not {draws}")
+    for entry in uncertain:
+        if entry.part != study.vehicle.name and entry.part not in study.bank:
+            known = ", ".join((study.vehicle.name, *study.bank))
+            raise InputError(f"there is no part {entry.part!r} to be uncertain of; there are {known}")
+    sizes = [len(entry.names) for entry in uncertain]
+    uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
+    parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1)
+    values = [entry.at(part) for entry, part in zip(uncertain, parts, strict=True)]
+    return tuple(_with(study, uncertain, [rows[s] for rows in values]) for s in range(draws))
+
+
+def _with(study: Study, uncertain: Sequence[Uncertain], values: Sequence[Array]) -> Study:
+    drawn: dict[str, dict[str, float]] = {}
+    for entry, row in zip(uncertain, values, strict=True):
+        drawn.setdefault(entry.part, {}).update(zip(entry.names, row.tolist(), strict=True))
+    bank = {n: replace(b, parameters=_over(b.parameters, drawn.get(n))) for n, b in study.bank.items()}
+    vehicle = study.vehicle
+    vehicle = replace(vehicle, parameters=_over(vehicle.parameters, drawn.get(vehicle.name)))
+    return replace(study, bank=bank, vehicle=vehicle)
+
+
+def _over(own: Parameters, drawn: Mapping[str, float] | None) -> Parameters:
+    return {**own, **(drawn or {})}

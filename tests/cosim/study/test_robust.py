@@ -1,0 +1,136 @@
+"""Spreads of constructed measures: what is certain, what is not, and what the draws are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.study.robust import Spread, run_to_run, spreads_of
+from cosim.study.robust_draws import Uncertain, drawn_studies
+from eightpost.errors import InputError
+
+from .constructed import result, study
+
+COVARIANCE = np.array([[4e-4, -1e-4], [-1e-4, 1e-4]])
+SHOCK = Uncertain("C/B", ("compression_scale", "rebound_scale"), np.array([1.0, 1.0]), COVARIANCE)
+
+
+def spread(values: list[float], draws: np.ndarray | None = None, **noise: float) -> Spread:
+    sampled = np.empty((0, len(values))) if draws is None else draws
+    return Spread("ride height", np.arange(len(values)), np.array(values), sampled, **noise)
+
+
+def parameters(studies, build: str, name: str) -> np.ndarray:
+    return np.array([drawn.bank[build].parameters[name] for drawn in studies])
+
+
+def test_draws_have_the_covariance_that_they_are_drawn_from():
+    studies = drawn_studies(study(("front",)), [SHOCK], draws=2000)
+    drawn = np.stack([parameters(studies, "C/B", name) for name in SHOCK.names])
+    np.testing.assert_allclose(drawn.mean(axis=1), 1.0, atol=1e-4)
+    np.testing.assert_allclose(np.cov(drawn), COVARIANCE, rtol=0.1)
+
+
+def test_the_same_seed_draws_the_same_studies():
+    first, again, other = (drawn_studies(study(("front",)), [SHOCK], draws=4, seed=s) for s in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+def test_only_the_uncertain_part_is_drawn():
+    car = Uncertain.independent("car", {"lf.friction_force": (60.0, 5.0)})
+    for drawn in drawn_studies(study(("front",)), [SHOCK, car], draws=3):
+        assert set(drawn.bank["C/B"].parameters) == set(SHOCK.names)
+        assert not drawn.bank["C/C"].parameters
+        assert set(drawn.vehicle.parameters) == {"lf.friction_force"}
+
+
+def test_draws_keep_to_what_makes_sense():
+    lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-3)}, lowest=1e-4)
+    drawn = parameters(drawn_studies(study(("front",)), [lag], draws=50), "C/B", "time_constant")
+    assert drawn.min() == 1e-4
+
+
+def test_one_part_may_be_uncertain_twice_over():
+    lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-5)})
+    drawn = drawn_studies(study(("front",)), [SHOCK, lag], draws=2)[0]
+    assert set(drawn.bank["C/B"].parameters) == {"compression_scale", "rebound_scale", "time_constant"}
+
+
+@pytest.mark.parametrize(
+    ("covariance", "what"),
+    [
+        (np.array([[1.0, 0.5], [0.0, 1.0]]), "not symmetric"),
+        (np.array([[1.0, 2.0], [2.0, 1.0]]), "negative variances"),
+        (np.eye(3), "square covariance"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(covariance, what):
+    with pytest.raises(InputError, match=what):
+        Uncertain("C/B", ("compression_scale", "rebound_scale"), np.ones(2), covariance)
+
+
+def test_a_part_that_is_not_there_is_named_with_those_that_are():
+    with pytest.raises(InputError, match=r"no part 'D/D'.*AA/AA"):
+        drawn_studies(study(("front",)), [Uncertain.independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
+
+
+def test_an_error_that_all_setups_share_does_not_hide_which_is_better():
+    shared = np.random.default_rng(1).normal(size=(64, 1))
+    found = spread([1.0, 1.1, 1.2], np.array([1.0, 1.1, 1.2]) + shared)
+    assert (found.deviation > 0.5).all()
+    assert [group.tolist() for group in found.groups()] == [[0], [1], [2]]
+
+
+def test_errors_of_their_own_make_close_setups_a_tie():
+    own = np.random.default_rng(2).normal(scale=0.1, size=(64, 3))
+    found = spread([1.0, 1.1, 2.0], np.array([1.0, 1.1, 2.0]) + own)
+    assert [group.tolist() for group in found.groups()] == [[0, 1], [2]]
+
+
+def test_a_difference_of_two_runs_has_twice_the_variance_of_one():
+    found = spread([1.0, 2.0], run_to_run=0.3)
+    _, deviation = found.difference(0)
+    assert deviation.tolist() == pytest.approx([0.0, 0.3 * np.sqrt(2.0)])
+    assert found.deviation.tolist() == pytest.approx([0.3, 0.3])
+
+
+def test_more_runs_tell_closer_setups_apart():
+    once, often = (spread([1.0, 1.5], run_to_run=0.3, runs=runs) for runs in (1, 9))
+    assert [len(found.groups()) for found in (once, often)] == [1, 2]
+
+
+def test_better_is_rarely_said_where_there_is_no_difference():
+    generator = np.random.default_rng(3)
+    noise = 0.1
+    claims = 0
+    for _ in range(2000):
+        seen = 1.0 + noise * generator.normal(size=2)
+        claims += len(spread(seen.tolist(), run_to_run=noise).groups()) - 1
+    assert claims / 2000 == pytest.approx(0.0455, abs=0.015)  # two-sided, beyond two standard deviations
+
+
+def test_a_failed_setup_is_in_no_group():
+    assert [group.tolist() for group in spread([2.0, np.nan, 1.0]).groups()] == [[2], [0]]
+
+
+def test_five_runs_of_the_baseline_say_how_runs_differ():
+    runs = np.array([[1.0, 10.0], [2.0, 10.0], [3.0, 10.0], [4.0, 10.0], [5.0, 10.0]])
+    np.testing.assert_allclose(run_to_run(runs), [np.sqrt(2.5), 0.0])
+
+
+def test_a_studys_spread_is_of_the_setups_that_every_draw_has():
+    def front(scale: float):
+        return lambda digits: scale * digits.sum(axis=1)
+
+    nominal = result({"front": front(1.0)})
+    draws = [result({"front": front(s)}, kept=np.array(k)) for s, k in ((0.9, [0, 3, 8]), (1.1, [0, 1, 3, 8]))]
+    (found,) = spreads_of(nominal, draws, {"front": 0.5}, runs=4)
+    assert found.setups.tolist() == [0, 3, 8]
+    np.testing.assert_allclose(found.values, [0.0, 3.0, 2.0])
+    np.testing.assert_allclose(found.deviation, np.sqrt(0.02 * found.values**2 + 0.0625))
+
+
+def test_noise_of_a_measure_that_the_study_lacks_is_refused():
+    with pytest.raises(InputError, match="did you mean 'front'"):
+        spreads_of(result({"front": lambda digits: digits.sum(axis=1)}), [], {"frnt": 0.5})
