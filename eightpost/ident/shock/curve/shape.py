@@ -20,53 +20,48 @@ Shape = Literal["auto", "free", "monotone", "passive"]
 #: A law that needs a rising curve has it rise by at least this share of its mean slope, everywhere.
 _LEAST_RISE = 0.01
 
-#: A violation by 1 N costs as much as a force error of this many N all along.
-_PRICE = 10.0
+#: How far inside a held curve stays, of its range of force: rounding must not let it out.
+_CLEAR = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """A price on a curve b wherever (matrix @ b) / size is below a margin.
+    """What a curve b is held to: matrix @ b >= floor.
 
     Attributes:
         matrix: (J, n): rises from point to point of a grid, or forces against the motion there [N].
-        price: Of 1 N in the residual [1].
-        floor: (J,) what matrix @ b is held to [N].
-        margin: (J,) what is kept clear beyond it [N]: it makes up for a price being no wall.
+        floor: (J,) [N].
+        clear: How far inside the floor it is held [N].
     """
 
     matrix: Array
-    price: float
     floor: Array
-    margin: Array
-
-    def residual(self, b: Array) -> Array:
-        """Return the priced violations (J,)."""
-        return np.asarray(self.price * np.minimum(self.matrix @ b - self.floor - self.margin, 0.0))
-
-    def jacobian(self, b: Array) -> Array:
-        """Return their derivative (J, n)."""
-        active = self.matrix @ b < self.floor + self.margin
-        return np.where(active, self.price, 0.0)[:, None] * self.matrix
+    clear: float
 
     def shortfall(self, b: Array) -> Array:
-        """Return by how much (J,) the curve itself breaks what it is held to [N]."""
+        """Return by how much (J,) a curve breaks what it is held to [N]."""
         return np.asarray(np.maximum(self.floor - self.matrix @ b, 0.0))
 
+    def touched(self, b: Array) -> Array:
+        """Return the rows (T, n) of the matrix that a curve leans on."""
+        return self.matrix[self.matrix @ b < self.floor + 2.0 * self.clear]
 
-def hold_for(basis: WorkingBasis, shape: Shape, *, rows: int) -> Hold:
-    """Return the price that keeps a curve monotone or passive, in a problem of a number of rows."""
+
+def hold_for(basis: WorkingBasis, b: Array, shape: Shape) -> Hold:
+    """Return what keeps a curve monotone or passive; b is that curve before."""
     sign = np.where(basis.grid > 0.0, 1.0, -1.0)
     matrix = sign[:, None] * basis.grid_columns if shape == "passive" else basis.rises
-    clear = np.zeros(matrix.shape[0])
-    return Hold(matrix, _PRICE * float(np.sqrt(rows)), clear, clear)
+    return Hold(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
 
 
-def rising_hold(basis: WorkingBasis, b: Array, *, rows: int) -> Hold:
-    """Return the price that keeps a curve rising all over, by a share of the mean slope of a curve b."""
+def rising_hold(basis: WorkingBasis, b: Array) -> Hold:
+    """Return what keeps a curve rising all over, by a share of the mean slope of a curve b."""
     slope = max(float(np.sum(basis.rises @ b)), 0.0) / float(np.ptp(basis.grid))
-    least = _LEAST_RISE * slope * np.diff(basis.grid)
-    return Hold(basis.rises, _PRICE * float(np.sqrt(rows)), least, np.zeros(least.size))
+    return Hold(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
+
+
+def _clear(basis: WorkingBasis, b: Array) -> float:
+    return _CLEAR * float(np.ptp(basis.grid_columns @ b))
 
 
 def deepest_fall(basis: WorkingBasis, b: Array) -> float:

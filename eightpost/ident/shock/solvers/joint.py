@@ -82,7 +82,7 @@ class Joint:
         minimum = self._minimum(tied, free, tau)
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
         notes += [] if minimum.problem.model.basis is free.basis else [_JOINED]
-        notes += [_RISING if tied.dynamics.needs_rise else _HELD[self.shape]] if minimum.problem.hold else []
+        notes += [_RISING if tied.dynamics.needs_rise else _HELD[self.shape]] if minimum.leans else []
         return minimum.solution(tuple(notes))
 
     def _minimum(self, tied: ForceModel, free: ForceModel, tau: float | None) -> Minimum:
@@ -108,6 +108,8 @@ class Joint:
         starts = [same, *dynamics.starts(coarse, lpf1.parameters, _FOLLOWED)]
         guides = [Problem(coarse).followed(start, tolerance=_GUIDE) for start in starts]
         best = min(guides, key=lambda guide: guide.cost)
+        if dynamics.needs_rise:
+            return Problem(base).held(rising_hold(base.basis, lpf1.curve), best.parameters)
         minimum = self._settled(Problem(base).followed(best.parameters), free, same)
         if not isinstance(dynamics, FadingLag) or minimum.cost <= lpf1.cost:
             return minimum
@@ -116,22 +118,17 @@ class Joint:
     def _settled(self, minimum: Minimum, free: ForceModel, *others: Array) -> Minimum:
         """Return the minimum with the shape that was asked for, its cubics released where that is worthwhile."""
         shaped = self._shaped(minimum, *others)
-        if shaped.problem.model.dynamics.needs_rise:
-            return shaped
         released = _released(shaped, free)
         return shaped if released is shaped else min((shaped, self._shaped(released)), key=lambda m: m.cost)
 
     def _shaped(self, minimum: Minimum, *others: Array) -> Minimum:
         """Follow on with a curve that is held to its shape, where it needs holding; also from `others`, if any."""
-        problem = minimum.problem
-        model, b = problem.model, minimum.parameters[: problem.model.curve_count]
-        if self.shape == "free" and not model.dynamics.needs_rise:
+        problem, b = minimum.problem, minimum.curve
+        model, hold = problem.model, problem.hold
+        if self.shape == "free":
             return minimum
-        hold, rows = problem.hold, model.runs.weights.size
-        if model.dynamics.needs_rise:
-            hold = rising_hold(model.basis, b, rows=rows)
-        elif self.shape != "auto" or (hold is None and deepest_fall(model.basis, b) > NOTABLE_FALL):
-            hold = hold_for(model.basis, self.shape, rows=rows)
+        if self.shape != "auto" or (hold is None and deepest_fall(model.basis, b) > NOTABLE_FALL):
+            hold = hold_for(model.basis, b, self.shape)
         if hold is None or hold is problem.hold or not hold.shortfall(b).any():
             return minimum
         return problem.held(hold, minimum.parameters, *others)

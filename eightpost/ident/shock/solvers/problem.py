@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from eightpost.ident.shock.force.linear import solved
 from eightpost.ident.shock.solvers.solution import Solution
 from eightpost.ident.shock.solvers.uncertainty import covariance
+from eightpost.ident.shock.solvers.walled import Walls, least_squares_between
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,52 +24,43 @@ if TYPE_CHECKING:
 #: Of the residual; a curve at the edge of falling needs many.
 _EVALUATIONS = 200
 
-#: How often the margin of a held curve is widened until it keeps what it is held to.
-_WIDENINGS = 6
+#: A curve that leans on its hold by 1 N counts, in the uncertainty, as a force error of so many N all along.
+_STIFF = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Weighted force error of a model at the rows, and a price on a curve that does what it must not.
+    """Weighted force error of a model at the rows.
 
     Attributes:
         model: Of the force.
-        hold: The price, if any.
+        hold: What its curve is held to, if anything.
     """
 
     model: ForceModel
     hold: Hold | None = None
 
     def residual(self, parameters: Array) -> Array:
-        """Return the weighted force error (R,) [N], then the priced violations of the curve."""
+        """Return the weighted force error (R,) [N]."""
         runs = self.model.runs
-        error = np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target)
-        if self.hold is None:
-            return np.asarray(error)
-        return np.append(error, self.hold.residual(parameters[: self.model.curve_count]))
+        return np.asarray(np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target))
 
     def jacobian(self, parameters: Array) -> Array:
-        """Return the derivative of `residual`."""
-        by_force = np.sqrt(self.model.runs.weights)[:, None] * self.model.rows_jacobian(parameters)
-        if self.hold is None:
-            return np.asarray(by_force)
-        n = self.model.curve_count
-        by_hold = np.zeros((self.hold.matrix.shape[0], parameters.size))
-        by_hold[:, :n] = self.hold.jacobian(parameters[:n])
-        return np.vstack([by_force, by_hold])
+        """Return the derivative (R, n + g + k) of `residual`."""
+        return np.asarray(np.sqrt(self.model.runs.weights)[:, None] * self.model.rows_jacobian(parameters))
 
     def at(self, parameters: Array, status: str) -> Minimum:
         """Return parameters that are taken as they are."""
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
     def followed(self, start: Array, *, tolerance: float = 1e-6) -> Minimum:
-        """Follow a start to its minimum, all parameters at once; a linear problem is solved.
+        """Follow a start to its minimum, all parameters at once; a linear problem is solved. Nothing is held.
 
         Args:
             start: (n + g + k,).
             tolerance: Share of the sum of squares that a step must win for another one.
         """
-        if not self.model.dynamics.names and self.hold is None and not self.model.gas.size:
+        if not self.model.dynamics.names and not self.model.gas.size:
             columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
             runs = self.model.runs
             return self.at(solved(columns, runs.target, runs.weights), "linear least squares")
@@ -87,17 +79,21 @@ class Problem:
         status = f"{result.message} {result.nfev} evaluations."
         return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
 
-    def held(self, hold: Hold, *starts: Array) -> Minimum:
-        """Follow starts with a price on the curve; widen its margin until the curve keeps what it is held to."""
-        problem = replace(self, hold=hold)
-        minimum = min((problem.followed(start) for start in starts), key=lambda m: m.cost)
-        for _ in range(_WIDENINGS):
-            short = hold.shortfall(minimum.parameters[: self.model.curve_count])
-            if not short.any():
-                break
-            hold = replace(hold, margin=hold.margin + 1.5 * short)
-            minimum = replace(self, hold=hold).followed(minimum.parameters)
-        return minimum
+    def held(self, hold: Hold, *starts: Array, tolerance: float = 1e-6) -> Minimum:
+        """Follow starts to the best minimum whose curve keeps what it is held to."""
+        problem, (low, high) = replace(self, hold=hold), self.model.bounds()
+        matrix = np.zeros((hold.floor.size, low.size))
+        matrix[:, : self.model.curve_count] = hold.matrix
+        walls = Walls(matrix, hold.floor + hold.clear).and_bounds(low, high)
+        ended = (
+            least_squares_between(
+                self.residual, self.jacobian, np.clip(start, low, high), walls,
+                tolerance=tolerance, evaluations=_EVALUATIONS,
+            )
+            for start in starts
+        )  # fmt: skip
+        minima = [replace(problem.at(np.clip(x, low, high), status), converged=done) for x, done, status in ended]
+        return min(minima, key=lambda minimum: minimum.cost)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,12 +118,32 @@ class Minimum:
 
     @property
     def cost(self) -> float:
-        """Sum of squares of the force error at the rows, what holds the curve left out [N2]."""
-        error = self.residual[: self.problem.model.runs.weights.size]
-        return float(error @ error)
+        """Sum of squares of the force error at the rows [N2]."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def curve(self) -> Array:
+        """Its curve b (n,)."""
+        return self.parameters[: self.problem.model.curve_count]
+
+    @property
+    def leans(self) -> bool:
+        """Whether the curve leans on what it is held to."""
+        return bool(len(self._touched()))
 
     def solution(self, notes: tuple[str, ...]) -> Solution:
         """Return what the recipe hands back, with its notes."""
         model = self.problem.model
-        spread = covariance(self.jacobian, self.residual, model.runs)
+        spread = covariance(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
         return Solution(model, self.parameters, spread, self.converged, self.status, notes)
+
+    def _touched(self) -> Array:
+        hold = self.problem.hold
+        return np.empty((0, self.curve.size)) if hold is None else hold.touched(self.curve)
+
+    def _stiff(self) -> Array:
+        """Return rows (T, n + g + k) that keep the curve from moving where it leans on what it is held to."""
+        touched = self._touched()
+        rows = np.zeros((len(touched), self.parameters.size))
+        rows[:, : self.curve.size] = _STIFF * np.sqrt(self.residual.size) * touched
+        return rows

@@ -64,10 +64,10 @@ def quantile(runs: Runs) -> float:
 
 
 def covariance(jacobian: Array, residual: Array, runs: Runs) -> Array:
-    """Return the covariance (n, n) of parameters from a Jacobian (R + J, n) and a residual (R + J,).
+    """Return the covariance (n, n) of parameters from a Jacobian (R + T, n) and a residual (R,).
 
-    Rows beyond the R of the runs are prices, no data: they stiffen and do not scatter. What the record does not
-    determine is NaN.
+    Rows beyond the R of the runs are no data: they stiffen and do not scatter. What the record does not determine is
+    NaN.
     """
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
