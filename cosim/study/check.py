@@ -1,0 +1,100 @@
+"""What can be found wrong with a study before anything of it is run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cosim.algorithm import GaussSeidel
+from cosim.session.setup import Setup as SessionSetup
+from cosim.study.evaluator import Evaluator, ports
+from cosim.study.measures import Measure
+from cosim.study.own_measure import own_function
+from cosim.study.setup import Setup
+from cosim.study.study import Drive, Study
+from cosim.system import System
+from eightpost import units
+from eightpost.errors import InputError
+
+#: Signals whose mean is zero in any steady state.
+_MOVING = ("m/s", "m/s2", "W")
+
+
+def check_study(evaluator: Evaluator) -> None:
+    """Refuse a study that cannot be run as it stands.
+
+    Raises:
+        FmuError: An FMU cannot be used.
+        WiringError: A build does not fit a corner, or a channel or parameter is not there.
+        InputError: A corner has no shock, or a measure, its unit or its window makes no sense here.
+    """
+    study = evaluator.study
+    first = study.space.setup(int(_indices(study)[0]))
+    system = evaluator.system(first)
+    _check_ports(study, system)
+    for setup in _every_build(study, first):
+        evaluator.system(setup)
+    found = evaluator.measure_units
+    for measure in study.measures:
+        _check_measure(study, measure, found[measure.name])
+    _check_objective(study, found)
+    for drive in study.drives:
+        SessionSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
+
+
+def _indices(study: Study) -> list[int]:
+    indices: list[int] = study.space.indices.tolist()
+    if not indices:
+        raise InputError("the study has no setups: the corners that are to be alike leave none")
+    return indices
+
+
+def _check_ports(study: Study, system: System) -> None:
+    """A port without a shock is a car without damping there."""
+    known = ports(system.components[study.vehicle.name])
+    if missing := [corner for corner in known if corner not in study.corners]:
+        raise InputError(
+            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}: name the builds "
+            f"that {missing[0]} may have"
+        )
+
+
+def _every_build(study: Study, first: Setup) -> list[Setup]:
+    """Setups in which every build is at every corner that may have it."""
+    return [Setup(-1, {**first.builds, corner: build}) for corner, builds in study.corners.items() for build in builds]
+
+
+def _check_measure(study: Study, measure: Measure, unit: str) -> None:
+    what = f"measure {measure.name!r}"
+    if measure.display and not (units.is_unit(measure.display) and units.compatible(measure.display, unit)):
+        raise InputError(f"{what}: it is in {unit}, which cannot be shown in {measure.display!r}")
+    if measure.function:
+        own_function(measure.function)
+    elif measure.absolute and not study.vehicle.means_trusted and unit not in _MOVING:
+        raise InputError(
+            f"{what}: its {measure.statistic} hangs on the mean, and {study.vehicle.fmu.name} has no trusted gain at 0 "
+            "Hz (means_trusted = false); take rms, peak or range, or a band that begins above 0 Hz"
+        )
+    for drive in study.drives:
+        if measure in study.measures_of(drive):
+            _check_window(study, measure, drive)
+
+
+def _check_window(study: Study, measure: Measure, drive: Drive) -> None:
+    rate = 1.0 / study.record_step
+    if measure.section and not (study.settling <= measure.section[0] and measure.section[1] <= drive.stop + 1e-9):
+        raise InputError(
+            f"measure {measure.name!r}: its section {measure.section[0]:g} to {measure.section[1]:g} s must lie "
+            f"between the settling time and the stop, {study.settling:g} to {drive.stop:g} s"
+        )
+    if measure.band and (measure.band[0] >= 0.5 * rate or rate * 0.5 <= measure.band[1] < float("inf")):
+        raise InputError(
+            f"measure {measure.name!r}: the band {measure.band[0]:g} to {measure.band[1]:g} Hz must end below half of "
+            f"{rate:g} Hz: take a smaller record_step"
+        )
+
+
+def _check_objective(study: Study, found: Mapping[str, str]) -> None:
+    for term in study.objective:
+        unit = found[term.measure]
+        if not (units.is_unit(term.unit) and units.compatible(term.unit, unit)):
+            raise InputError(f"objective: {term.measure!r} is in {unit}, its weight is per {term.unit!r}")

@@ -1,0 +1,122 @@
+"""The coupling of a study: chosen once, on the setups that couple worst, then kept for all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cosim.automatic import FIRST_STEP, Automatic, run_automatic
+from cosim.difference import difference
+from cosim.result import Result
+from cosim.study.evaluator import Coupling, Evaluator, local_error
+from cosim.study.setup import Setup
+from eightpost.errors import EightpostError, StepError
+
+#: So many setups are looked at closely, and at most so many roughly to find these.
+_CLOSE, _ROUGH = 3, 12
+
+#: Share of the accuracy to which the runs are found that others are compared with.
+_REFERENCE = 0.1
+
+#: The rough look is at so much of the first drive [s].
+_GLANCE = 8.0
+
+#: Steps are chosen for this share of the accuracy: other setups may couple a little worse.
+_AIM = 0.8
+
+
+def choose_coupling(evaluator: Evaluator) -> Coupling:
+    """Return the largest coupling step that divides the record step and keeps to the study's accuracy.
+
+    Setups with the same build all around, and the baseline, are run roughly; those whose bonds report the largest local
+    errors are run to a tenth of the accuracy, and then at one step after another until they agree with that.
+
+    Raises:
+        StepError: No setup could be run; the message is that of the first.
+    """
+    pilots = _worst_coupled(evaluator)
+    references = [_reference(evaluator, setup) for setup in pilots]
+    scheme = "implicit" if any(r.scheme == "implicit" for r in references) else references[0].scheme
+    least, record = min(r.step for r in references), evaluator.study.record_step
+    parts, tried = 1, list[str]()
+    while True:
+        coupling = Coupling(scheme, record / parts, 1.0, 0.0)
+        errors, locals_ = _errors(evaluator, pilots, references, coupling)
+        tried.append(f"{1e3 * coupling.step:.4g} ms {max(errors):.2g} %")
+        if max(errors) <= _AIM * evaluator.study.accuracy or coupling.step <= least * (1.0 + 1e-9):
+            break
+        parts += 1
+    share = max((error / local for error, local in zip(errors, locals_, strict=True) if local > 0.0), default=0.0)
+    notes = (
+        f"{scheme} at {1e3 * coupling.step:.4g} ms; coupling error by comparing runs: {', '.join(tried)}",
+        f"chosen on: {'; '.join(map(str, pilots))}",
+    )
+    return replace(coupling, share=share, stated_error=max(errors), notes=notes)
+
+
+def _worst_coupled(evaluator: Evaluator) -> list[Setup]:
+    """The setups whose bonds report the largest local errors on a part of the first drive."""
+    found, failure = list[tuple[float, Setup]](), None
+    for setup in _candidates(evaluator):
+        try:
+            found.append((_glance(evaluator, setup), setup))
+        except EightpostError as error:
+            failure = failure or error
+    if not found:
+        raise StepError(f"no setup could be run; the first: {failure}")
+    found.sort(key=lambda pair: -pair[0])
+    return [setup for _, setup in found[:_CLOSE]]
+
+
+def _candidates(evaluator: Evaluator) -> list[Setup]:
+    """The baseline and setups with one build all around; where these are many, some from end to end of the bank."""
+    study, space = evaluator.study, evaluator.study.space
+    builds = [b for b in study.bank if all(b in allowed for allowed in study.corners.values())]
+    alike = [space.find(dict.fromkeys(study.corners, build)) for build in builds]
+    if not alike:
+        indices = space.indices
+        alike = [space.setup(int(k)) for k in indices[:: max(1, indices.size // _ROUGH)]]
+    every = max(1, -(-len(alike) // _ROUGH))
+    baseline = [study.baseline_setup] if study.baseline_setup else []
+    return list({setup.index: setup for setup in [*baseline, *alike[::every]]}.values())
+
+
+def _glance(evaluator: Evaluator, setup: Setup) -> float:
+    """Local error of a short run at a rough step [%]; infinite where that diverges."""
+    study, drive = evaluator.study, evaluator.study.drives[0]
+    short = replace(drive, stop=min(drive.stop, study.settling + _GLANCE))
+    coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / FIRST_STEP)), 1.0, 0.0)
+    try:
+        return local_error(evaluator.run(setup, short, coupling))
+    except StepError as error:
+        if "diverged" in str(error):
+            return float("inf")
+        raise
+
+
+def _reference(evaluator: Evaluator, setup: Setup) -> Result:
+    """The run that others are compared with."""
+    study = evaluator.study
+    system, extra = evaluator.system(setup), sorted(evaluator.decisive(setup))
+    scenario = replace(evaluator.scenario(study.drives[0], extra=extra), record=tuple(extra))
+    return run_automatic(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", None)
+
+
+def _errors(
+    evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling
+) -> tuple[list[float], list[float]]:
+    """Coupling error and local error of each pilot at a step [%]; infinite where it diverges."""
+    errors, locals_ = [], []
+    for setup, reference in zip(pilots, references, strict=True):
+        try:
+            run = evaluator.run(setup, evaluator.study.drives[0], coupling, extra=reference.series.names)
+        except StepError as error:
+            if "diverged" not in str(error):
+                raise
+            errors.append(float("inf"))
+            locals_.append(float("inf"))
+            continue
+        stated = max(reference.stated_error.values(), default=0.0)
+        apart = difference(run, reference)
+        errors.append(max(apart[name] for name in reference.series.names) + stated)
+        locals_.append(local_error(run))
+    return errors, locals_

@@ -1,0 +1,82 @@
+"""What a study has done so far: a file per chunk, each whole or not there."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet
+
+from cosim.study.evaluator import Coupling, Row
+from cosim.study.study import Study
+from cosim.study.workers import Chunk
+from eightpost.errors import DataError
+from eightpost.files import atomic_path
+
+#: A study is cut into about so many chunks, of at most so many setups: a kill loses what runs in one, which is little.
+_CHUNKS, _LARGEST = 200, 64
+
+_NAME = re.compile(r"chunk_(\d+)\.parquet")
+
+
+def cut(study: Study) -> tuple[Chunk, ...]:
+    """Return all setups of a study in chunks, which hang on nothing but the study."""
+    indices = study.space.indices.tolist()
+    size = min(_LARGEST, max(1, -(-len(indices) // _CHUNKS)))
+    return tuple(Chunk(k, tuple(indices[first : first + size])) for k, first in enumerate(range(0, len(indices), size)))
+
+
+class ChunkFolder:
+    """The chunks of one study that are done, and its coupling.
+
+    Args:
+        folder: Of the study's output.
+        digest: Of the study: what is done is kept apart by it.
+        schema: Columns of the table.
+    """
+
+    def __init__(self, folder: Path, digest: str, schema: pa.Schema) -> None:
+        self._folder, self._schema = folder / "chunks" / digest[:16], schema
+
+    @property
+    def numbers(self) -> frozenset[int]:
+        """Numbers of the chunks that are done."""
+        if not self._folder.is_dir():
+            return frozenset()
+        return frozenset(int(found[1]) for path in self._folder.iterdir() if (found := _NAME.fullmatch(path.name)))
+
+    def write(self, chunk: Chunk, rows: Sequence[Row]) -> None:
+        """Keep the rows of a chunk."""
+        with atomic_path(self._folder / f"chunk_{chunk.number:06d}.parquet") as temporary:
+            pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
+
+    def rows(self) -> Iterator[Row]:
+        """Give all rows that are done.
+
+        Raises:
+            DataError: A file was damaged.
+        """
+        for number in sorted(self.numbers):
+            path = self._folder / f"chunk_{number:06d}.parquet"
+            try:
+                yield from pyarrow.parquet.read_table(path, use_threads=False).to_pylist()
+            except pa.ArrowInvalid as error:
+                raise DataError(f"is damaged ({error}): remove it, and its setups are run again", path=path) from error
+
+    def coupling(self) -> Coupling | None:
+        """Return the coupling that was chosen; None where none was yet."""
+        try:
+            found: dict[str, Any] = json.loads((self._folder / "coupling.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        return Coupling(**(found | {"notes": tuple(found["notes"])}))
+
+    def keep_coupling(self, coupling: Coupling) -> None:
+        """Keep the coupling for all later runs of the study."""
+        with atomic_path(self._folder / "coupling.json") as temporary:
+            temporary.write_text(json.dumps(asdict(coupling), indent=2) + "\n", encoding="utf-8")

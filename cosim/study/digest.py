@@ -1,0 +1,46 @@
+"""The digest of a study: of all that its figures hang on, and of nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from cosim.study.study import Study
+from eightpost import __version__
+from eightpost.files import sha256_of
+
+#: What changes no figure: it is drawn from the table afterwards.
+_AFTER = ("name", "objective", "constraints")
+
+
+def file_digests(study: Study) -> dict[str, str]:
+    """Return SHA-256 of every file that a study reads, by its path."""
+    files = [study.vehicle.fmu, *(build.fmu for build in study.bank.values())]
+    for drive in study.drives:
+        files += [drive.file, *([drive.channel_map] if drive.channel_map else [])]
+    files += [Path(m.function.rpartition(":")[0]) for m in study.measures if m.function]
+    return {str(path): sha256_of(path) for path in dict.fromkeys(files)}
+
+
+def study_digest(study: Study, digests: dict[str, str]) -> str:
+    """Return the digest of a study, in which files count by what is in them and not by where they are."""
+    document = json.loads(study.to_json())
+    for name in _AFTER:
+        del document[name]
+    document = _without_paths(document, digests)
+    text = json.dumps({"study": document, "tool": __version__}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_paths(value: Any, digests: dict[str, str]) -> Any:
+    """The same with every path, and the file of every measure of one's own, by its digest."""
+    if isinstance(value, dict):
+        return {key: _without_paths(one, digests) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_without_paths(one, digests) for one in value]
+    if isinstance(value, str):
+        file, colon, name = value.rpartition(":")
+        return digests.get(value) or (f"{digests[file]}{colon}{name}" if file in digests else value)
+    return value

@@ -1,0 +1,235 @@
+"""The evaluator: FMUs that are opened once, coupled anew for every setup, run, and measured at once."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from cosim.algorithm import GaussSeidel, Implicit
+from cosim.automatic import decisive, taken_by
+from cosim.component import Component
+from cosim.conversion import to_si
+from cosim.fmu_component import FmuComponent
+from cosim.result import Result
+from cosim.scenario import Scenario
+from cosim.session import Session
+from cosim.study.drive import read_drive
+from cosim.study.result import DONE, FAILED
+from cosim.study.setup import Setup
+from cosim.study.study import Drive, Study
+from cosim.system import Bond, System
+from eightpost.errors import EightpostError, InputError, WiringError
+
+#: One row of a study's table, by column.
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """How every run of a study is coupled: chosen once, so that setups differ by their shocks only.
+
+    Args:
+        scheme: `gauss-seidel` or `implicit`.
+        step: Coupling step [s].
+        share: Coupling error of a run per local error that its bonds report [1].
+        stated_error: Largest coupling error found on the setups that it was chosen on [%].
+        notes: What was tried, in sentences.
+    """
+
+    scheme: str
+    step: float
+    share: float
+    stated_error: float
+    notes: tuple[str, ...] = ()
+
+    def algorithm(self, system: System) -> GaussSeidel | Implicit:
+        """Return the scheme with the values that suit the components."""
+        return taken_by(system, self.scheme)
+
+
+class Evaluator:
+    """Runs setups of one study in this process; an FMU's instance is kept and reset from run to run.
+
+    Args:
+        study: What to run.
+
+    Raises:
+        FmuError: An FMU cannot be used.
+        DataError: A drivefile cannot be read.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        vehicle = study.vehicle
+        self._vehicle = FmuComponent(vehicle.fmu, vehicle.name)
+        self._shocks: dict[tuple[str, str], FmuComponent] = {}
+        self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
+
+    def system(self, setup: Setup) -> System:
+        """Couple a setup.
+
+        Raises:
+            WiringError: The vehicle lacks a port, or the FMUs do not fit together.
+        """
+        study, vehicle = self.study, self.study.vehicle
+        shocks = {corner: self._shock(corner, build) for corner, build in setup.builds.items()}
+        parameters = {corner: study.bank[build].parameters for corner, build in setup.builds.items()}
+        components: dict[str, Component] = {vehicle.name: self._vehicle, **shocks}
+        return System(
+            components=components,
+            bonds=tuple(self._bond(corner, shock) for corner, shock in shocks.items()),
+            constants={f"{vehicle.name}.{name}": value for name, value in vehicle.inputs.items()},
+            parameters={name: p for name, p in {vehicle.name: vehicle.parameters, **parameters}.items() if p},
+        )
+
+    def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
+        """Return the run on a drive, which records what its measures look at, and `extra`."""
+        scenario = self._scenarios[drive.name]
+        if not (names := tuple(extra)):
+            return scenario
+        return replace(scenario, record=tuple(dict.fromkeys((*scenario.record, *names))))
+
+    def run(self, setup: Setup, drive: Drive, coupling: Coupling, *, extra: Iterable[str] = ()) -> Result:
+        """Run a setup on a drive.
+
+        Raises:
+            StepError: An FMU failed, or the coupling diverged.
+        """
+        system = self.system(setup)
+        return Session(system, self.scenario(drive, extra=extra), coupling.algorithm(system), coupling.step).run()
+
+    def row(self, setup: Setup, coupling: Coupling) -> Row:
+        """Run a setup on every drive and return its row; what fails is said in it and does not raise."""
+        began = clock.perf_counter()
+        found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(self._names)}
+        try:
+            found |= self._measured(setup, coupling)
+        except EightpostError as error:
+            found |= {"status": FAILED, "message": str(error), "coupling_error_percent": None, "marks": ""}
+        return found | {"seconds": clock.perf_counter() - began}
+
+    @cached_property
+    def measure_units(self) -> Mapping[str, str]:
+        """SI unit of every measure.
+
+        Raises:
+            WiringError: A measure looks at a channel that is not there.
+        """
+        system = self.system(self.study.space.setup(int(self.study.space.indices[0])))
+        found = {}
+        for measure in self.study.measures:
+            try:
+                channels = [to_si(system.output(name))[1] for name in measure.channels]
+            except WiringError as error:
+                raise WiringError(f"measure {measure.name!r}: {error}") from error
+            found[measure.name] = measure.unit_for(channels[0])
+        return found
+
+    @property
+    def guids(self) -> dict[str, str]:
+        """GUID of every FMU, by its file."""
+        study = self.study
+        corner = next(iter(study.corners))
+        found = {str(build.fmu): self._shock(corner, name).identity for name, build in study.bank.items()}
+        return {str(study.vehicle.fmu): self._vehicle.identity, **found}
+
+    def decisive(self, setup: Setup) -> frozenset[str]:
+        """Return the channels whose coupling error is judged: velocities and forces of bonds, tire forces."""
+        return decisive(self.system(setup))
+
+    @property
+    def _names(self) -> list[str]:
+        return [measure.name for measure in self.study.measures]
+
+    def _measured(self, setup: Setup, coupling: Coupling) -> Row:
+        values, marks, worst = {}, list[str](), 0.0
+        for drive in self.study.drives:
+            result = self.run(setup, drive, coupling)
+            if not result.converged:
+                return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
+            for measure in self.study.measures_of(drive):
+                values[measure.name] = measure.of(result.series, start=self.study.settling)
+            where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
+            marks += [where + mark for mark in _marks(result)]
+            worst = max(worst, coupling.share * local_error(result))
+        if worst > self.study.accuracy:
+            marks.append(f"coupling error {worst:.2g} %")
+        return values | {
+            "status": DONE,
+            "message": "",
+            "coupling_error_percent": worst,
+            "marks": "; ".join(marks),
+        }
+
+    def _scenario(self, drive: Drive) -> Scenario:
+        channels = [channel for measure in self.study.measures_of(drive) for channel in measure.channels]
+        return Scenario(
+            stop=drive.stop,
+            drive=read_drive(drive),
+            targets=drive.targets,
+            record=tuple(dict.fromkeys(channels)),
+            record_step=self.study.record_step,
+            settling=self.study.settling,
+            drive_start=drive.start,
+        )
+
+    def _shock(self, corner: str, build: str) -> FmuComponent:
+        key = (corner, build)
+        if key not in self._shocks:
+            self._shocks[key] = FmuComponent(self.study.bank[build].fmu, corner)
+        return self._shocks[key]
+
+    def _bond(self, corner: str, shock: Component) -> Bond:
+        port = port_of(self._vehicle, self.study.vehicle.name, corner)
+        return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
+
+
+def ports(vehicle: Component) -> tuple[str, ...]:
+    """Return the corners at which a vehicle has a port (docs/ports.md); `corner` for a quarter car."""
+    names = vehicle.variables
+    found = [
+        name.removesuffix(".velocity")
+        for name, variable in names.items()
+        if name.endswith(".velocity") and variable.causality == "output"
+    ]
+    corners = tuple(c for c in found if f"{c}.force" in names and names[f"{c}.force"].causality == "input")
+    return corners or (("corner",) if {"velocity", "force"} <= set(names) else ())
+
+
+def port_of(vehicle: Component, name: str, corner: str) -> str:
+    """Return the port of a corner, as `component.corner`; a quarter car's has no corner in its name.
+
+    Raises:
+        InputError: The vehicle has no such port.
+    """
+    known = ports(vehicle)
+    if corner not in known:
+        raise InputError(
+            f"{vehicle.source} has no port {corner!r}; it has {', '.join(known) or 'none (docs/ports.md)'}"
+        )
+    return f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
+
+
+def local_error(result: Result) -> float:
+    """Return the largest local error that a bond of a run reports [%]."""
+    return max((coupled.percent for coupled in result.coupled.values()), default=0.0)
+
+
+def _marks(result: Result) -> Iterator[str]:
+    """What a reader of the row must know: limits that were left, energy that was lost."""
+    for shock, share in result.share_beyond_fit.items():
+        if share > 0.0:
+            yield f"{shock} beyond its fitted velocities {_percent(share)} of the time"
+    for tire, lost in result.share_tire_off.items():
+        if lost:
+            yield f"{tire.removesuffix('.tire_force')} tire off the ground {_percent(lost)} of the time"
+    for bond, energy in result.energy.items():
+        if not energy.acceptable:
+            yield f"{bond}: the coupling makes or loses {energy.relative:.0%} of its energy"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

@@ -1,0 +1,114 @@
+"""The exhaustive study: every setup, on all workers; it goes on where it was left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from threading import Event
+
+from cosim.interrupt import interrupts_deferred
+from cosim.study.check import check_study
+from cosim.study.chunks import ChunkFolder, cut
+from cosim.study.digest import file_digests, study_digest
+from cosim.study.evaluator import Coupling, Evaluator
+from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.study import Study
+from cosim.study.workers import Workers
+from eightpost.files import check_output_folder
+
+#: Told how many setups are done, and of how many.
+Progress = Callable[[int, int], None]
+
+
+class Sweep:
+    """A study that is checked and ready to run.
+
+    Args:
+        study: What to run.
+        folder: For results.parquet and what is done so far.
+
+    Raises:
+        InputError: The study cannot be run; nothing was.
+    """
+
+    def __init__(self, study: Study, folder: str | Path) -> None:
+        check_output_folder(folder)
+        self.study, self.folder = study, Path(folder)
+        evaluator = Evaluator(study)
+        check_study(evaluator)
+        self._digests = file_digests(study)
+        self._units, self._guids = dict(evaluator.measure_units), evaluator.guids
+        self.digest = study_digest(study, self._digests)
+        self._schema = study_schema(study, self._units)
+        self._kept = ChunkFolder(self.folder, self.digest, self._schema)
+        self.chunks = cut(study)
+
+    @property
+    def path(self) -> Path:
+        """The file that it leaves."""
+        return self.folder / "results.parquet"
+
+    @property
+    def left(self) -> int:
+        """How many setups are still to be run."""
+        done = self._kept.numbers
+        return sum(len(chunk.indices) for chunk in self.chunks if chunk.number not in done)
+
+    def coupling(self, workers: Workers) -> Coupling:
+        """Return the coupling that was chosen before, else choose it.
+
+        Raises:
+            StepError: No setup could be run.
+        """
+        found = self._kept.coupling()
+        if found is None:
+            found = workers.choose(self.study)
+            self._kept.keep_coupling(found)
+        return found
+
+    def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
+        """Run what is left, and write the result. Ctrl-C lets what runs come to its end; the result is then partial.
+
+        Args:
+            workers: Who runs the setups.
+            coupling: How they are coupled.
+            progress: Called after every chunk.
+        """
+        done, total = self._kept.numbers, len(self.study.space)
+        left = [chunk for chunk in self.chunks if chunk.number not in done]
+        count = total - self.left
+        progress(count, total)
+        stop = Event()
+        with interrupts_deferred(stop.set):
+            for chunk, rows in workers.rows(self.study, coupling, left, stop.is_set):
+                self._kept.write(chunk, rows)
+                count += len(rows)
+                progress(count, total)
+        result = self._result(coupling, partial=count < total)
+        result.save(self.path)
+        return result
+
+    def _result(self, coupling: Coupling, *, partial: bool) -> StudyResult:
+        settings = {"coupling": asdict(coupling), "settling": self.study.settling, "accuracy": self.study.accuracy}
+        provenance = Provenance(self.digest, self._guids, self._digests, settings, self._units)
+        return StudyResult(self.study, result_table(list(self._kept.rows()), self._schema), provenance, partial)
+
+
+def run_study(
+    study: Study, folder: str | Path, workers: Workers, progress: Progress = lambda _done, _all: None
+) -> StudyResult:
+    """Check a study, choose its coupling, run every setup that is not done yet, and write results.parquet.
+
+    Args:
+        study: What to run.
+        folder: For the result and what is done so far; a study that is run again goes on where it was left.
+        workers: Who runs the setups.
+        progress: Told how many setups are done, and of how many.
+
+    Raises:
+        InputError: The study cannot be run; nothing was.
+        StepError: No setup could be run.
+    """
+    sweep = Sweep(study, folder)
+    return sweep.run(workers, sweep.coupling(workers), progress)

@@ -1,0 +1,42 @@
+"""Make the shipped bank: the seven builds of Table 7.3, each tested on the virtual dynamometer and fitted.
+
+Everything is computed: no measurement and no third party's data is in it. Run it from the project's root:
+
+    python examples/make_bank.py
+
+It leaves one shock file per build in examples/bank/, which `eightpost study` builds FMUs from.
+"""
+
+from pathlib import Path
+
+from eightpost.files import sha256_of
+from eightpost.ident import fit_shock
+from eightpost.rig import Actuator, random_multisine, read_dyno_test, read_out, shim_build
+from eightpost.rig.damper import BUILDS
+from eightpost.shock import write_shock
+from eightpost.signals import write_parquet
+
+FOLDER = Path(__file__).parent / "bank"
+
+#: Of the dynamometer's random test [s]; its signal repeats every 10 s.
+DURATION = 12.0
+
+
+def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
+    """Test a build and fit it; return its shock file."""
+    name = build.replace("/", "_")
+    record = folder / f"{name}.parquet"
+    truth = shim_build(build).respond(Actuator().follow(random_multisine(seed, duration=DURATION).series), rate=2000.0)
+    write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
+    # The car's static loads and ride heights hold it up already, gas force and all.
+    fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=f"build {build} (synthetic data)")
+    path = write_shock(fit.shock, folder / f"{name}.json") or folder / f"{name}.json"
+    print(f"{build}: {fit.seconds:.1f} s, record {sha256_of(record)[:8]}, {path.stat().st_size / 1000:.0f} kB")
+    record.unlink()
+    return path
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for number, name in enumerate(BUILDS, start=101):
+        make(name, number)
