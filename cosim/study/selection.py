@@ -44,6 +44,7 @@ class Selected:
         end: Which of the two.
         value: Predicted [SI].
         rank: Its place from that end, 1 for the extreme setup.
+        marks: What a reader must know of its prediction, such as that a tire left the ground.
     """
 
     setup: Setup
@@ -51,6 +52,7 @@ class Selected:
     end: End
     value: float
     rank: int
+    marks: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ def select(
 ) -> Selection:
     """Choose setups to confirm, the same ones every time.
 
-    Setups that failed, break a constraint or carry a mark are left out.
+    Setups that failed or break a constraint are left out.
 
     Args:
         result: Of the study.
@@ -94,11 +96,10 @@ def select(
             there are ends of measures.
     """
     wanted = share if share is not None else _shares(result, measures, total)
-    rows = np.flatnonzero(result.feasible & np.array([not mark for mark in result.table["marks"].to_pylist()]))
+    rows = np.flatnonzero(result.feasible)
+    marks: list[str] = result.table["marks"].to_pylist()
     if (asked := 2 * sum(wanted.values())) > rows.size:
-        raise InputError(
-            f"{asked} setups cannot be selected from {rows.size} without failure, mark or broken constraint"
-        )
+        raise InputError(f"{asked} setups cannot be selected from {rows.size} that ran and keep the constraints")
     levels = levels_of(result.study.space, result.setups)
     chosen: list[Selected] = []
     taken: list[int] = []
@@ -108,7 +109,7 @@ def select(
             order = rows[np.lexsort((rows, values[rows] * _ENDS[end]))]
             for row in _spread(order, levels, taken, count, pool):
                 rank = int(np.flatnonzero(order == row)[0]) + 1
-                chosen.append(Selected(result.setup(row), name, end, float(values[row]), rank))
+                chosen.append(Selected(result.setup(row), name, end, float(values[row]), rank, marks[row]))
     return Selection(tuple(chosen), _closest(levels[taken]))
 
 

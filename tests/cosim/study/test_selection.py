@@ -75,11 +75,15 @@ def test_the_objective_says_which_measures_to_confirm():
     assert [len(selection.of(m)) for m in ("rear", "front", "accel")] == [6, 4, 0]
 
 
-def test_failed_and_marked_setups_are_not_sent_to_the_rig():
+def test_failed_setups_are_not_sent_to_the_rig():
     lowest = int(front(STUDY.study.space.digits(STUDY.setups)).argmin())
-    marked = result({"front": front}, marks={lowest: "beyond the fitted range"}, failed=(lowest + 1,))
-    chosen = {selected.setup.index for selected in select(marked, total=8).chosen}
-    assert not chosen & {lowest, lowest + 1}
+    chosen = {selected.setup.index for selected in select(result({"front": front}, failed=(lowest,)), total=8).chosen}
+    assert lowest not in chosen
+
+
+def test_what_is_doubtful_of_a_prediction_goes_with_the_setup():
+    marked = select(result({"front": front}, marks={0: "lf tire off the ground"}), total=2)
+    assert [selected.marks for selected in marked.chosen if selected.setup.index == 0] == ["lf tire off the ground"]
 
 
 def test_more_than_the_study_has_are_refused():

@@ -1,0 +1,180 @@
+"""Measured runs of a study's setups: a list of files, and the study's measures drawn from them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.study.compare import FEWEST, Comparison
+from cosim.study.measures import Measure
+from cosim.study.result import StudyResult
+from cosim.study.setup import SetupSpace
+from cosim.study.study import Drive, Study
+from eightpost.errors import FileFormatError, InputError
+from eightpost.signals import TimeSeries
+
+Array = NDArray[np.float64]
+
+#: Samples that a record may be shorter than the drive.
+_MISSING = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRun:
+    """A run on the rig.
+
+    Attributes:
+        file: Its record.
+        setup: Number of the setup.
+        drive: Name of the drive.
+    """
+
+    file: Path
+    setup: int
+    drive: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Measures of R runs on one drive or several.
+
+    Attributes:
+        setups: (R,) number of each run's setup.
+        values: By measure (R,) [SI], NaN for a run on another drive.
+        missing: Measures that no run has the channels of, each with one that is not there.
+    """
+
+    setups: NDArray[np.int64]
+    values: Mapping[str, Array]
+    missing: Mapping[str, str]
+
+
+def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
+    """Read which record is of which setup: a CSV with a header.
+
+    Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (the build's name), and, where
+    the study has several, `drive`. Other columns are ignored, as are lines that begin with #. A setup may come several
+    times: its runs are averaged and say how runs differ.
+
+    Args:
+        path: The list; the selection.csv of a study is one.
+        study: That the setups are of.
+
+    Raises:
+        FileFormatError: It cannot be read, a column is missing, or a line names no setup of the study.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file: name the list of measured runs", path=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"cannot be read as a list of runs ({error})", path=path) from error
+    numbered = [
+        (number, line) for number, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"
+    ]
+    rows = list(csv.DictReader(line for _, line in numbered))
+    return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
+
+
+def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
+    """Draw a study's measures from measured runs.
+
+    A channel of the vehicle is looked for under its name without the component: `car.lf.tire_force` as `lf.tire_force`.
+    The record's first sample is the start of the run; settling is left out as in the study.
+
+    Args:
+        runs: What was measured.
+        study: Whose measures are drawn.
+        read: Returns the channels of a record.
+
+    Raises:
+        InputError: There are no runs, or a record is shorter than its drive.
+    """
+    if not runs:
+        raise InputError("there are no measured runs to compare with")
+    drives = {drive.name: drive for drive in study.drives}
+    rows = [dict(_measures(read(run.file), drives[run.drive], study, run.file)) for run in runs]
+    names = [measure.name for measure in study.measures]
+    found = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    values = {name: column for name, column in found.items() if np.isfinite(column).any()}
+    missing = {name: ", ".join(_rig_channels(study.measure(name), study)) for name in names if name not in values}
+    return Measured(np.array([run.setup for run in runs], dtype=np.int64), values, missing)
+
+
+def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ...]:
+    """Compare every measure that was measured; the run-to-run deviation is pooled from setups with several runs.
+
+    Raises:
+        InputError: A setup was not run in the study, or fewer than three setups were measured.
+    """
+    if unknown := sorted(set(measured.setups.tolist()) - set(result.setups.tolist())):
+        raise InputError(f"setup {unknown[0]} was measured, but the study did not run it: run it, or leave it out")
+    return tuple(_comparison(result, name, measured.setups, values) for name, values in measured.values.items())
+
+
+def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], values: Array) -> Comparison:
+    predicted = dict(zip(result.setups.tolist(), result.values(name).tolist(), strict=True))
+    known = np.isfinite(values) & np.isfinite([predicted[int(setup)] for setup in setups])
+    numbers, places, counts = np.unique(setups[known], return_inverse=True, return_counts=True)
+    if numbers.size < FEWEST:
+        raise InputError(f"{name}: {numbers.size} setups were predicted and measured; {FEWEST} or more are needed")
+    means = np.bincount(places, values[known]) / counts
+    freedom = int(np.sum(counts - 1))
+    squares = float(np.sum((values[known] - means[places]) ** 2))
+    noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
+    return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise)
+
+
+def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
+    cells = {str(name).strip(): (value or "").strip() for name, value in row.items() if isinstance(value, str)}
+    if not cells.get("file"):
+        raise FileFormatError("names no record: the list needs a column `file`", path=path, line=line)
+    drive = cells.get("drive") or study.drives[0].name
+    if drive not in [d.name for d in study.drives]:
+        raise FileFormatError(f"there is no drive {drive!r} in the study", path=path, line=line)
+    try:
+        setup = _setup(cells, study.space)
+    except ValueError as error:
+        raise FileFormatError(str(error), path=path, line=line) from error
+    return MeasuredRun(path.parent / cells["file"], setup, drive)
+
+
+def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
+    """Return the setup of a line: by its builds, else by its number; where both are there they must agree."""
+    builds = {corner: cells[corner] for corner in space.corners if cells.get(corner)}
+    number = _number(cells["setup"]) if cells.get("setup") else None
+    if not builds and number is not None:
+        return space.setup(number).index
+    found = space.find(builds).index
+    if number is not None and found != number:
+        raise InputError(f"setup {number} is {space.setup(number)}, not {space.setup(found)}: correct one of the two")
+    return found
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise InputError(f"setup must be a number, not {text!r}")
+    return int(text)
+
+
+def _measures(series: TimeSeries, drive: Drive, study: Study, file: Path) -> Iterator[tuple[str, float]]:
+    step = series.duration / (len(series) - 1) if len(series) > 1 else 0.0
+    if series.duration < drive.stop - _MISSING * step:
+        raise InputError(
+            f"{file}: {series.duration:g} s of record; the study's run on {drive.name!r} is {drive.stop:g} s"
+        )
+    run = TimeSeries(series.time - series.time[0], series.values, series.names, series.units).window(0.0, drive.stop)
+    for measure in study.measures_of(drive):
+        channels = _rig_channels(measure, study)
+        if all(channel in run for channel in channels):
+            yield measure.name, replace(measure, channels=channels).of(run, start=study.settling)
+
+
+def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
+    return tuple(channel.removeprefix(f"{study.vehicle.name}.") for channel in measure.channels)

@@ -1,0 +1,193 @@
+"""Predictions against measurements made of them: lines, ranks and bands that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from cosim.study.compare import Comparison
+from cosim.study.compare_runs import Measured, comparisons, measured_runs, read_run_list
+from cosim.study.measures import Measure
+from cosim.study.selection import select
+from cosim.study.selection_file import BASELINE_RUNS, write_selection
+from cosim.study.study import Drive
+from eightpost.errors import FileFormatError, InputError
+from eightpost.signals import TimeSeries
+
+from .constructed import CORNERS, result, study
+
+PREDICTED = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+
+
+def comparison(measured: np.ndarray, predicted: np.ndarray = PREDICTED, **fields: object) -> Comparison:
+    numbers = np.arange(predicted.size)
+    return Comparison("front ride height", numbers, predicted, measured, np.ones_like(numbers), **fields)
+
+
+def front(digits: np.ndarray) -> np.ndarray:
+    return 1.0 + digits @ np.array([4.0, 2.0, 1.0, 0.5])
+
+
+def record(amplitude: float, *, duration: float = 30.0, start: float = 7.0) -> TimeSeries:
+    time = np.arange(0.0, duration + 1e-9, 0.005)
+    values = np.sqrt(2.0) * amplitude * np.sin(2.0 * np.pi * 2.0 * time) + 1.0
+    values[time < 1.0] = 50.0  # while the rig settles
+    return TimeSeries.from_channels(start + time, {"front.ride_height": ("m", values)})
+
+
+def test_levels_that_are_off_by_a_line_rank_perfectly_and_the_line_is_found():
+    found = comparison(0.5 * PREDICTED + 3.0)
+    assert (found.spearman, found.kendall) == pytest.approx((1.0, 1.0))
+    assert (found.line.slope, found.line.intercept) == pytest.approx((0.5, 3.0))
+    assert found.line.slope_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_ranks_are_counted_pair_by_pair():
+    measured = np.array([2.0, 1.0, 5.0, 3.0, 9.0])
+    pairs = list(combinations(range(5), 2))
+    right = sum((measured[j] - measured[i]) * (PREDICTED[j] - PREDICTED[i]) > 0 for i, j in pairs)
+    assert comparison(measured).kendall == pytest.approx((2 * right - len(pairs)) / len(pairs))
+    shifts = np.array([1, -1, 1, -1, 0])  # ranks 2, 1, 4, 3, 5
+    assert comparison(measured).spearman == pytest.approx(1.0 - 6.0 * np.sum(shifts**2) / (5 * 24))
+
+
+def test_the_slopes_interval_holds_the_truth_as_often_as_it_says():
+    generator = np.random.default_rng(1)
+    held = 0
+    for _ in range(1000):
+        low, high = comparison(0.8 * PREDICTED + generator.normal(size=5)).line.interval(0.9)
+        held += low <= 0.8 <= high
+    assert held / 1000 == pytest.approx(0.9, abs=0.03)
+
+
+def test_the_lines_error_is_that_of_its_predicted_levels():
+    generator = np.random.default_rng(2)
+    lines = [comparison(PREDICTED + generator.normal(size=5)).line for _ in range(2000)]
+    at = np.array([0.0, 10.0])
+    spread = np.std([line.at(at) for line in lines], axis=0)
+    stated = np.sqrt(np.mean([line.error_at(at) ** 2 for line in lines], axis=0))
+    np.testing.assert_allclose(stated, spread, rtol=0.06)
+
+
+def test_the_band_is_two_standard_deviations_of_a_run():
+    off = np.array([0.0, 0.5, -1.5, 0.0, 0.0])
+    found = comparison(PREDICTED + off, run_to_run=0.5)
+    assert found.band == 1.0
+    np.testing.assert_array_equal(found.within, np.abs(found.measured - found.line.at(PREDICTED)) <= 1.0)
+    assert found.within.sum() == 4
+
+
+def test_level_errors_are_of_the_measured_level():
+    found = comparison(PREDICTED / 1.1)
+    assert (found.bias, found.level_error) == pytest.approx((10.0, 10.0))
+
+
+def test_noise_limits_the_rank_that_even_a_perfect_prediction_reaches():
+    close = np.linspace(1.0, 1.1, 8)
+    quiet, loud = (comparison(close, close, run_to_run=noise).attainable for noise in (1e-4, 0.05))
+    assert quiet == pytest.approx(1.0)
+    assert loud < 0.7
+    generator, reached = np.random.default_rng(5), []
+    for _ in range(1000):
+        reached.append(stats.spearmanr(close, close + 0.05 * generator.normal(size=8)).statistic)
+    assert np.mean(np.array(reached) >= loud) == pytest.approx(0.95, abs=0.02)
+
+
+def test_levels_that_are_all_the_same_cannot_be_ranked():
+    with pytest.raises(InputError, match="all measured levels are 2"):
+        comparison(np.full(5, 2.0))
+
+
+def test_two_setups_are_too_few_for_a_line():
+    with pytest.raises(InputError, match="3 setups or more"):
+        comparison(np.ones(2), np.array([1.0, 2.0]))
+
+
+def test_measures_of_records_are_drawn_as_in_the_study(tmp_path):
+    made = study(("front",), settling=2.0)
+    runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5", "b.parquet,6"), made)
+    found = measured_runs(runs, made, lambda path: record(0.003 if path.name == "a.parquet" else 0.004))
+    assert found.setups.tolist() == [5, 6]
+    np.testing.assert_allclose(found.values["front"], [0.003, 0.004], rtol=1e-3)
+
+
+def test_a_measure_whose_channels_the_rig_lacks_is_said_and_left_out(tmp_path):
+    made = study(("front",))
+    made = replace(made, measures=(*made.measures, Measure("driver", ("car.driver.acceleration",))))
+    runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5"), made)
+    found = measured_runs(runs, made, lambda _: record(0.003))
+    assert found.missing == {"driver": "driver.acceleration"}
+
+
+def test_a_record_shorter_than_the_drive_is_refused(tmp_path):
+    made = study(("front",))
+    runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5"), made)
+    with pytest.raises(InputError, match=r"a\.parquet: 20 s of record; .* is 30 s"):
+        measured_runs(runs, made, lambda _: record(0.003, duration=20.0))
+
+
+def test_repeated_runs_are_averaged_and_say_how_runs_differ():
+    made = result({"front": front})
+    setups = np.array([0, 0, 0, 100, 100, 2000])
+    values = {"front": np.array([1.0, 2.0, 3.0, 5.0, 7.0, 9.0])}
+    (found,) = comparisons(made, Measured(setups, values, {}))
+    assert found.measured.tolist() == [2.0, 6.0, 9.0]
+    assert found.runs.tolist() == [3, 2, 1]
+    assert found.run_to_run == pytest.approx(np.sqrt((2.0 + 2.0) / 3.0))
+
+
+def test_a_setup_that_was_not_run_in_the_study_is_named():
+    made = result({"front": front}, kept=np.arange(10))
+    with pytest.raises(InputError, match="setup 11 was measured"):
+        comparisons(made, Measured(np.array([1, 2, 11]), {"front": np.arange(3.0)}, {}))
+
+
+@pytest.mark.parametrize(
+    "lines", [("file,setup", "a.parquet,9"), ("file,lf,rf,lr,rr", "a.parquet,AA/AA,AA/AA,AA/B,B/AA")]
+)
+def test_a_setup_is_named_by_its_number_or_its_builds(tmp_path, lines):
+    (run,) = read_run_list(_list(tmp_path, "# rig day", *lines), study(("front",)))
+    assert (run.setup, run.file, run.drive) == (9, tmp_path / "a.parquet", "lap")
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        (("setup", "5"), "line 2: names no record"),
+        (("file,setup", "a.parquet,front"), "line 2: setup must be a number"),
+        (("file,setup", "a.parquet,1", "", "b.parquet,2401"), "line 4: there is no setup 2401"),
+        (("file,lf,rf,lr,rr", "a.parquet,AA/AA,C/D,B/B,B/B"), "rf cannot have the build 'C/D'"),
+        (("file,setup,lf,rf,lr,rr", "a.parquet,1,AA/AA,AA/AA,AA/AA,AA/AA"), "correct one of the two"),
+        (("file,setup,drive", "a.parquet,1,wet"), "no drive 'wet'"),
+    ],
+)
+def test_a_list_that_is_wrong_says_where(tmp_path, lines, what):
+    with pytest.raises(FileFormatError, match=what):
+        read_run_list(_list(tmp_path, *lines), study(("front",)))
+
+
+def test_a_list_of_two_drives_says_which(tmp_path):
+    drives = tuple(Drive(name, tmp_path / "lap.parquet", 30.0) for name in ("dry", "wet"))
+    lines = ("file,setup,drive", "a.parquet,1,wet", "a.parquet,1,")
+    runs = read_run_list(_list(tmp_path, *lines), study(("front",), drives=drives))
+    assert [run.drive for run in runs] == ["wet", "dry"]
+
+
+def test_the_list_for_the_rig_day_is_the_list_of_what_was_measured(tmp_path):
+    made = result({"front": front}, baseline=dict.fromkeys(CORNERS, "B/B"))
+    selection = select(made, total=8)
+    write_selection(selection, made, tmp_path / "selection.csv")
+    runs = read_run_list(tmp_path / "selection.csv", made.study)
+    baseline = made.study.baseline_setup.index
+    assert [run.setup for run in runs] == [s.setup.index for s in selection.chosen] + BASELINE_RUNS * [baseline]
+    assert runs[0].file == tmp_path / "run_01.parquet"
+
+
+def _list(folder, *lines: str):
+    path = folder / "runs.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
