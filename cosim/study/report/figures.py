@@ -1,0 +1,129 @@
+"""Figures for papers, in the manner of Figs 7.1 to 7.6: levels by build, and trade-offs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from cosim.study.pareto import pareto_front
+from cosim.study.report.colors import build_colors
+from cosim.study.report.corner import telling_corner
+from cosim.study.report.sheet import Column, Indices, Sheet
+from eightpost.files import atomic_path
+
+#: Measures that get figures, and the others that each of them is set against, as in the dissertation.
+_DRAWN, _AGAINST = 3, 4
+
+
+def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
+    """Write levels and trade-offs of the first measures that the study is about, each as PNG and SVG.
+
+    Args:
+        sheet: What is shown.
+        folder: Where they go.
+
+    Returns:
+        The files; none where no setup ran.
+    """
+    if not sheet.done.any():
+        return ()
+    files: list[Path] = []
+    for measure in sheet.principal[:_DRAWN]:
+        files += _save(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
+        if len(sheet.measures) > 1:
+            files += _save(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
+    return tuple(files)
+
+
+def trend(sheet: Sheet, measure: Column) -> Figure:
+    """Draw the levels of all setups by the build at each corner (Figs 7.1, 7.3, 7.5)."""
+    rows = (len(sheet.corners) + 1) // 2
+    figure = Figure(figsize=(7.2, rows * (0.9 + 0.24 * len(sheet.builds))), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
+    colors = np.array(build_colors(len(sheet.builds)))
+    for panel, corner, placed in zip(panels, sheet.corners, sheet.placed.T, strict=False):
+        spots = panel.scatter(100.0 * measure.levels, placed, s=70, c=colors[placed], marker="|", lw=0.6, alpha=0.5)
+        spots.set_rasterized(True)
+        panel.set_title(f"{corner.upper()} shock", loc="left", fontsize=9)
+        panel.set_yticks(range(len(sheet.builds)), sheet.builds, fontsize=8)
+        panel.set_ylim(len(sheet.builds) - 0.4, -0.6)
+        panel.grid(axis="x", alpha=0.3)
+    _hide(panels[len(sheet.corners) :])
+    figure.supxlabel(_level_axis(measure), fontsize=9)
+    return figure
+
+
+def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
+    """Draw what the levels of one measure cost in others, with the Pareto fronts (Figs 7.2, 7.4, 7.6).
+
+    Colours are the builds at the corner whose build says most of the measure.
+    """
+    others = [column for column in sheet.principal if column is not measure][:_AGAINST]
+    rows = (len(others) + 1) // 2
+    figure = Figure(figsize=(7.2, 2.7 * rows + 0.9), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    corner = telling_corner(sheet, measure)
+    colors = np.array(build_colors(len(sheet.builds)))[sheet.placed[:, corner]]
+    for panel, other in zip(panels, others, strict=False):
+        spots = panel.scatter(100.0 * measure.levels, 100.0 * other.levels, s=5, c=colors, lw=0, alpha=0.7)
+        spots.set_rasterized(True)
+        _front(panel, sheet, measure, other)
+        panel.set_ylabel(f"{other.name}, level [%]", fontsize=8)
+        panel.grid(alpha=0.3)
+        panel.tick_params(labelsize=8)
+    _hide(panels[len(others) :])
+    figure.supxlabel(_level_axis(measure), fontsize=9)
+    _legend(figure, sheet, corner)
+    return figure
+
+
+def _front(panel: Axes, sheet: Sheet, first: Column, second: Column) -> None:
+    rows = front(sheet, first, second)
+    panel.plot(100.0 * first.levels[rows], 100.0 * second.levels[rows], "k.-", lw=1.0, ms=4, label="Pareto front")
+
+
+def front(sheet: Sheet, first: Column, second: Column) -> Indices:
+    """Return the rows of the Pareto front of two measures among the setups that keep the constraints, by the first."""
+    wanted = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
+    rows = np.flatnonzero(sheet.allowed & np.isfinite(wanted[0]) & np.isfinite(wanted[1]))
+    kept = rows[pareto_front(np.column_stack(wanted)[rows])]
+    return np.asarray(kept[np.argsort(first.values[kept])], dtype=np.int64)
+
+
+def _legend(figure: Figure, sheet: Sheet, corner: int) -> None:
+    colors = build_colors(len(sheet.builds))
+    marks = [Line2D([], [], color=color, marker="o", ls="", ms=5) for color in colors]
+    title = f"build at {sheet.corners[corner].upper()}"
+    figure.legend(marks, sheet.builds, title=title, loc="outside upper center", ncols=8, frameon=False, fontsize=8)
+
+
+def _level_axis(measure: Column) -> str:
+    us, (low, high) = measure.scale.us, measure.extremes
+    unit = "" if us.unit == "1" else f" {us.unit}"
+    return f"{measure.name}, level [%]; 0 is {us(low):.4g}{unit}, 100 is {us(high):.4g}{unit}"
+
+
+def _hide(panels: Iterable[Axes]) -> None:
+    for panel in panels:
+        panel.set_visible(False)
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _save(figure: Figure, stem: Path) -> list[Path]:
+    """Save as PNG and SVG; the same figure gives the same bytes."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    with mpl.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
+        for path in files:
+            with atomic_path(path) as temporary:
+                figure.savefig(temporary, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
+    return files

@@ -1,0 +1,176 @@
+"""A study's result as the report shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from pathlib import PurePath
+
+import numpy as np
+import pyarrow as pa
+
+from cosim.study.factor import factors_of, levels_of, varied
+from cosim.study.report.scale import Scale
+from cosim.study.report.sheet import Array, Background, Bound, Column, Indices, Origin, Sheet
+from cosim.study.result import DONE, StudyResult
+from cosim.study.sensitivity import Sensitivity, sensitivity
+from cosim.study.study import Study
+from eightpost.errors import InputError
+
+#: Two standard deviations of a measure by its name [SI], one for all setups or (S,).
+Bands = Mapping[str, "Array | float"]
+
+
+def sheet_of(result: StudyResult, *, bands: Bands | None = None, trace_command: str = "") -> Sheet:
+    """Return a result as the report shows it.
+
+    Args:
+        result: Of the study.
+        bands: Two standard deviations of measures, where they are known.
+        trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
+
+    Raises:
+        ValueError: A band is of no measure of the study.
+    """
+    spreads = dict(bands or {})
+    if unknown := sorted(set(spreads) - {measure.name for measure in result.measures}):
+        raise ValueError(f"there is no measure {unknown[0]!r} for a band; leave it out")
+    builds = tuple(result.study.bank)
+    return Sheet(
+        corners=tuple(result.study.corners),
+        builds=builds,
+        numbers=result.setups,
+        placed=_placed(result, builds),
+        measures=tuple(_column(result, measure.name, spreads.get(measure.name)) for measure in result.measures),
+        allowed=result.feasible,
+        coupling_error=_numbers(result.table, "coupling_error_percent"),
+        objective=_objective(result),
+        failures=_failures(result),
+        marks=_texts(result.table, "marks"),
+        baseline=result.baseline_row,
+        background=background(result, trace_command),
+    )
+
+
+def background(result: StudyResult, trace_command: str) -> Background:
+    """Return what stands behind a result's numbers."""
+    study = result.study
+    terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
+    return Background(
+        title=study.name or "Setup study",
+        objective=terms,
+        constraints=tuple(_bounds(result)),
+        notes=tuple(_notes(result)),
+        facts=tuple(_facts(result)),
+        origins=tuple(_origins(result)),
+        named=_named(study),
+        trace_command=trace_command,
+    )
+
+
+def _named(study: Study) -> tuple[str, ...]:
+    """Return the measures of the objective, then those of the constraints."""
+    terms, constraints = (term.measure for term in study.objective), (c.measure for c in study.constraints)
+    return tuple(dict.fromkeys((*terms, *constraints)))
+
+
+def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
+    """Return which corner matters for which measure; measures that the setups do not tell it of are left out."""
+    return tuple(found for measure in result.measures if (found := _sensitivity(result, measure.name)))
+
+
+def _sensitivity(result: StudyResult, measure: str) -> Sensitivity | None:
+    space, values = result.study.space, result.values(measure)
+    factors, levels = factors_of(space), levels_of(space, result.setups)
+    free = varied(factors)
+    try:
+        return sensitivity([factors[k] for k in free], levels[:, free], values, measure) if free else None
+    except InputError:  # too few setups were run
+        return None
+
+
+def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:
+    places = {build: k for k, build in enumerate(builds)}
+    columns = [[places[build] for build in result.builds(corner)] for corner in result.study.corners]
+    return np.array(columns, dtype=np.int64).T.reshape(len(result), len(columns))
+
+
+def _column(result: StudyResult, name: str, spread: Array | float | None) -> Column:
+    scale = Scale.of(result.unit(name), result.display(name))
+    wanted = any(term.measure == name and term.weight < 0.0 for term in result.study.objective)
+    return Column(name, scale, result.values(name), "high" if wanted else "low", spread)
+
+
+def _objective(result: StudyResult) -> Column | None:
+    values = result.objective
+    return None if values is None else Column("objective", Scale.of("1"), values)
+
+
+def _numbers(table: pa.Table, name: str) -> Array:
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _texts(table: pa.Table, name: str) -> dict[int, str]:
+    return {row: text for row, text in enumerate(table[name].to_pylist()) if text}
+
+
+def _failures(result: StudyResult) -> dict[int, str]:
+    rows = zip(result.table["status"].to_pylist(), result.table["message"].to_pylist(), strict=True)
+    return {row: message or "it did not run to the end" for row, (status, message) in enumerate(rows) if status != DONE}
+
+
+def _bounds(result: StudyResult) -> Iterator[Bound]:
+    for constraint in result.study.constraints:
+        name = constraint.measure
+        scale = Scale.of(result.unit(name), result.display(name))
+        if isfinite(constraint.at_least):
+            yield Bound(name, "at least", constraint.at_least, scale)
+        if isfinite(constraint.at_most):
+            yield Bound(name, "at most", constraint.at_most, scale)
+
+
+def _notes(result: StudyResult) -> Iterator[str]:
+    if result.partial:
+        total = len(result.study.space)
+        yield f"The study is not complete: {len(result)} of {total} setups were run; levels and ranks are of these."
+    if not result.study.vehicle.means_trusted:
+        yield "The vehicle's response to constant inputs is not trusted: the study has no means."
+
+
+def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
+    study, seconds = result.study, _numbers(result.table, "seconds")
+    yield "Setups", f"{len(result)} of {len(study.space)}, from {len(study.bank)} builds"
+    if study.alike:
+        yield "Corners with the same build", "; ".join(" and ".join(group) for group in study.alike)
+    for drive in study.drives:
+        yield f"Drive {drive.name}", f"{drive.file}, {drive.start:g} to {drive.start + drive.stop:g} s of it"
+    yield "Settling, left out of every measure", f"{study.settling:g} s"
+    yield "Coupling error aimed at", f"{study.accuracy:g} % of each signal's standard deviation"
+    yield "Samples that measures see", f"every {1e3 * study.record_step:g} ms"
+    for name, value in result.provenance.settings.items():
+        yield name.replace("_", " ").capitalize(), str(value)
+    yield "Time of all runs, added up", f"{np.nansum(seconds):.4g} s"
+    yield "Digest of the study", result.provenance.digest
+    yield "Computed by", f"eightpost {result.provenance.tool_version}"
+
+
+def _origins(result: StudyResult) -> Iterator[Origin]:
+    study, source = result.study, result.provenance
+    files = {"vehicle": study.vehicle.fmu, **{f"build {name}": build.fmu for name, build in study.bank.items()}}
+    files |= {f"drive {drive.name}": drive.file for drive in study.drives}
+    guids, digests = _by_name(source.guids), _by_name(source.digests)
+    for what, file in files.items():
+        name = PurePath(file).name
+        yield Origin(
+            what,
+            name,
+            guids.get(str(file)) or guids.get(name, ""),
+            digests.get(str(file)) or digests.get(name, ""),
+        )
+
+
+def _by_name(known: Mapping[str, str]) -> dict[str, str]:
+    """Return what is known by path, and by the file's name as well where only one path has it."""
+    names = [PurePath(path).name for path in known]
+    single = {PurePath(path).name: value for path, value in known.items() if names.count(PurePath(path).name) == 1}
+    return single | dict(known)

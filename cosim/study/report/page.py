@@ -1,0 +1,123 @@
+"""The study's page: one file that loads nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cosim.report.figures import figure
+from cosim.report.provenance import versions
+from cosim.study.report.colors import build_colors
+from cosim.study.report.corner import telling_corner
+from cosim.study.report.packed import packed, shown_columns
+from cosim.study.report.sheet import Column, Sheet
+from cosim.study.report.summary import MATTERS, extremes, fixed, shares, tiles, verdict
+from cosim.study.sensitivity import Sensitivity
+from eightpost.page import insert, plotly, template
+from eightpost.signals import TimeSeries
+
+_PACKAGE = "cosim.study.report"
+
+#: The page's script, in the order in which its parts need each other.
+_SCRIPTS = ("store", "state", "table", "dots", "plots", "setup", "sensitivity", "page")
+
+#: Trade-offs that are drawn at first.
+_TRADES = 6
+
+#: Failed and marked setups that are listed on their own; the table has them all.
+_DOUBTFUL = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extras:
+    """What a report shows where it is given.
+
+    Args:
+        traces: Time traces by the setup's number.
+        sensitivities: Of the measures, or of some.
+        selection: Numbers of the setups to confirm, by what they were selected for.
+    """
+
+    traces: Mapping[int, TimeSeries] = field(default_factory=dict)
+    sensitivities: Sequence[Sensitivity] = ()
+    selection: Mapping[str, Sequence[int]] = field(default_factory=dict)
+
+
+def page(sheet: Sheet, extras: Extras) -> str:
+    """Return the page's HTML; names of measures, builds and files are escaped."""
+    groups = _groups(sheet, extras.selection)
+    picked = sorted({row for _, rows in groups for row in rows})
+    manifest, numbers = packed(sheet, extras.traces, extras.sensitivities, picked)
+    return template(_PACKAGE, {"figure": figure, "fixed": fixed}).render(
+        _words(sheet)
+        | _choices(sheet)
+        | _effects(sheet, extras.sensitivities)
+        | {
+            "sheet": sheet,
+            "background": sheet.background,
+            "groups": groups,
+            "ranks": np.argsort(sheet.order) + 1,
+            "selection_columns": _selected_for(sheet, extras.selection),
+            "traced": sorted(extras.traces),
+            "manifest": manifest,
+            "numbers": numbers,
+            "plotly": plotly(),
+            "style": insert(_PACKAGE, "page.css"),
+            "script": Markup("\n").join(insert(_PACKAGE, f"script/{name}.js") for name in _SCRIPTS),
+        }
+    )
+
+
+def _words(sheet: Sheet) -> dict[str, Any]:
+    doubtful = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    return {
+        "verdict": verdict(sheet),
+        "tiles": tiles(sheet),
+        "doubtful": doubtful[:_DOUBTFUL],
+        "more_doubtful": max(0, len(doubtful) - _DOUBTFUL),
+        "versions": versions(),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
+
+
+def _choices(sheet: Sheet) -> dict[str, Any]:
+    """Return what may be chosen, and what is chosen at first: what the study is about, against what follows."""
+    columns = shown_columns(sheet)
+    first, *others = (columns.index(column) for column in sheet.principal)
+    return {
+        "columns": columns,
+        "colors": build_colors(len(sheet.builds)),
+        "present": [set(column.tolist()) for column in sheet.placed.T],
+        "focus": first,
+        "against": set(others[:_TRADES]),
+        "colored": telling_corner(sheet, columns[first]),
+        "spreads": any(column.spread is not None for column in columns),
+    }
+
+
+def _effects(sheet: Sheet, terms: Sequence[Sensitivity]) -> dict[str, Any]:
+    columns = shown_columns(sheet)
+    places = {column.name: k for k, column in enumerate(columns)}
+    return {
+        "shares": shares(terms, places),
+        "factor_names": [factor.name for factor in terms[0].factors] if terms else [],
+        "matters": MATTERS,
+        "extremes": extremes(columns),
+    }
+
+
+def _groups(sheet: Sheet, selection: Mapping[str, Sequence[int]]) -> list[tuple[str, list[int]]]:
+    """Return the rows of each group of selected setups; those that the study does not have are left out."""
+    found = ((title, [sheet.row(number) for number in numbers]) for title, numbers in selection.items())
+    return [(title, kept) for title, rows in found if (kept := [row for row in rows if row is not None])]
+
+
+def _selected_for(sheet: Sheet, selection: Mapping[str, Sequence[int]]) -> list[Column]:
+    """Return the measures that groups of selected setups are named after; the one that ranks where none is."""
+    named = [column for column in sheet.measures if any(title.startswith(column.name) for title in selection)]
+    return named or [sheet.ranked_by]

@@ -1,0 +1,122 @@
+// What the reader does, and the start.
+
+function switchUnits(event) {
+  state.metric = event.target.value === "metric";
+  document.body.classList.toggle("metric", state.metric);
+  if (!data) return;
+  drawSetup();
+  redrawTraces();
+  drawSensitivity();
+  update();
+}
+
+function switchBuild(event) {
+  const { corner, build } = event.target.dataset, off = state.off[Number(corner)];
+  if (event.target.checked) off.delete(Number(build)); else off.add(Number(build));
+  update();
+}
+
+/** A corner's name switches all of its builds on, or all off where all are on. */
+function switchCorner(event) {
+  const corner = Number(event.target.dataset.all), boxes = document.querySelectorAll(`#builds input[data-corner="${corner}"]`);
+  const wanted = state.off[corner].size > 0;
+  for (const box of boxes) {
+    box.checked = wanted;
+    if (wanted) state.off[corner].delete(Number(box.dataset.build)); else state.off[corner].add(Number(box.dataset.build));
+  }
+  update();
+}
+
+function clearAll() {
+  for (const set of state.off) set.clear();
+  for (const box of document.querySelectorAll("#builds input")) box.checked = true;
+  for (const box of document.querySelectorAll("#kept input")) { box.checked = false; state.kept[box.value] = false; }
+  state.words = document.getElementById("find").value = "";
+  unbrush();
+}
+
+const quoted = (text) => `"${String(text).replace(/"/g, '""')}"`;
+
+/** The rows that the table lists, as CSV in the units that are shown. */
+function download() {
+  const names = ["rank", "setup", ...manifest.corners, ...data.columns.map((column) => column.name)];
+  const units = ["", "", ...manifest.corners.map(() => ""), ...data.columns.map(unit)];
+  const lines = listed.map((row) => [data.rank[row], data.numbers[row], ...label(row),
+    ...data.columns.map((column) => convert(column, column.values[row]))]);
+  const text = [names, units, ...lines].map((line) => line.map(quoted).join(",")).join("\r\n");
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text + "\r\n"], { type: "text/csv" }));
+  link.download = "setups.csv";
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+function on(id, event, action) {
+  document.getElementById(id).addEventListener(event, action);
+}
+
+function listenFilters() {
+  on("builds", "change", switchBuild);
+  for (const button of document.querySelectorAll("[data-all]")) button.addEventListener("click", switchCorner);
+  on("find", "input", (event) => { state.words = event.target.value; update(); });
+  on("kept", "change", (event) => { state.kept[event.target.value] = event.target.checked; update(); });
+  on("clear", "click", clearAll);
+  on("unbrush", "click", unbrush);
+  on("download", "click", download);
+  on("unpick", "click", () => { state.picked.clear(); update(); });
+  document.addEventListener("keydown", (event) => { if (event.key === "Escape") unbrush(); });
+}
+
+function listenViews() {
+  on("focus", "change", (event) => focusOn(Number(event.target.value)));
+  on("colored", "change", (event) => { state.colored = Number(event.target.value); update(); });
+  on("against", "change", () => { makeTrades(); update(); });
+  on("pick-current", "change", (event) => pick(state.current, event.target.checked));
+  on("with-baseline", "change", redrawTraces);
+  on("whole", "click", () => zoomTraces(wholeOf(traceOf(state.current))));
+  document.getElementById("pair")?.addEventListener("change", drawSensitivity);
+  for (const line of document.querySelectorAll("[data-setup]")) {
+    line.addEventListener("click", () => { choose(Number(line.dataset.setup)); });
+  }
+  for (const line of document.querySelectorAll("#shares tr[data-column]")) {
+    line.addEventListener("click", () => focusOn(Number(line.dataset.column)));
+  }
+  window.addEventListener("resize", () => update());
+}
+
+function listenPrint() {
+  window.addEventListener("beforeprint", () => {
+    printing = true;
+    drawPanels(true);
+    fillWindow(Math.min(listed.length, 60));
+  });
+  window.addEventListener("afterprint", () => { printing = false; update(); });
+}
+
+/** A browser that reloads a page keeps what was chosen in its boxes; the page begins anew. */
+function asWritten() {
+  for (const box of document.querySelectorAll("input[type=checkbox], input[type=radio]")) box.checked = box.defaultChecked;
+  for (const box of document.querySelectorAll("input[type=search]")) box.value = "";
+}
+
+asWritten();
+for (const box of document.querySelectorAll("input[name=units]")) box.addEventListener("change", switchUnits);
+try {
+  data = opened(await unpacked("numbers"));
+  for (const row of manifest.picked) state.picked.add(row);
+  state.focus = Number(document.getElementById("focus").value);
+  state.current = manifest.best;
+  listenTable();
+  listenFilters();
+  listenViews();
+  listenPrint();
+  sieve();
+  makeTrends();
+  focusOn(state.focus);
+  drawSetup();
+  document.body.dataset.ready = "yes";
+} catch (error) {
+  const trouble = document.getElementById("trouble");
+  trouble.textContent = `The page cannot be drawn (${error}); it needs a browser of 2023 or later.`;
+  trouble.hidden = false;
+}

@@ -1,0 +1,157 @@
+// One setup: its builds, its levels beside the baseline's and the best's, its time traces.
+
+const PLOT = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"] };
+const AXIS = { gridcolor: "#e6e9ee", zeroline: false, linecolor: "#b9c1cb", ticks: "outside", tickcolor: "#b9c1cb" };
+const LINES = ["#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f"];
+const DRAWN = 700; // pairs of points per line
+
+function cornersOf(row) {
+  const place = document.createElement("div");
+  place.className = "car";
+  label(row).forEach((build, corner) => {
+    const tile = document.createElement("div");
+    tile.style.setProperty("--build", manifest.colors[data.placed[corner][row]]);
+    tile.innerHTML = "<b></b><span></span>";
+    tile.firstChild.textContent = manifest.corners[corner].toUpperCase();
+    tile.lastChild.textContent = build;
+    place.append(tile);
+  });
+  return place;
+}
+
+function standing(row) {
+  const number = data.numbers[row];
+  if (manifest.failures[row]) return `Setup ${number} failed: ${manifest.failures[row]}`;
+  const place = `Setup ${number} has rank ${data.rank[row]} of ${manifest.done}`;
+  const limits = data.allowed[row] ? "" : "; it does not keep the constraints";
+  const error = Number.isFinite(data.error[row]) ? ` Coupling error ${figure(data.error[row], 2)} %.` : "";
+  return `${place}${limits}.${manifest.marks[row] ? ` Marked: ${manifest.marks[row]}.` : ""}${error}`;
+}
+
+/** Whether two values differ by more than both their spreads; null where those are not known. */
+function differs(column, row, other) {
+  if (!column.spread) return null;
+  return Math.abs(column.values[row] - column.values[other]) > Math.hypot(column.spread[row], column.spread[other]);
+}
+
+function change(column, row, other) {
+  if (other === null) return "";
+  if (other === row) return "itself";
+  const base = column.values[other], percent = (100 * (column.values[row] - base)) / Math.abs(base);
+  if (!Number.isFinite(percent)) return "";
+  return `${signed(percent, 3)} %${differs(column, row, other) === false ? " (within noise)" : ""}`;
+}
+
+function compared(row) {
+  const body = document.getElementById("compared").tBodies[0];
+  body.replaceChildren();
+  for (const column of data.columns) {
+    const line = body.insertRow(), spread = column.spread ? ` ± ${figure(width(column, column.spread[row]), 2)}` : "";
+    cell(line, column.name, "name");
+    cell(line, unit(column), "");
+    cell(line, figure(convert(column, column.values[row])) + spread, "number");
+    cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
+    cell(line, `${figure(100 * column.levels[row], 3)} %`, "number");
+    cell(line, change(column, row, manifest.baseline), "number");
+    cell(line, change(column, row, manifest.best), "number");
+  }
+}
+
+function drawSetup() {
+  const row = state.current;
+  document.getElementById("setup-empty").hidden = row !== null;
+  document.getElementById("setup-card").hidden = row === null;
+  if (row === null) return;
+  document.getElementById("standing").textContent = standing(row);
+  document.getElementById("corners").replaceChildren(cornersOf(row));
+  const box = document.getElementById("pick-current");
+  box.checked = state.picked.has(row);
+  compared(row);
+  drawTraces(row);
+}
+
+const traceOf = (row) => (row === null ? undefined : manifest.traces[data.numbers[row]]);
+
+function drawTraces(row) {
+  const trace = traceOf(row), command = document.getElementById("no-traces");
+  const place = document.getElementById("traces");
+  command.hidden = Boolean(trace);
+  document.getElementById("has-traces").hidden = !trace;
+  place.replaceChildren();
+  const wanted = manifest.trace_command.replace("{setup}", data.numbers[row]);
+  document.getElementById("command").textContent = wanted;
+  document.getElementById("command-place").hidden = !wanted;
+  if (!trace) return;
+  for (const quantity of [...new Set(trace.channels.map((channel) => channel.quantity))]) {
+    const one = made(place, "trace", `${quantity} of setup ${data.numbers[row]}`);
+    one.quantity = quantity;
+    traceWatch.observe(one);
+  }
+}
+
+const traceWatch = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) if (isIntersecting) drawTrace(target);
+}, { rootMargin: "300px" });
+
+/** Least and greatest of every few samples: no peak is lost. */
+function thinned(values, time) {
+  const few = Math.max(1, Math.ceil(values.length / DRAWN)), kept = [];
+  for (let start = 0; start < values.length; start += few) {
+    let least = start, greatest = start;
+    for (let k = start; k < Math.min(values.length, start + few); k++) {
+      if (values[k] < values[least]) least = k;
+      if (values[k] > values[greatest]) greatest = k;
+    }
+    kept.push(Math.min(least, greatest));
+    if (least !== greatest) kept.push(Math.max(least, greatest));
+  }
+  return { x: kept.map((k) => time[k]), y: kept.map((k) => values[k]) };
+}
+
+function lineOf(trace, channel, span, color, dash, name) {
+  const time = new Float64Array(data.bytes, trace.at, trace.count), values = samples(channel, trace.count);
+  const first = time.findIndex((moment) => moment >= span[0]), after = time.findIndex((moment) => moment > span[1]);
+  const last = after < 0 ? time.length : after;
+  const { x, y } = thinned(values.subarray(first, last), time.subarray(first, last));
+  return { type: "scatter", mode: "lines", name, x, y: y.map((value) => convert(channel, value)),
+    line: { color, width: dash ? 1 : 1.4, dash: dash || "solid" }, hovertemplate: `%{y:.4~g} ${unit(channel)}` };
+}
+
+const wholeOf = (trace) => [trace.from, trace.to];
+const wanted = () => document.getElementById("with-baseline").checked;
+
+async function drawTrace(place) {
+  await loadPlotly();
+  if (!place.isConnected) return;
+  const trace = traceOf(state.current), other = wanted() && state.current !== manifest.baseline ? traceOf(manifest.baseline) : null;
+  if (!trace) return;
+  const span = state.span || [trace.from, Math.min(trace.to, trace.from + 4)];
+  const channels = trace.channels.filter((channel) => channel.quantity === place.quantity);
+  const twin = (channel) => other && other.channels.find(({ name }) => name === channel.name);
+  const lines = channels.flatMap((channel, k) => [
+    ...(twin(channel) ? [lineOf(other, twin(channel), span, `${LINES[k % LINES.length]}80`, "dot", `${plain(channel.name)}, baseline`)] : []),
+    lineOf(trace, channel, span, LINES[k % LINES.length], "", plain(channel.name))]);
+  const layout = { margin: { l: 64, r: 10, t: 24, b: 38 }, height: 230, hovermode: "x unified", dragmode: "zoom",
+    font: { family: "system-ui, sans-serif", size: 12, color: INK }, paper_bgcolor: "#fff", plot_bgcolor: "#fff",
+    modebar: { bgcolor: "rgba(0,0,0,0)" }, legend: { font: { size: 11 } }, hoverlabel: { namelength: 40, font: { size: 11 } },
+    xaxis: { ...AXIS, range: span, title: { text: "time [s]", font: { size: 12 }, standoff: 4 } },
+    yaxis: { ...AXIS, fixedrange: true, title: { text: `${plain(place.quantity)}${inUnit(channels[0])}`, font: { size: 12 } } } };
+  Plotly.react(place, lines, layout, PLOT);
+  if (place.listens) return;
+  place.listens = true;
+  place.on("plotly_relayout", (changed) => {
+    if ("xaxis.range[0]" in changed) zoomTraces([changed["xaxis.range[0]"], changed["xaxis.range[1]"]]);
+    else if (changed["xaxis.autorange"]) zoomTraces(wholeOf(traceOf(state.current)));
+  });
+}
+
+const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+
+function zoomTraces(span) {
+  state.span = span;
+  for (const place of document.querySelectorAll("#traces .trace")) if (place.listens) drawTrace(place);
+}
+
+function redrawTraces() {
+  for (const place of document.querySelectorAll("#traces .trace")) if (place.listens) drawTrace(place);
+}

@@ -1,0 +1,108 @@
+// What the reader has chosen, and which setups that leaves.
+
+let data; // see store.js
+let shown; // one byte per setup: it passes the filters and lies in the brush
+let waiting = false;
+
+const state = {
+  metric: false,
+  focus: 0, // the column whose levels and trade-offs are drawn
+  colored: 0, // the corner whose build gives a setup its colour
+  sort: { key: "rank", falling: false },
+  off: manifest.corners.map(() => new Set()), // builds filtered out, by corner
+  words: "",
+  kept: { allowed: false, unmarked: false, picked: false },
+  brush: null, // { panel, points: (row) => [x, y], from: [x, y], to: [x, y] }
+  picked: new Set(),
+  current: null,
+};
+
+const label = (row) => manifest.corners.map((_, corner) => manifest.builds[data.placed[corner][row]]);
+const unit = (column) => {
+  const { unit: name } = state.metric ? column.metric : column.us;
+  return name === "1" ? "" : name;
+};
+const inUnit = (column) => (unit(column) ? ` [${unit(column)}]` : "");
+const convert = (scale, value) => {
+  const shownAs = state.metric ? scale.metric : scale.us;
+  return shownAs.factor * value + shownAs.offset;
+};
+const width = (scale, value) => (state.metric ? scale.metric : scale.us).factor * value;
+
+/** Four significant digits, with a true minus sign. */
+function figure(value, digits = 4) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size !== 0 && (size >= 1e5 || size < 1e-4)) return powered(value.toExponential(digits - 1));
+  return minus(value.toFixed(size === 0 ? 0 : Math.max(0, digits - 1 - Math.floor(Math.log10(size) + 1e-9))));
+}
+
+const minus = (text) => text.replace("-", "−");
+const raised = (digits) => [...digits].map((digit) => (digit === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit])).join("");
+
+function powered(text) { // 1.2e-5 as 1.2·10⁻⁵
+  const [mantissa, exponent] = text.split("e");
+  return `${minus(mantissa)}·10${raised(exponent.replace("+", ""))}`;
+}
+
+const signed = (value, digits) => (value > 0 ? "+" : "") + figure(value, digits);
+
+function brushed(row) {
+  if (!state.brush) return true;
+  const [x, y] = state.brush.point(row), { from, to } = state.brush;
+  return x >= from[0] && x <= to[0] && y >= from[1] && y <= to[1];
+}
+
+function matches(row, words) {
+  if (!words.length) return true;
+  const text = `${data.numbers[row]} ${label(row).join(" ")} ${manifest.marks[row] || ""}`.toLowerCase();
+  return words.every((word) => text.includes(word));
+}
+
+function filtered(row, words) {
+  if (state.off.some((builds, corner) => builds.has(data.placed[corner][row]))) return false;
+  if (state.kept.allowed && !data.allowed[row]) return false;
+  if (state.kept.unmarked && (manifest.marks[row] || manifest.failures[row])) return false;
+  if (state.kept.picked && !state.picked.has(row)) return false;
+  return matches(row, words);
+}
+
+function sieve() {
+  const words = state.words.toLowerCase().split(/\s+/).filter(Boolean);
+  shown = new Uint8Array(data.count);
+  for (let row = 0; row < data.count; row++) shown[row] = filtered(row, words) && brushed(row) ? 1 : 0;
+}
+
+/** Draw all that depends on the choice, once per frame however often it changes. */
+function update() {
+  if (waiting) return;
+  waiting = true;
+  requestAnimationFrame(() => {
+    waiting = false;
+    sieve();
+    tellChoice();
+    fillTable();
+    drawPanels();
+  });
+}
+
+function tellChoice() {
+  let count = 0;
+  for (const one of shown) count += one;
+  document.getElementById("shown").textContent = `${count} of ${data.count} setups`;
+  document.getElementById("unbrush").hidden = !state.brush;
+  document.getElementById("pickings").textContent = state.picked.size;
+  document.getElementById("chosen").textContent = state.current === null ? "none"
+    : `${data.numbers[state.current]}: ${label(state.current).join(" · ")}`;
+}
+
+function choose(row) {
+  state.current = row;
+  drawSetup();
+  update();
+}
+
+function pick(row, wanted) {
+  if (wanted) state.picked.add(row); else state.picked.delete(row);
+  update();
+}

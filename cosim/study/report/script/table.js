@@ -1,0 +1,136 @@
+// The ranking: as many rows as the window shows, however many there are.
+
+const ROW = 26; // pixels, as page.css has it
+const MORE = 8; // rows above and below those that are seen
+const table = document.getElementById("ranking");
+const pane = document.getElementById("ranking-pane");
+let listed = []; // rows in the order of the table
+
+const heads = () => [
+  { key: "pick", text: "", sortable: false, kind: "pick" },
+  { key: "rank", text: "rank", kind: "number rank" },
+  { key: "number", text: "setup", kind: "number" },
+  ...manifest.corners.map((corner, k) => ({ key: `corner${k}`, text: corner.toUpperCase(), kind: "build" })),
+  ...data.columns.map((column, k) => ({ key: `column${k}`, text: column.name + inUnit(column), kind: "number level" })),
+  { key: "error", text: "coupling error [%]", kind: "number" },
+  { key: "marks", text: "marks", kind: "marks" },
+];
+
+function keyOf(key) {
+  if (key === "rank") return data.rank;
+  if (key === "number") return data.numbers;
+  if (key === "error") return data.error;
+  if (key === "marks") return Float64Array.from({ length: data.count }, (_, row) => (remark(row) ? 0 : 1));
+  const place = Number(key.match(/\d+/)[0]);
+  return key.startsWith("corner") ? data.placed[place] : data.columns[place].values;
+}
+
+/** Sort what passes the filters; equals by rank, setups without a value last either way. */
+function sorted() {
+  const rows = [];
+  for (let row = 0; row < data.count; row++) if (shown[row]) rows.push(row);
+  const by = keyOf(state.sort.key), sign = state.sort.falling ? -1 : 1;
+  return rows.sort((a, b) => Number(isNaN(by[a])) - Number(isNaN(by[b])) || sign * (by[a] - by[b])
+    || data.rank[a] - data.rank[b]);
+}
+
+function fillHead() {
+  table.tHead.innerHTML = "";
+  const line = table.tHead.insertRow();
+  for (const { key, text, kind, sortable = true } of heads()) {
+    const cell = document.createElement("th");
+    cell.className = kind;
+    cell.dataset.key = key;
+    if (sortable) {
+      const sort = key === state.sort.key ? (state.sort.falling ? "descending" : "ascending") : "none";
+      cell.setAttribute("aria-sort", sort);
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = text;
+      cell.append(button);
+    }
+    line.append(cell);
+  }
+}
+
+const remark = (row) => manifest.failures[row]
+  || [manifest.marks[row], data.allowed[row] ? "" : "over a limit"].filter(Boolean).join(", ");
+
+function cell(line, text, kind) {
+  const made = line.insertCell();
+  made.className = kind;
+  made.textContent = text;
+  return made;
+}
+
+function fillRow(row) {
+  const line = document.createElement("tr");
+  line.dataset.row = row;
+  line.className = [row === state.current && "current", row === manifest.baseline && "baseline",
+    manifest.failures[row] && "failed"].filter(Boolean).join(" ");
+  const box = document.createElement("input");
+  box.type = "checkbox";
+  box.checked = state.picked.has(row);
+  box.setAttribute("aria-label", `pick setup ${data.numbers[row]}`);
+  cell(line, "", "pick").append(box);
+  cell(line, manifest.failures[row] ? "–" : data.rank[row], "number rank");
+  cell(line, data.numbers[row], "number");
+  for (const corner of manifest.corners.keys()) {
+    const build = data.placed[corner][row];
+    cell(line, manifest.builds[build], "build").style.setProperty("--build", manifest.colors[build]);
+  }
+  for (const column of data.columns) {
+    const here = cell(line, figure(convert(column, column.values[row])), "number level");
+    here.style.setProperty("--level", `${100 * (column.levels[row] || 0)}%`);
+  }
+  cell(line, figure(data.error[row], 2), "number");
+  const last = cell(line, remark(row), "marks");
+  last.title = remark(row);
+  return line;
+}
+
+function fillTable() {
+  fillHead();
+  listed = sorted();
+  fillWindow();
+}
+
+function spacer(height) {
+  const line = document.createElement("tr");
+  line.className = "spacer";
+  line.style.height = `${height}px`;
+  return line;
+}
+
+/** Write the rows that are seen, between two empty ones as high as all the others. */
+function fillWindow(all = 0) {
+  const first = Math.max(0, Math.floor(pane.scrollTop / ROW) - MORE);
+  const last = all || Math.min(listed.length, first + Math.ceil(pane.clientHeight / ROW) + 2 * MORE);
+  const body = document.createElement("tbody");
+  body.append(spacer(ROW * first), ...listed.slice(first, last).map(fillRow), spacer(ROW * Math.max(0, listed.length - last)));
+  table.tBodies[0].replaceWith(body);
+  document.getElementById("nothing").hidden = listed.length > 0;
+}
+
+function sortBy(key) {
+  state.sort = { key, falling: state.sort.key === key && !state.sort.falling };
+  pane.scrollTop = 0;
+  update();
+}
+
+function onTableClick(event) {
+  const head = event.target.closest("th[aria-sort]"), line = event.target.closest("tbody tr[data-row]");
+  if (head) sortBy(head.dataset.key);
+  else if (event.target.matches("input")) pick(Number(line.dataset.row), event.target.checked);
+  else if (line) choose(Number(line.dataset.row));
+}
+
+function listenTable() {
+  table.addEventListener("click", onTableClick);
+  let asked = false;
+  pane.addEventListener("scroll", () => {
+    if (asked) return;
+    asked = true;
+    requestAnimationFrame(() => { asked = false; fillWindow(); });
+  });
+}

@@ -1,0 +1,127 @@
+"""What the page says in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+
+import numpy as np
+
+from cosim.report.figures import figure, percent
+from cosim.study.report.scale import Scale, Shown
+from cosim.study.report.sheet import Column, Sheet
+from cosim.study.sensitivity import Sensitivity
+
+#: Share of a measure's variance [1] from which a corner is said to matter to it.
+MATTERS = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The page's first sentence: `good`, `open` or `bad`, the answer, and what there is to say of it."""
+
+    kind: str
+    answer: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A figure at the head of the page; `value` in US customary units and in metric ones."""
+
+    what: str
+    us: str
+    metric: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """How much of a measure's variance each corner accounts for, with its interactions [1], and the rest."""
+
+    column: int
+    name: str
+    totals: tuple[float, ...]
+    interactions: float
+    method: str
+
+
+def verdict(sheet: Sheet) -> Verdict:
+    """Return whether there is a best setup, and how much of the study stands behind it."""
+    failed, marked = len(sheet.failures), len(sheet.marks)
+    done, feasible = int(sheet.done.sum()), int(np.sum(sheet.allowed & sheet.done))
+    reason = f"{done} setups ran{f', {failed} failed' if failed else ''}{f', {marked} marked' if marked else ''}. "
+    if not done:
+        return Verdict("bad", "No setup ran.", "The list of failures below says why.")
+    if not feasible:
+        return Verdict("bad", "No setup keeps all constraints.", reason + "They are ranked all the same.")
+    best = int(sheet.order[0])
+    doubt = failed or marked or sheet.background.notes
+    answer = f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
+    kept = f"{feasible} keep all constraints. " if sheet.background.constraints else ""
+    return Verdict("open" if doubt else "good", answer, reason + kept)
+
+
+def tiles(sheet: Sheet) -> tuple[Tile, ...]:
+    """Return the figures at the head of the page."""
+    return tuple(_tiles(sheet)) if sheet.done.any() else ()
+
+
+def _tiles(sheet: Sheet) -> Iterator[Tile]:
+    column, best = sheet.ranked_by, int(sheet.order[0])
+    us, metric = _both(column.scale, float(column.values[best]))
+    yield Tile(f"best {column.name}", us, metric, f"setup {sheet.numbers[best]}")
+    if sheet.baseline is not None and sheet.done[sheet.baseline]:
+        base = float(column.values[sheet.baseline])
+        gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
+        yield Tile("best against baseline", gain, gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
+        place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
+        yield Tile("rank of the baseline", place, place, sheet.fitted(sheet.baseline))
+    known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
+    if known.size:
+        worst = percent(float(known.max()))
+        yield Tile("largest coupling error", worst, worst, f"median {percent(float(np.median(known)))}")
+    ran = f"{int(sheet.done.sum())}"
+    yield Tile("setups", ran, ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
+
+
+def _both(scale: Scale, value: float) -> tuple[str, str]:
+    return _with_unit(scale.us, value), _with_unit(scale.metric, value)
+
+
+def _with_unit(shown: Shown, value: float) -> str:
+    return fixed(shown(value)) if shown.unit == "1" else f"{fixed(shown(value))} {shown.unit}"
+
+
+def fixed(value: float, digits: int = 4) -> str:
+    """Return a number with all of its digits, zeros too, so that those of a column stand under each other.
+
+    >>> fixed(162.0), fixed(-0.05)
+    ('162.0', '−0.05000')
+    """
+    if not 1e-4 <= abs(value) < 1e5:
+        return figure(value, digits)
+    places = max(0, digits - 1 - floor(log10(abs(value))))
+    return f"{value:.{places}f}".replace("-", "−")
+
+
+def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
+    """Return per column the rows of its least and its greatest value, as in Table 7.4."""
+    known = [column for column in columns if np.isfinite(column.values).any()]
+    return tuple((column, int(np.nanargmin(column.values)), int(np.nanargmax(column.values))) for column in known)
+
+
+def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Share, ...]:
+    """Return which corner matters for which measure; `places` are the measures' columns."""
+    return tuple(
+        Share(
+            places[one.measure],
+            one.measure,
+            tuple(one.total(factor.name) for factor in one.factors),
+            sum(one.share(*pair) for pair in one.pairs),
+            one.method,
+        )
+        for one in terms
+        if one.measure in places
+    )

@@ -1,0 +1,89 @@
+"""A study's report: the page, figures for papers, a workbook, and tables as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.study.report.csv_tables import write_ranking, write_traces
+from cosim.study.report.figures import write_figures
+from cosim.study.report.from_result import Bands, sensitivities_of, sheet_of
+from cosim.study.report.page import Extras, page
+from cosim.study.report.sheet import Sheet
+from cosim.study.report.workbook import write_workbook
+from cosim.study.result import StudyResult
+from cosim.study.sensitivity import Sensitivity
+from eightpost.files import atomic_path
+from eightpost.signals import TimeSeries
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPaths:
+    """The files of a report.
+
+    Args:
+        page: The page.
+        workbook: Ranking, units and provenance as a workbook.
+        ranking: The ranking as CSV.
+        traces: Traces as CSV, by the setup's number.
+        figures: Figures for papers, as PNG and SVG.
+    """
+
+    page: Path
+    workbook: Path
+    ranking: Path
+    traces: Mapping[int, Path]
+    figures: tuple[Path, ...]
+
+
+def write_study_report(
+    result: StudyResult,
+    out_dir: str | Path,
+    *,
+    traces: Mapping[int, TimeSeries] | None = None,
+    sensitivities: Sequence[Sensitivity] | None = None,
+    selection: Mapping[str, Sequence[int]] | None = None,
+    bands: Bands | None = None,
+    trace_command: str = "",
+) -> ReportPaths:
+    """Write all files of a study's report; nothing is simulated.
+
+    Args:
+        result: Of the study.
+        out_dir: Folder; files of the same name in it are replaced, each only when it is whole.
+        traces: Time traces of some setups by their number: of the best, the worst, the baseline, the selected ones.
+        sensitivities: Of its measures; where not given, they are drawn from the table.
+        selection: Numbers of the setups to confirm on the rig, by what they were selected for; a title that begins with
+            a measure's name shows that measure.
+        bands: Two standard deviations of measures by name [SI], one for all setups or (S,).
+        trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
+
+    Raises:
+        ValueError: A band is of no measure of the study.
+    """
+    sheet = sheet_of(result, bands=bands, trace_command=trace_command)
+    terms = sensitivities_of(result) if sensitivities is None else sensitivities
+    return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection or {}))
+
+
+def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:
+    """Write all files of a report, whatever made its numbers."""
+    folder = Path(out_dir)
+    return ReportPaths(
+        page=_write_page(sheet, folder / "report.html", extras),
+        workbook=write_workbook(sheet, folder / "ranking.xlsx"),
+        ranking=write_ranking(sheet, folder / "ranking.csv"),
+        traces={
+            number: write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
+            for number, series in extras.traces.items()
+        },
+        figures=write_figures(sheet, folder / "figures"),
+    )
+
+
+def _write_page(sheet: Sheet, path: Path, extras: Extras) -> Path:
+    content = page(sheet, extras)
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+    return path
