@@ -90,9 +90,12 @@ class Sweep:
         return result
 
     def _result(self, coupling: Coupling, *, partial: bool) -> StudyResult:
+        table = result_table(list(self._kept.rows()), self._schema)
+        return StudyResult(self.study, table, self._provenance(coupling), partial)
+
+    def _provenance(self, coupling: Coupling) -> Provenance:
         settings = {"coupling": asdict(coupling), "settling": self.study.settling, "accuracy": self.study.accuracy}
-        provenance = Provenance(self.digest, self._guids, self._digests, settings, self._units)
-        return StudyResult(self.study, result_table(list(self._kept.rows()), self._schema), provenance, partial)
+        return Provenance(self.digest, self._guids, self._digests, settings, self._units)
 
 
 def run_study(
