@@ -87,14 +87,15 @@ def optimise(
         evaluate: Runs setups by their numbers (K,).
         evaluations: Most setups to try.
         seed: Of the random numbers.
-        population: Setups in a generation.
+        population: Setups in a generation; no more than evaluations.
         start: Setups by number that the first generation contains, such as the baseline.
 
     Raises:
         InputError: The numbers make no sense, or the extra `optimise` is not installed.
     """
-    if not 2 <= population <= evaluations:
-        raise InputError(f"a generation must have 2 to {evaluations} setups, as many as evaluations, not {population}")
+    population = min(population, evaluations)
+    if population < 2:
+        raise InputError(f"a search needs generations of two setups or more, and as many evaluations, not {population}")
     factors = factors_of(space)
     counts = tuple(len(factor.builds) for factor in factors)
     trials = Trials(space, evaluate)

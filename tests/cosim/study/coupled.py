@@ -1,0 +1,67 @@
+"""A study of real FMUs: the seven-DOF car on a few seconds of the track, one shock FMU with its valving scaled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from cosim.study import work
+from cosim.study.evaluator import Coupling, Row
+from cosim.study.measures import Measure
+from cosim.study.study import Build, Drive, Study, Term, Vehicle
+from cosim.study.workers import Chunk
+
+from .constructed import CORNERS
+
+TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
+
+#: Compression and rebound scales of the shock's static force, by build.
+SCALES = {"soft": (0.5, 0.5), "bump": (1.6, 0.7), "middle": (1.0, 1.0), "rebound": (0.7, 1.6), "stiff": (2.0, 2.0)}
+
+#: A coupling that was not chosen but is fine enough for tests of what is done with it.
+COUPLING = Coupling("gauss-seidel", 1e-3, 1.0, 0.1)
+
+
+def study(fmus: Mapping[str, Path]) -> Study:
+    """Return 25 setups: the front corners are alike, and the rear ones."""
+    names = ("compression_scale", "rebound_scale")
+    bank = {build: Build(fmus["lpnl2"], dict(zip(names, pair, strict=True))) for build, pair in SCALES.items()}
+    tires = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
+    measures = (
+        Measure("total tire force", tires, display="lbf"),
+        Measure("front ride height", ("car.front.ride_height",), display="in"),
+    )
+    return Study(
+        name="coupled",
+        vehicle=Vehicle(fmus["seven_dof"]),
+        bank=bank,
+        corners=dict.fromkeys(CORNERS, tuple(SCALES)),
+        drives=(Drive("track", TRACK, 3.0),),
+        measures=measures,
+        objective=(Term("total tire force", 1.0, "lbf"),),
+        baseline=dict.fromkeys(CORNERS, "middle"),
+        alike=(("lf", "rf"), ("lr", "rr")),
+        settling=0.5,
+    )
+
+
+class InProcess:
+    """Workers that are this process, with a list of all that they ran."""
+
+    count = 1
+
+    def __init__(self) -> None:
+        self.ran: list[int] = []
+
+    def choose(self, study: Study) -> Coupling:
+        return COUPLING
+
+    def rows(
+        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+    ) -> Iterator[tuple[Chunk, list[Row]]]:
+        for chunk in chunks:
+            self.ran.extend(chunk.indices)
+            yield chunk, work.rows(study.to_json(), coupling, chunk.indices)
+
+    def close(self) -> None:
+        pass
