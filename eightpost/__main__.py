@@ -25,11 +25,13 @@ VERBS = {
     "fit": "Fit a shock law to a dynamometer file.",
     "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
+    "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
     "vehicle": "Show modes and frequency responses of a vehicle, and what a parameter does to them.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
     "run": "Run a system of coupled FMUs.",
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
+    "study": "Run every setup of shocks that a study allows, and rank them.",
     "compare": "Compare runs: response measures side by side.",
     "demo": "Run the whole line on shipped data.",
 }

@@ -96,5 +96,5 @@ def _check_window(study: Study, measure: Measure, drive: Drive) -> None:
 def _check_objective(study: Study, found: Mapping[str, str]) -> None:
     for term in study.objective:
         unit = found[term.measure]
-        if not (units.is_unit(term.unit) and units.compatible(term.unit, unit)):
+        if term.unit and not (units.is_unit(term.unit) and units.compatible(term.unit, unit)):
             raise InputError(f"objective: {term.measure!r} is in {unit}, its weight is per {term.unit!r}")

@@ -17,11 +17,16 @@ _AFTER = ("name", "objective", "constraints")
 
 def file_digests(study: Study) -> dict[str, str]:
     """Return SHA-256 of every file that a study reads, by its path."""
+    return {str(path): sha256_of(path) for path in file_paths(study)}
+
+
+def file_paths(study: Study) -> list[Path]:
+    """Return every file that a study reads: FMUs, drivefiles, channel maps, measures of one's own."""
     files = [study.vehicle.fmu, *(build.fmu for build in study.bank.values())]
     for drive in study.drives:
         files += [drive.file, *([drive.channel_map] if drive.channel_map else [])]
-    files += [Path(m.function.rpartition(":")[0]) for m in study.measures if m.function]
-    return {str(path): sha256_of(path) for path in dict.fromkeys(files)}
+    own = [Path(measure.function.rpartition(":")[0]) for measure in study.measures if measure.function]
+    return list(dict.fromkeys([*files, *own]))
 
 
 def study_digest(study: Study, digests: dict[str, str]) -> str:

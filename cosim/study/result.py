@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
-from cosim.study.study import Study
+from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path
@@ -139,11 +139,11 @@ class StudyResult:
         """The objective of every row (R,) (Eq 2.6); None where the study has none."""
         if not self.study.objective:
             return None
-        terms = [
-            term.weight * units.convert(self.values(term.measure), self.unit(term.measure), term.unit)
-            for term in self.study.objective
-        ]
-        return np.asarray(np.sum(terms, axis=0))
+        return np.asarray(np.sum([self._term(term) for term in self.study.objective], axis=0))
+
+    def _term(self, term: Term) -> NDArray[np.float64]:
+        own = self.unit(term.measure)
+        return np.asarray(term.weight * units.convert(self.values(term.measure), own, term.unit or own))
 
     @property
     def feasible(self) -> NDArray[np.bool_]:

@@ -77,11 +77,11 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One term of the objective (Eq 2.6): `weight * value of the measure in unit`."""
+    """One term of the objective (Eq 2.6): `weight * value of the measure in unit`; without a unit, in SI."""
 
     measure: str
-    weight: float
-    unit: str
+    weight: float = 1.0
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)

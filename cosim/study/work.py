@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Sequence
-from functools import lru_cache
 
 from cosim.study.choose_coupling import choose_coupling
 from cosim.study.evaluator import Coupling, Evaluator, Row
 from cosim.study.study import Study
 
+#: Each thread has an evaluator of its own: an FMU's instance is stepped by one at a time.
+_own = threading.local()
 
-@lru_cache(maxsize=2)
+
 def evaluator_for(study: str) -> Evaluator:
-    """Return this process's evaluator of a study, by its JSON."""
-    return Evaluator(Study.from_json(study))
+    """Return this thread's evaluator of a study, by its JSON."""
+    if getattr(_own, "study", None) != study:
+        _own.evaluator, _own.study = Evaluator(Study.from_json(study)), study
+    evaluator: Evaluator = _own.evaluator
+    return evaluator
 
 
 def choose(study: str) -> Coupling:

@@ -1,0 +1,308 @@
+"""A study as a TOML file that a person can write (docs/study.md)."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cosim.component import Variable
+from cosim.conversion import convert_between, named_unit
+from cosim.fmu_component import FmuComponent
+from cosim.study.evaluator import ports
+from cosim.study.families import Car, family
+from cosim.study.measures import Measure
+from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
+from cosim.study.toml_place import line_of, line_with
+from eightpost import units
+from eightpost.errors import FileFormatError, InputError, WiringError
+from eightpost.signals import ChannelMap, Drivefile
+
+SCHEMA = 1
+
+#: A number in SI (of parameters and inputs: in the variable's own unit), or a value with its unit: "2 in/s".
+Value = float | str
+
+#: What makes an FMU of a source: the path of the FMU.
+Sources = Callable[[Path], Path]
+
+_WORDS = {"extra_forbidden": "is no entry of a study file (docs/study.md lists them)", "missing": "is missing"}
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+
+class _Part(_Strict):
+    fmu: str
+    parameters: dict[str, bool | Value] = Field(default_factory=dict)
+
+
+class _Vehicle(_Part):
+    name: str = "car"
+    inputs: dict[str, Value] = Field(default_factory=dict)
+    means: Literal["trusted", "untrusted"] | None = None
+
+
+class _Drive(_Strict):
+    file: str
+    name: str = ""
+    stop: Value | None = None
+    start: Value = 0.0
+    units: dict[str, str] = Field(default_factory=dict)
+    channel_map: str | None = None
+    targets: dict[str, str] = Field(default_factory=dict)
+
+
+class _Measure(_Strict):
+    name: str
+    channels: tuple[str, ...]
+    statistic: str = "rms"
+    display: str = ""
+    weights: tuple[float, ...] = ()
+    band: tuple[Value, Value] | None = None
+    section: tuple[Value, Value] | None = None
+    options: dict[str, Value] = Field(default_factory=dict)
+    drive: str = ""
+    function: str = ""
+    unit: str = ""
+
+
+class _Term(_Strict):
+    measure: str
+    weight: float = 1.0
+    unit: str | None = None
+
+
+class _Constraint(_Strict):
+    measure: str
+    at_least: Value = -inf
+    at_most: Value = inf
+
+
+class _File(_Strict):
+    schema_: int = Field(alias="schema")
+    name: str = ""
+    vehicle: _Vehicle
+    bank: dict[str, _Part | str]
+    corners: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    alike: tuple[tuple[str, ...], ...] = ()
+    baseline: dict[str, str] | str = Field(default_factory=dict)
+    drive: tuple[_Drive, ...]
+    families: tuple[str, ...] = ()
+    measure: tuple[_Measure, ...] = ()
+    objective: tuple[_Term, ...] = ()
+    constraint: tuple[_Constraint, ...] = ()
+    settling: Value = 2.0
+    accuracy: float = Field(default=0.2, gt=0.0)
+    record_step: Value = 4e-3
+
+
+def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
+    """Read a study file; paths in it are relative to it.
+
+    Args:
+        path: The file.
+        fmu: Gives the FMU of a path in the file, which may be a source that an FMU is built from.
+
+    Raises:
+        InputError: The file cannot be read, or an entry is unknown, missing or wrong; the message has its line.
+        FmuError: An FMU cannot be used.
+    """
+    path = Path(path)
+    text = _text(path)
+    content = _content(path, text)
+    try:
+        return _Reader(path, content, fmu).study()
+    except FileFormatError:
+        raise
+    except InputError as error:
+        line = line_with(text, str(error))
+        raise type(error)(f"{path}{f', line {line}' if line else ''}: {error}") from error
+
+
+def source_files(path: str | Path) -> tuple[Path, ...]:
+    """Return the files in a study file that an FMU must first be built from: all that are no .fmu.
+
+    Raises:
+        InputError: As `read_study`.
+    """
+    path = Path(path)
+    content = _content(path, _text(path))
+    parts = [content.vehicle.fmu, *(p if isinstance(p, str) else p.fmu for p in content.bank.values())]
+    return tuple(dict.fromkeys(path.parent / part for part in parts if not part.endswith(".fmu")))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def _content(path: Path, text: str) -> _File:
+    try:
+        found = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not a readable TOML file: {error}") from error
+    if found.get("schema", SCHEMA) != SCHEMA:
+        raise InputError(f"{path}: has schema {found['schema']!r}, this version reads {SCHEMA}; update eightpost")
+    try:
+        return _File.model_validate({"schema": SCHEMA, **found})
+    except ValidationError as error:
+        faults = [_fault(path, text, fault["loc"], fault["type"], fault["msg"]) for fault in error.errors()]
+        raise InputError("; ".join(faults)) from error
+
+
+def _fault(path: Path, text: str, place: tuple[str | int, ...], kind: str, message: str) -> str:
+    line = line_of(text, place)
+    named = ".".join(str(key) for key in place)
+    return f"{path}{f', line {line}' if line else ''}: {named}: {_WORDS.get(kind, message)}"
+
+
+class _Reader:
+    """A file's content with what its FMUs say."""
+
+    def __init__(self, path: Path, content: _File, fmu: Sources) -> None:
+        self._folder, self._path, self._content, self._fmu = path.parent, path, content, fmu
+
+    def study(self) -> Study:
+        """Return the study."""
+        content = self._content
+        vehicle, car = self._vehicle()
+        bank = {name: self._build(name, part) for name, part in content.bank.items()}
+        corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
+        drives = tuple(self._drive(drive) for drive in content.drive)
+        measures = self._measures(vehicle, car, tuple(corners), bank, drives)
+        baseline = content.baseline
+        return Study(
+            name=content.name or self._path.stem,
+            vehicle=vehicle,
+            bank=bank,
+            corners=corners,
+            drives=drives,
+            measures=measures,
+            objective=tuple(_term(term, measures) for term in content.objective),
+            constraints=tuple(_constraint(one) for one in content.constraint),
+            baseline=dict.fromkeys(corners, baseline) if isinstance(baseline, str) else baseline,
+            alike=content.alike,
+            settling=_si(content.settling, "settling"),
+            accuracy=content.accuracy,
+            record_step=_si(content.record_step, "record_step"),
+        )
+
+    def _vehicle(self) -> tuple[Vehicle, FmuComponent]:
+        part = self._content.vehicle
+        source = self._folder / part.fmu
+        fmu = self._fmu(source)
+        car = FmuComponent(fmu, part.name)
+        # A model of masses and springs knows its steady state; one that was identified from a rig does not.
+        trusted = part.means == "trusted" if part.means else source.suffix == ".toml"
+        parameters = {name: _own(car, name, value) for name, value in part.parameters.items()}
+        inputs = {name: float(_own(car, name, value)) for name, value in part.inputs.items()}
+        return Vehicle(fmu, part.name, parameters, inputs, trusted), car
+
+    def _build(self, name: str, part: _Part | str) -> Build:
+        given = _Part(fmu=part) if isinstance(part, str) else part
+        fmu = self._fmu(self._folder / given.fmu)
+        if not given.parameters:
+            return Build(fmu)
+        shock = FmuComponent(fmu, name)
+        return Build(fmu, {key: _own(shock, key, value) for key, value in given.parameters.items()})
+
+    def _drive(self, drive: _Drive) -> Drive:
+        file, mapping = self._folder / drive.file, self._folder / drive.channel_map if drive.channel_map else None
+        start = _si(drive.start, "drive.start")
+        if drive.stop is None:
+            read = Drivefile.read(file, channel_map=ChannelMap.read(mapping) if mapping else None, units=drive.units)
+            stop = float(read.series.time[-1]) - start
+        else:
+            stop = _si(drive.stop, "drive.stop")
+        return Drive(drive.name or file.stem, file, stop, start, drive.units, mapping, drive.targets)
+
+    def _measures(
+        self,
+        vehicle: Vehicle,
+        car: FmuComponent,
+        corners: tuple[str, ...],
+        bank: Mapping[str, Build],
+        drives: tuple[Drive, ...],
+    ) -> tuple[Measure, ...]:
+        """Those of the families, on every drive, then the file's own."""
+        shock = FmuComponent(next(iter(bank.values())).fmu, "shock") if bank else None
+        channels = {f"{vehicle.name}.{name}" for name in car.variables}
+        channels |= {f"{corner}.{name}" for corner in corners for name in (shock.variables if shock else ())}
+        known = Car(vehicle.name, corners, channels)
+        common = [m for name in self._content.families for m in family(name, known)]
+        common = [m for m in common if vehicle.means_trusted or not m.absolute]
+        several = drives if len(drives) > 1 else ()
+        spread = [_of_drive(m, drive) for drive in several for m in common] or common
+        unique = {m.name: m for m in spread}
+        return (*unique.values(), *(self._measure(m) for m in self._content.measure))
+
+    def _measure(self, given: _Measure) -> Measure:
+        what = f"measure {given.name!r}"
+        function = given.function
+        if function:
+            file, colon, name = function.rpartition(":")
+            function = f"{(self._folder / file).resolve()}{colon}{name}"
+        return Measure(
+            name=given.name,
+            channels=given.channels,
+            statistic=given.statistic,
+            display=given.display,
+            weights=given.weights,
+            band=_pair(given.band, f"{what}, band"),
+            section=_pair(given.section, f"{what}, section"),
+            options={key: _si(value, f"{what}, {key}") for key, value in given.options.items()},
+            drive=given.drive,
+            function=function,
+            function_unit=given.unit,
+        )
+
+
+def _of_drive(measure: Measure, drive: Drive) -> Measure:
+    return replace(measure, name=f"{drive.name}: {measure.name}", drive=drive.name)
+
+
+def _term(term: _Term, measures: tuple[Measure, ...]) -> Term:
+    shown = {m.name: m.display for m in measures}
+    return Term(term.measure, term.weight, term.unit or shown.get(term.measure, ""))
+
+
+def _constraint(given: _Constraint) -> Constraint:
+    what = f"constraint {given.measure!r}"
+    return Constraint(given.measure, _si(given.at_least, what), _si(given.at_most, what))
+
+
+def _pair(pair: tuple[Value, Value] | None, what: str) -> tuple[float, float] | None:
+    return None if pair is None else (_si(pair[0], what), _si(pair[1], what))
+
+
+def _si(value: Value, what: str) -> float:
+    """A number, or a value with its unit, in SI."""
+    if not isinstance(value, str):
+        return value
+    try:
+        number, unit = units.quantity(value)
+        return units.convert(number, unit, units.si_unit(unit))
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
+def _own(component: FmuComponent, name: str, value: bool | Value) -> bool | Value:
+    """A value in the variable's own unit; numbers are in it already."""
+    variable: Variable | None = component.variables.get(name)
+    if variable is None:
+        raise WiringError(f"{component.source} has no variable {name!r}")
+    if not isinstance(value, str) or variable.type != "Real":
+        return value
+    number, unit = units.quantity(value)
+    return convert_between(named_unit(unit), variable.unit, f"{name} = {value!r}")(number)

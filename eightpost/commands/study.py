@@ -1,0 +1,235 @@
+"""`eightpost study`."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+from cosim.study.evaluator import Coupling
+from cosim.study.report import ReportPaths, write_study_report
+from cosim.study.result import StudyResult
+from cosim.study.study import Study
+from cosim.study.study_file import read_study, source_files
+from cosim.study.sweep import Sweep
+from cosim.study.trace import traces
+from cosim.study.workers import ProcessWorkers, Workers
+from eightpost.commands.build import build_with_progress
+from eightpost.errors import InputError
+from eightpost.files import check_output_folder
+from eightpost.signals import write_series
+
+#: Failed setups that are named one by one, and measures that stand in the ranking.
+_NAMED, _SHOWN = 5, 3
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+              help="Folder for results.parquet, the report, and what is done so far.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Run the setups on a Dask cluster: tcp://host:8786 (docs/scale.md).")  # fmt: skip
+@click.option("--rank", metavar="MEASURE", help="Rank by this measure, least first; default the study's objective.")
+@click.option("--top", type=click.IntRange(min=1), default=10, show_default=True, help="Rows of the ranking.")
+@click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
+              help="Also write the time traces of this setup to traces/NUMBER.parquet; it is run again.")  # fmt: skip
+@click.pass_context
+def study(
+    ctx: click.Context,
+    study_file: Path,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    rank: str | None,
+    top: int,
+    traced: tuple[int, ...],
+) -> None:
+    """Run every setup of shocks that a study allows, and rank them.
+
+    STUDY is a TOML file: a vehicle, a bank of shocks, which may go where, drivefiles, measures, objective and
+    constraints; examples/study.toml is one with comments. FMUs of shock files and vehicle files are built first.
+
+    A study that was stopped, by Ctrl-C or otherwise, goes on where it was left when it is called again with the same
+    folder. Exits 1 if it was stopped or setups failed; 2 if it cannot be run as it stands.
+
+    \b
+    Example:
+      eightpost study examples/study.toml -o out/
+      eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
+      eightpost study examples/study.toml -o out/ --trace 1200
+    """
+    console = Console()
+    check_output_folder(output)
+    described = _read(console, study_file, output)
+    if rank is not None:
+        described.measure(rank)
+    for index in traced:
+        described.space.setup(index)
+    sweep = Sweep(described, output)
+    show_study(console, sweep)
+    with _running(workers, scheduler) as pool:
+        result = run_with_progress(console, sweep, pool)
+    show_result(console, result, rank=rank, top=top)
+    page = write_report(result, output, study_file)
+    for index, series in traces(result, traced).items():
+        write_series(series, output / "traces" / f"{index}.parquet")
+        console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
+    console.print(f"table: {sweep.path}", f"page: {page}", sep="\n", highlight=False, soft_wrap=True)
+    ctx.exit(0 if not result.partial and result.done.all() else 1)
+
+
+def _read(console: Console, path: Path, output: Path) -> Study:
+    """Read a study; build the FMUs of its shock and vehicle files first."""
+    sources = source_files(path)
+    folder = output / "fmus"
+    if missing := [source for source in sources if not source.is_file()]:
+        raise InputError(f"{path}: there is no file {missing[0]}")
+    built = build_with_progress(console, sources, folder) if sources else []
+    fmus = {Path(item.source): item.path for item in built}
+    if built:
+        console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
+    return read_study(path, lambda asked: fmus.get(asked, asked))
+
+
+@contextmanager
+def _running(count: int | None, scheduler: str | None) -> Iterator[Workers]:
+    """The workers that were asked for, ended at last."""
+    if scheduler is not None:
+        from cosim.study.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra
+
+        pool: Workers = DaskWorkers(scheduler)
+    else:
+        pool = ProcessWorkers(count or os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+def show_study(console: Console, sweep: Sweep) -> None:
+    """Print what was read."""
+    read = sweep.study
+    total = len(read.space)
+    console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {sweep.left} to be run", highlight=False)
+    console.print(f"vehicle {read.vehicle.fmu}; means {_trust(read)}", highlight=False, soft_wrap=True)
+    console.print(f"bank of {len(read.bank)}: {escape(', '.join(read.bank))}", highlight=False, soft_wrap=True)
+    for corner, builds in read.corners.items():
+        if set(builds) != set(read.bank):
+            console.print(f"{corner} may have {escape(', '.join(builds))}", highlight=False, soft_wrap=True)
+    for group in read.alike:
+        console.print(f"alike: {', '.join(group)}", highlight=False)
+    for drive in read.drives:
+        console.print(
+            f"drive {escape(drive.name)}: {drive.file}, {drive.start:g} to {drive.start + drive.stop:g} s; the first "
+            f"{read.settling:g} s are left out of every measure",
+            highlight=False,
+            soft_wrap=True,
+        )
+    console.print(f"{len(read.measures)} measures; RMS is of what is left when the mean is removed", highlight=False)
+
+
+def _trust(read: Study) -> str:
+    return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that hang on them are left out"
+
+
+def run_with_progress(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
+    """Choose the coupling and run a study behind a progress bar."""
+    with console.status("choosing the coupling step"):
+        coupling = sweep.coupling(workers)
+    show_coupling(console, coupling, sweep.study)
+    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=len(sweep.study.space))
+        return sweep.run(workers, coupling, lambda done, total: bar.update(task, completed=done, total=total))
+
+
+def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
+    """Print how the runs are coupled."""
+    for note in coupling.notes:
+        console.print(escape(note), highlight=False, soft_wrap=True)
+    if coupling.stated_error > read.accuracy:
+        console.print(
+            f"[yellow]note[/] the coupling error of {coupling.stated_error:.2g} % is above the {read.accuracy:g} % "
+            "that was asked for",
+            highlight=False,
+        )
+
+
+def show_result(console: Console, result: StudyResult, *, rank: str | None = None, top: int = 10) -> None:
+    """Print the ranking, and which setups failed or are marked."""
+    rows = result.ranking(rank)
+    console.print(_ranking(result, rows[:top].tolist(), rank))
+    infeasible = int(result.done.sum()) - rows.size
+    if infeasible:
+        console.print(f"{infeasible} setups break a constraint and are not ranked", highlight=False)
+    _show_failed(console, result)
+    _show_marks(console, result)
+    seconds = float(np.sum(result.table["seconds"].to_numpy()))
+    errors = result.table["coupling_error_percent"].drop_null().to_numpy()
+    worst = f"; coupling error up to {float(errors.max()):.2g} %" if errors.size else ""
+    console.print(f"{len(result)} setups, {seconds:.1f} s of workers' time{worst}", highlight=False)
+    if result.partial:
+        console.print("[yellow]partial[/]: call it again with the same folder to go on", highlight=False)
+
+
+def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
+    """A table of rows; the baseline's last, for comparison."""
+    shown = [rank] if rank else _judged(result)
+    objective = result.objective if rank is None else None
+    titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
+    corners = Column(" ".join(result.study.corners), no_wrap=True)
+    table = Table("", "setup", corners, *(["objective"] if objective is not None else []), *titles)
+    baseline = result.baseline_row
+    places = [(str(place), row) for place, row in enumerate(rows, start=1)]
+    places += [("base", baseline)] if baseline is not None and result.done[baseline] else []
+    for place, row in places:
+        values = [] if objective is None else [f"{objective[row]:.4g}"]
+        values += [f"{result.shown(name)[row]:.4g}" for name in shown]
+        table.add_row(place, str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
+    return table
+
+
+def _judged(result: StudyResult) -> list[str]:
+    """Measures of the objective and the constraints; where there are none, the first ones."""
+    read = result.study
+    named = [*(term.measure for term in read.objective), *(one.measure for one in read.constraints)]
+    return list(dict.fromkeys(named or [measure.name for measure in read.measures]))[:_SHOWN]
+
+
+def _show_failed(console: Console, result: StudyResult) -> None:
+    failed = np.flatnonzero(~result.done)
+    for row in failed[:_NAMED]:
+        message = result.table["message"][int(row)].as_py()
+        console.print(f"[red]failed[/] {result.setup(int(row))}: {escape(message)}", highlight=False, soft_wrap=True)
+    if failed.size > _NAMED:
+        console.print(f"[red]failed[/] {failed.size - _NAMED} more; column message of the table says why")
+
+
+def _show_marks(console: Console, result: StudyResult) -> None:
+    """How often each kind of mark was made."""
+    kinds = Counter[str]()
+    for marks in result.table["marks"].to_pylist():
+        found = {kind for kind in ("beyond its fitted velocities", "tire off the ground", "coupling") if kind in marks}
+        kinds.update(found)
+    for kind, count in kinds.items():
+        console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)
+
+
+def write_report(result: StudyResult, output: Path, study_file: Path | None = None) -> Path:
+    """Write the page and its figures and tables, with traces of the best, the worst and the baseline setup."""
+    ranked = result.ranking().tolist()
+    rows = dict.fromkeys([*ranked[:1], *ranked[-1:], *([result.baseline_row] if result.baseline_row else [])])
+    shown = traces(result, [int(result.setups[row]) for row in rows if result.done[row]])
+    command = f"eightpost study {study_file} -o {output} --trace {{setup}}" if study_file else ""
+    paths: ReportPaths = write_study_report(result, output, traces=shown, trace_command=command)
+    return paths.page
