@@ -107,14 +107,18 @@ class FrequencyResponse:
         if not inside.any():
             span = f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
             raise ParameterError(f"no frequency between {low:g} and {high:g} Hz; the response has {span}")
+        return self.at(inside)
+
+    def at(self, chosen: slice | NDArray[np.bool_]) -> FrequencyResponse:
+        """Return some of the frequencies, by position."""
         return FrequencyResponse(
-            self.frequency[inside],
-            self.H[..., inside],
+            self.frequency[chosen],
+            self.H[..., chosen],
             self.inputs,
             self.outputs,
-            None if self.coherence is None else self.coherence[..., inside],
-            None if self.partial_coherence is None else self.partial_coherence[..., inside],
-            None if self.variance is None else self.variance[..., inside],
+            None if self.coherence is None else self.coherence[..., chosen],
+            None if self.partial_coherence is None else self.partial_coherence[..., chosen],
+            None if self.variance is None else self.variance[..., chosen],
         )
 
 

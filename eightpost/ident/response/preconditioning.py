@@ -23,6 +23,10 @@ _POINTS_APART = 1.0
 _LOWEST_END = 2.0
 
 
+#: Residual fits that begin above this [Hz] need no mention: the models' weights end near.
+_NOTABLE_END = 15.0
+
+
 class Preconditioned(NamedTuple):
     """A response that is ready for fits, and what was done to it."""
 
@@ -61,7 +65,7 @@ class Preconditioning:
             H[i, j, :end] = self._smoothed(response.frequency[:end], H[i, j, :end])
             if end < response.frequency.size:
                 H[i, j] = _continued(response.frequency, H[i, j], end)
-                ended += 1
+                ended += int(response.frequency[end] < _NOTABLE_END)
         changed = response.with_response(H)
         if self.zeroed:
             changed = condition(changed, Zeroed(), paths=self.zeroed)

@@ -61,10 +61,12 @@ def balanced(model: StateSpace, input_sizes: Array, output_sizes: Array) -> Bala
     poles = _poles(model.A)
     real = _inverse(modal)
     B, C = modal @ (model.B * input_sizes), (model.C / output_sizes[:, None]) @ real
-    W = -(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])
-    reached = _factor(real @ W @ real.conj().T)
-    W = -(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])
-    seen = _factor(modal.conj().T @ W @ modal)
+    reach = real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T
+    sight = modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal
+    # In units in which each state alone is reached and seen alike: newtons and metres lie far apart.
+    units = (np.diag(sight).real / np.diag(reach).real) ** 0.25
+    reached = _factor(reach * np.outer(units, units)) / units[:, None]
+    seen = _factor(sight / np.outer(units, units)) * units[:, None]
     left, hankel, right = svd(seen.T @ reached, full_matrices=False)
     kept = hankel > np.sqrt(_ROUNDING) * hankel[0]
     root = 1.0 / np.sqrt(hankel[kept])

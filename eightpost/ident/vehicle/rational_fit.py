@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 _REWEIGHTINGS = 10
 _HALVINGS = 12
-_CONVERGED = 1e-12
+#: Steps that lower the cost by less than this part of it end the search; noise leaves more than that undecided.
+_CONVERGED = 1e-6
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eightpost.errors import InputError
+from eightpost.errors import InputError, ParameterError
 from eightpost.ident.vehicle.parallel import parallel_model
 from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.weights import AEROLOADERS, WHEELLOADERS, BandWeights
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 _LAST_ORDERS = (7, 6, 5, 4, 3, 2)
 
 
+#: A higher order that leaves more than this part of the error is fitting noise.
+_NO_BETTER = 0.9
+
+
 class PathFit(NamedTuple):
     """What came out for one path."""
 
@@ -38,6 +42,8 @@ class PathFit(NamedTuple):
     """Smallest damping ratio of its poles [1]."""
     excess: float
     """Its largest response below and above the weighted band over the largest inside [1]."""
+    fastest: float
+    """Its fastest pole over the end of the weighted band [1]."""
 
 
 def has_direct_term(output: str, source: str) -> bool:
@@ -73,15 +79,17 @@ def may_have_direct_term(output: str, source: str) -> bool:
 class SisoFits:
     """How each path is fitted: "denominators from 4 up until acceptable, without artificial modes" (6.3.3).
 
-    A fit is artificial where it has a mode next to no damping, or answers more outside the weighted band than inside:
-    there it was free. Such a fit is taken only where no order, down to 2, has an honest one.
+    A fit is artificial where it has a mode next to no damping, answers more outside the weighted band than inside
+    (there it was free), or has a pole so fast that it is a direct term in disguise. Such a fit is taken only where no
+    order, down to 2, has an honest one.
 
     Attributes:
         orders: Denominator degrees to try, in this order: the first that errs by less than `tolerance` is taken, else
-            the best.
+            the best; no further ones once a higher order is hardly better.
         tolerance: Accepted error of a path [1].
         least_damping: A fit with a mode below this damping ratio is artificial.
         most_excess: A fit is artificial that answers so many times more outside the weighted band than inside [1].
+        most_fastest: A fit is artificial that has a pole so many times beyond the end of the weighted band [1].
         dt: Sample time of discrete models [s] (invfreqz), or None for continuous ones (invfreqs).
         weights: By input; inputs that are not there have `AEROLOADERS` where their name says so, else `WHEELLOADERS`.
         direct: Says which paths (output, input) have a direct term.
@@ -91,6 +99,7 @@ class SisoFits:
     tolerance: float = 0.02
     least_damping: float = 0.01
     most_excess: float = 2.0
+    most_fastest: float = 10.0
     dt: float | None = None
     weights: Mapping[str, BandWeights] = field(default_factory=dict)
     direct: Callable[[str, str], bool] = has_direct_term
@@ -123,22 +132,29 @@ class SisoFits:
     def _fit_path(self, frequency: Array, H: Complex, weight: Array, direct: bool) -> PathFit:
         found = []
         for order in self.orders:
-            found.append(self._fit_order(order, (frequency, H, weight), direct))
-            if found[-1].error <= self.tolerance and self._is_honest(found[-1]):
+            found += self._fit_order(order, (frequency, H, weight), direct)
+            if found and found[-1].error <= self.tolerance and self._is_honest(found[-1]):
                 return found[-1]
+            if len(found) > 1 and self._is_honest(found[-2]) and found[-1].error > _NO_BETTER * found[-2].error:
+                break
         for order in _LAST_ORDERS:
             if any(map(self._is_honest, found)):
                 break
-            found.append(self._fit_order(order, (frequency, H, weight), direct))
+            found += self._fit_order(order, (frequency, H, weight), direct)
         honest = [fit for fit in found if self._is_honest(fit)]
         return min(honest or found, key=lambda fit: fit.error)
 
-    def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> PathFit:
-        model = RationalFit(order, order if direct else order - 1, self.dt).fit(*data)
-        return _judged(model, *data)
+    def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
+        """Return the fit, or none where two of its poles fall together."""
+        try:
+            model = RationalFit(order, order if direct else order - 1, self.dt).fit(*data)
+        except ParameterError:
+            return []
+        return [_judged(model, *data)]
 
     def _is_honest(self, fit: PathFit) -> bool:
-        return fit.lightest >= self.least_damping and fit.excess <= self.most_excess
+        calm = fit.excess <= self.most_excess and fit.fastest <= self.most_fastest
+        return calm and fit.lightest >= self.least_damping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,14 +181,20 @@ def _judged(model: TransferFunction, frequency: Array, H: Complex, weight: Array
     used = weight > 0.0
     wrong = np.sum(weight[used] * np.abs(model.frequency_response(frequency[used]) - H[used]) ** 2)
     whole = np.sum(weight[used] * np.abs(H[used]) ** 2)
-    lightest = min(mode.damping_ratio for mode in model.modes())
-    return PathFit(model, float(np.sqrt(wrong / whole)), lightest, _excess(model, frequency[used], H[used]))
+    modes = model.modes()
+    return PathFit(
+        model,
+        float(np.sqrt(wrong / whole)),
+        min(mode.damping_ratio for mode in modes),
+        _excess(model, frequency[used], H[used]),
+        max(mode.frequency_hz for mode in modes) / float(frequency[used][-1]),
+    )
 
 
 def _excess(model: TransferFunction, frequency: Array, H: Complex) -> float:
     """Return how far a fit goes beyond its data outside the band (K,) of them: down to 0 and up to four times it."""
     low, high = float(frequency[0]), float(frequency[-1])
-    outside = np.concatenate((np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
+    outside = np.concatenate(([0.0], np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
     if model.dt is not None:
         outside = outside[outside < 0.5 / model.dt]
     return float(np.abs(model.frequency_response(outside)).max() / np.abs(H).max())
