@@ -24,7 +24,7 @@ from eightpost.rig.post import RigTest, stand_in_truth
 from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 
-from .linear_rig import RATE, car, record, spectrum
+from ..linear_rig import RATE, car, record, spectrum
 
 CORNERS = ("lf", "rf", "lr", "rr")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,13 @@ Array = NDArray[np.float64]
 
 RATE = 1250.0
 DAMPING = convert(17.5, "lbf/(in/s)", "N.s/m")
+PORTS = {"quarter_car": ("",), "seven_dof": ("lf", "rf", "lr", "rr")}
 
 
-def car(name: str, damping: float = DAMPING) -> StateSpace:
-    """A car of the dissertation with linear dampers."""
+def car(name: str, damping: Mapping[str, float] | None = None) -> StateSpace:
+    """A car of the dissertation with linear dampers, given by port where they are not `DAMPING`."""
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
-    ports = [n.removesuffix("force").rstrip(".") for n in model.input_names if n in ("force", "lf.force")]
-    ports = ports if name == "quarter_car" else ["lf", "rf", "lr", "rr"]
-    return add_port_damping(model, dict.fromkeys(ports, damping))
+    return add_port_damping(model, dict.fromkeys(PORTS[name], DAMPING) | dict(damping or {}))
 
 
 def spectrum(samples: int, highest: float, generator: np.random.Generator) -> NDArray[np.complex128]:
@@ -39,7 +38,7 @@ def record(
     *,
     seconds: float = 10.0,
     seed: int = 1,
-    damping: float = DAMPING,
+    damping: Mapping[str, float] | None = None,
     active: Sequence[str] = (),
     size: float = 1.0,
     noise: float = 1e-3,
@@ -56,12 +55,15 @@ def record(
         if active and channel.name not in active:
             drive[i] = 0.0
     drive *= size
-    lines = np.fft.rfftfreq(samples, 1.0 / RATE)
-    answer = np.einsum("pmk,mk->pk", model.frequency_response(np.maximum(lines, 1e-6)), drive)
+    driven = np.flatnonzero(np.any(drive != 0.0, axis=0))
+    H = model.frequency_response(driven * RATE / samples)
+    answer = np.zeros((len(model.outputs), samples // 2 + 1), dtype=complex)
+    answer[:, driven] = np.einsum("pmk,mk->pk", H, drive[:, driven])
     channels = {c.name: (c.unit, np.fft.irfft(drive[i], samples)) for i, c in enumerate(model.inputs)}
     channels |= {c.name: (c.unit, np.fft.irfft(answer[i], samples)) for i, c in enumerate(model.outputs)}
-    for corner in ("",) if name == "quarter_car" else ("lf.", "rf.", "lr.", "rr."):
-        channels[f"{corner}force"] = ("N", damping * channels[f"{corner}velocity"][1])
+    for port in PORTS[name]:
+        corner, rate = f"{port}." if port else "", (damping or {}).get(port, DAMPING)
+        channels[f"{corner}force"] = ("N", rate * channels[f"{corner}velocity"][1])
     channels = {n: c for n, c in channels.items() if not n.endswith(("position", "spring_force"))}
     measured = {n: (u, v + noise * v.std() * generator.standard_normal(samples)) for n, (u, v) in channels.items()}
     return RigTest(TimeSeries.from_channels(np.arange(samples) / RATE, measured))

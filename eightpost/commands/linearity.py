@@ -1,0 +1,119 @@
+"""`eightpost linearity`: where a linear model can predict a car on the rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from eightpost.files import check_output_folder
+from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
+from eightpost.ident.linearity.plots import plot_conditions, plot_output
+from eightpost.ident.linearity.tables import write_effects, write_paths
+from eightpost.ident.preparation import Decimation, Preparation, prepare
+from eightpost.ident.response import LocalPolynomial
+from eightpost.rig.post import read_rig_test
+from eightpost.signals import ChannelMap
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from eightpost.ident.linearity import Linearity
+    from eightpost.rig.post import RigTest
+
+
+@click.command()
+@click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig_data.md.")
+@click.option("--rate", default=125.0, show_default=True, metavar="HZ", help="Records are decimated to this rate.")
+@click.option("--width", default=0.5, show_default=True, metavar="HZ", help="Of the bands over which noise is told.")
+@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency.")
+@click.option("--coherence", default=0.5, show_default=True, help="A coherence is high from here.")
+@click.option("--level", default=-20.0, show_default=True, help="A response is high from here [dB of its largest].")
+@click.option("--output", "outputs", multiple=True, metavar="CHANNEL",
+              help="Outputs; default: shock velocities, tire forces, ride heights.")  # fmt: skip
+@click.option("-o", "folder", default="linearity", show_default=True, type=click.Path(path_type=Path), help="Folder.")
+def linearity(
+    files: tuple[Path, ...],
+    map_file: Path | None,
+    rate: float,
+    width: float,
+    high: float,
+    coherence: float,
+    level: float,
+    outputs: tuple[str, ...],
+    folder: Path,
+) -> None:
+    """Judge where a linear model can predict a car on the rig: coherence against response energy.
+
+    Table 6.4 of the dissertation. RIG are tests with one actuator each, of one amplitude or several, and besides, if
+    wanted, a baseline with all actuators followed by tests of the same drive with another shock at one corner each.
+    Exits 0 if no response of energy is lost to a linear model, 1 if one is (Condition III, or a response that changes
+    with the amplitude).
+
+    \b
+    Example:
+      eightpost rig --test single --only lf.road -o rig/lf_road.parquet
+      eightpost rig --test single --only rf.road -o rig/rf_road.parquet
+      eightpost linearity rig/*.parquet -o linearity/
+    """
+    check_output_folder(folder)
+    console = Console(soft_wrap=True, highlight=False)
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    prepared = prepare(_tests(files, channel_map), Preparation(Decimation(rate)))
+    for line in prepared.summary():
+        console.print(line, markup=False)
+    recipe = LocalPolynomial(half_width=0.5 * width, spacing=0.2 * width, high=high)
+    found = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(coherence, level))
+    _show(console, found)
+    written = [folder / "paths.csv", folder / "conditions.png"]
+    write_paths(written[0], found, sources=prepared.sources)
+    plot_conditions(found, written[1])
+    for output in found.outputs:
+        written.append(folder / f"{output}.png")
+        plot_output(found, output, written[-1])
+    if found.effects:
+        written.append(folder / "amplitude.csv")
+        write_effects(written[-1], found)
+    console.print(f"wrote {', '.join(str(path) for path in written)}", markup=False)
+    lost = any(each.condition is Condition.III for each in found.verdicts)
+    click.get_current_context().exit(int(lost or any(effect.is_notable for effect in found.effects)))
+
+
+def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[RigTest]:
+    progress = Console(stderr=True)
+    for path in track(files, description="reading", console=progress, transient=True, disable=not progress.is_terminal):
+        yield read_rig_test(path, channel_map=channel_map)
+
+
+def _show(console: Console, found: Linearity) -> None:
+    console.print(_condition_table(found))
+    for kind in Condition:
+        console.print(f"{kind.name}: {kind.meaning}", markup=False)
+    for output in found.outputs:
+        lost = max((each for each in found.verdicts if each.output == output), key=lambda v: v.shares[Condition.III])
+        share = 100.0 * lost.shares[Condition.III]
+        if share >= 1.0:
+            console.print(f"{output}: {share:.1f} % of its energy from {lost.input} is lost (III)", markup=False)
+    for effect in found.effects:
+        if effect.is_notable:
+            console.print(
+                f"{effect.output} from {effect.input}: the response changes by {100.0 * effect.change:.1f} % with the "
+                f"amplitude ({effect.large / effect.small:.3g} times), {100.0 * effect.chance:.1f} % by chance",
+                markup=False,
+            )
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False)
+
+
+def _condition_table(found: Linearity) -> Table:
+    """Return condition and mean coherence of every path, a row per output."""
+    table = Table("output", *found.inputs)
+    for output in found.outputs:
+        said = [found.verdict(output, name) for name in found.inputs]
+        table.add_row(output, *(f"{each.condition.name} {each.coherence:.2f}" for each in said))
+    return table

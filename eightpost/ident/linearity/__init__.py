@@ -1,0 +1,19 @@
+"""Linearity: where a linear model can predict a car on the rig (dissertation 6.2, Table 6.4)."""
+
+from eightpost.ident.linearity.conditions import Condition, Thresholds
+from eightpost.ident.linearity.excitations import excitations
+from eightpost.ident.linearity.linearity import AmplitudeEffect, Linearity, Verdict, judge_linearity
+from eightpost.ident.linearity.path import Excitation, Path, paths
+
+__all__ = [
+    "AmplitudeEffect",
+    "Condition",
+    "Excitation",
+    "Linearity",
+    "Path",
+    "Thresholds",
+    "Verdict",
+    "excitations",
+    "judge_linearity",
+    "paths",
+]

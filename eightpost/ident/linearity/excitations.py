@@ -1,0 +1,159 @@
+"""Which input moves alone in which test (6.2): one actuator at a time, then one shock at a time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eightpost.ident.linearity.path import Excitation
+from eightpost.vehicle.statespace import Channel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.ident.preparation import Prepared
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: An actuator that moves less than this part of the largest of its kind in the same test is at rest [1] ...
+RESTING = 0.2
+#: ... and so is one that moves less than this part of the largest of its kind in any test.
+SMALLEST = 0.03
+
+#: Drives of two tests that differ by less than this part of their size are the same [1].
+SAME_DRIVE = 0.1
+
+#: Another shock's change of force below this part of the largest is none [1].
+UNCHANGED = 0.5
+
+_LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
+
+
+class Found(NamedTuple):
+    """Excitations, and what is left out and why."""
+
+    excitations: tuple[Excitation, ...]
+    notes: tuple[str, ...]
+
+
+def excitations(prepared: Prepared, outputs: Sequence[str]) -> Found:
+    """Return every input that moves alone.
+
+    A test in which one actuator moves is taken as it is. The first of those in which several move is the baseline; a
+    later one with the same drive and another shock at one corner gives that shock's change of force as the input and
+    the change of the outputs (4.24 to 4.26).
+
+    Args:
+        prepared: Records in step where shocks are compared.
+        outputs: Their outputs.
+    """
+    inputs = [name for name in prepared.channels if name.endswith((".road", ".aero")) or name in ("road", *_LOADS)]
+    sizes = [_sizes(record, inputs) for record in prepared.records]
+    largest = {kind: max(_of_kind(each, kind) for each in sizes) for kind in {_kind(name) for name in inputs}}
+    found: list[Excitation] = []
+    notes: list[str] = []
+    baseline: tuple[str, TimeSeries] | None = None
+    for name, record, size in zip(prepared.names, prepared.records, sizes, strict=True):
+        moving = [channel for channel in inputs if _moves(channel, size, largest[_kind(channel)])]
+        if len(moving) == 1:
+            found.append(_excitation(name, record, moving[0], outputs))
+        elif not moving:
+            notes.append(f"{name}: no actuator moves; left out")
+        elif baseline is None:
+            baseline = (name, record)
+        else:
+            change = _shock_change(name, record, baseline, inputs, prepared.corners)
+            if isinstance(change, str):
+                notes.append(change)
+            else:
+                found.append(_changed(name, record, baseline[1], change, outputs))
+    if baseline is not None and not any(e.channel.name.endswith("force") for e in found):
+        notes.append(f"{baseline[0]}: all its actuators move and no test with another shock has its drive; left out")
+    return Found(tuple(found), tuple(notes))
+
+
+class _Change(NamedTuple):
+    """A shock that was changed: its corner's force, and its change of force difference (N,)."""
+
+    force: str
+    values: Array
+
+
+def _sizes(record: TimeSeries, inputs: Sequence[str]) -> dict[str, float]:
+    """Return the standard deviation of each input: of its command where there is one, which has no noise."""
+    told = {name: f"{name}_command" if f"{name}_command" in record else name for name in inputs}
+    return {name: float(record[channel].std()) for name, channel in told.items()}
+
+
+def _moves(name: str, sizes: Mapping[str, float], largest: float) -> bool:
+    return sizes[name] > max(RESTING * _of_kind(sizes, _kind(name)), SMALLEST * largest)
+
+
+def _of_kind(sizes: Mapping[str, float], kind: str) -> float:
+    return max(size for name, size in sizes.items() if _kind(name) == kind)
+
+
+def _kind(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _excitation(name: str, record: TimeSeries, source: str, outputs: Sequence[str]) -> Excitation:
+    chosen = record.select(outputs)
+    channel = Channel(source, record.unit(source))
+    return Excitation(name, channel, record[source], chosen.values, _channels(chosen), record.sample_rate)
+
+
+def _shock_change(
+    name: str, record: TimeSeries, baseline: tuple[str, TimeSeries], inputs: Sequence[str], corners: Sequence[str]
+) -> _Change | str:
+    """Return which shock was changed, or why the test cannot be used."""
+    first = baseline[1]
+    if len(record) != len(first) or any(_differ(record[channel], first[channel]) for channel in inputs):
+        return f"{name}: its drive is not that of {baseline[0]}, or not in step with it; left out"
+    forces = [f"{corner}.force" if corner else "force" for corner in corners]
+    velocities = {force: force.removesuffix("force") + "velocity" for force in forces}
+    rates = {force: _slope(first[force], first[velocity]) for force, velocity in velocities.items()}
+    changes = {force: _change(record, first, force, velocities[force], rates[force]) for force in forces}
+    most = max(changes, key=lambda force: float(changes[force].std()))
+    others = [force for force in forces if force != most and changes[force].std() > UNCHANGED * changes[most].std()]
+    if others:
+        return f"{name}: {', '.join((most, *others))} all changed against {baseline[0]}; change one shock at a time"
+    return _Change(most, changes[most])
+
+
+def _differ(values: Array, first: Array) -> bool:
+    return bool(np.std(values - first) > SAME_DRIVE * max(float(np.std(first)), 1e-300))
+
+
+def _slope(force: Array, velocity: Array) -> float:
+    """Return the damping of the best line through force and velocity [N.s/m]: C-bar of 6.3.1."""
+    return float(force @ velocity / (velocity @ velocity))
+
+
+def _change(record: TimeSeries, first: TimeSeries, force: str, velocity: str, rate: float) -> Array:
+    """Return the change of the force difference F - c v (Eq 4.24)."""
+    now, before = (series[force] - rate * series[velocity] for series in (record, first))
+    return np.asarray(now - before, dtype=np.float64)
+
+
+def _changed(name: str, record: TimeSeries, first: TimeSeries, change: _Change, outputs: Sequence[str]) -> Excitation:
+    now, before = record.select(outputs), first.select(outputs)
+    channel = Channel(change.force, record.unit(change.force))
+    return Excitation(name, channel, change.values, now.values - before.values, _channels(now), record.sample_rate)
+
+
+def _channels(series: TimeSeries) -> tuple[Channel, ...]:
+    return tuple(Channel(n, u) for n, u in zip(series.names, series.units, strict=True))
+
+
+def by_input(found: Sequence[Excitation]) -> Mapping[str, tuple[Excitation, ...]]:
+    """Return the excitations of each input, the largest first."""
+    names = dict.fromkeys(each.channel.name for each in found)
+    return {
+        name: tuple(sorted((e for e in found if e.channel.name == name), key=lambda e: -float(e.u.std())))
+        for name in names
+    }

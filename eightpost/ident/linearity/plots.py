@@ -1,0 +1,118 @@
+"""Pictures of linearity: time response, magnitude and coherence by input (Figs 6.9 to 6.18); conditions at a glance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from eightpost.files import atomic_path
+from eightpost.ident.linearity.conditions import Condition
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path as FilePath
+
+    from matplotlib.axes import Axes
+
+    from eightpost.ident.linearity.linearity import Linearity
+    from eightpost.ident.linearity.path import Path
+
+#: Of Conditions I to IV: predicted, predicted low, lost, does not matter.
+_COLORS = {Condition.I: "#9bd4a5", Condition.II: "#d9eedd", Condition.III: "#f2a08e", Condition.IV: "#e6e6e6"}
+
+
+def plot_output(found: Linearity, output: str, path: str | FilePath) -> None:
+    """Write a PNG of one output as Fig 6.9: a column per sort of input, a line per input.
+
+    Where the response is low the coherence is drawn thin: it does not matter there (Table 6.4).
+
+    Args:
+        found: What was judged.
+        output: The output.
+        path: Where the PNG goes; replaced whole or not at all.
+    """
+    columns = _columns(found, output)
+    figure = Figure(figsize=(5.2 * len(columns), 8.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(3, len(columns), squeeze=False)
+    for column, (title, chosen) in enumerate(columns):
+        _traces(panels[0, column], chosen, title)
+        _magnitudes(panels[1, column], chosen)
+        _coherences(panels[2, column], found, chosen)
+    figure.suptitle(output)
+    _save(figure, path)
+
+
+def plot_conditions(found: Linearity, path: str | FilePath) -> None:
+    """Write a PNG of Table 6.4's condition of every path, with coherence and level in each cell."""
+    inputs, outputs = found.inputs, found.outputs
+    said = {(each.output, each.input): each for each in found.verdicts}
+    cells = np.array([[said[output, name].condition.value for name in inputs] for output in outputs])
+    figure = Figure(figsize=(2.4 + 1.05 * len(inputs), 1.9 + 0.55 * len(outputs)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.imshow(cells, cmap=ListedColormap(list(_COLORS.values())), vmin=0.5, vmax=4.5, aspect="auto")
+    for i, output in enumerate(outputs):
+        for j, name in enumerate(inputs):
+            each = said[output, name]
+            text = f"{each.condition.name}\n{each.coherence:.2f}, {each.level:.0f} dB"
+            axes.text(j, i, text, ha="center", va="center", fontsize=8)
+    axes.set_xticks(range(len(inputs)), inputs, rotation=35, ha="right")
+    axes.set_yticks(range(len(outputs)), outputs)
+    lines = "\n".join(f"{kind.name}: {kind.meaning}" for kind in Condition)
+    axes.set_title(f"{lines}\nmean coherence, level under the output's largest", fontsize=8, loc="left")
+    _save(figure, path)
+
+
+def _columns(found: Linearity, output: str) -> list[tuple[str, list[Path]]]:
+    """Return the paths of an output by the sort of their input."""
+    sorts = {"wheelloaders": "road", "aeroloaders": "aero", "shocks": "force"}
+    chosen = [path for path in found.paths if path.output.name == output]
+    columns = [(title, [p for p in chosen if _kind(p) == kind]) for title, kind in sorts.items()]
+    rest = [p for p in chosen if _kind(p) not in sorts.values()]
+    return [(title, group) for title, group in (*columns, ("loads", rest)) if group]
+
+
+def _kind(path: Path) -> str:
+    return path.input.name.rpartition(".")[2]
+
+
+def _traces(axes: Axes, chosen: Sequence[Path], title: str) -> None:
+    for path in chosen:
+        axes.plot(np.arange(path.trace.size) / path.rate, path.trace, linewidth=1.0, label=path.input.name)
+    axes.set(title=title, xlabel="time [s]", ylabel=f"response [{chosen[0].output.unit}]")
+    _finish(axes)
+
+
+def _magnitudes(axes: Axes, chosen: Sequence[Path]) -> None:
+    for path in chosen:
+        axes.plot(path.frequency, 20.0 * np.log10(np.maximum(np.abs(path.H), 1e-300)), linewidth=1.2)
+    unit = f"{chosen[0].output.unit} per {chosen[0].input.unit}"
+    axes.set(xlabel="frequency [Hz]", ylabel=f"magnitude [dB re {unit}]")
+    _finish(axes)
+
+
+def _coherences(axes: Axes, found: Linearity, chosen: Sequence[Path]) -> None:
+    for i, path in enumerate(chosen):
+        high = found.levels(path) >= found.thresholds.level
+        color = f"C{i}"
+        axes.plot(path.frequency, path.coherence, linewidth=0.6, color=color, alpha=0.45)
+        shown = np.where(high, path.coherence, np.nan)
+        axes.plot(path.frequency, shown, linewidth=1.8, color=color, label=path.input.name)
+    axes.axhline(chosen[0].chance, color="0.5", linestyle=":", label="noise alone (5 %)")
+    axes.set(xlabel="frequency [Hz]", ylabel="coherence, bold where the response is high", ylim=(0.0, 1.02))
+    axes.legend(fontsize=7)
+    _finish(axes)
+
+
+def _finish(axes: Axes) -> None:
+    axes.grid(alpha=0.3)
+
+
+def _save(figure: Figure, path: str | FilePath) -> None:
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)

@@ -1,0 +1,63 @@
+"""The judgement as a CSV table: a line per path."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
+
+from eightpost.files import atomic_path
+from eightpost.ident.linearity.conditions import Condition
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from eightpost.ident.linearity.linearity import Linearity
+
+_PATHS = (
+    "input", "output", "test", "condition", "coherence [1]", "level [dB]",
+    *(f"share {kind.name} [%]" for kind in Condition), "low [Hz]", "high [Hz]",
+)  # fmt: skip
+_EFFECTS = ("input", "output", "unit", "small", "large", "change [%]", "by chance [%]", "notable")
+
+
+def write_paths(path: str | FilePath, found: Linearity, *, sources: Mapping[str, str] | None = None) -> None:
+    """Write what is said of every path; thresholds and sources stand in comment lines above.
+
+    Args:
+        path: A .csv file.
+        found: What was judged.
+        sources: SHA-256 digest by name of each file.
+    """
+    limits = found.thresholds
+    comments = [f"# high: coherence from {limits.coherence:g}, level from {limits.level:g} dB"]
+    comments += [f"# {name}: {digest}" for name, digest in (sources or {}).items()]
+    rows = []
+    for estimate, said in zip(found.paths, found.verdicts, strict=True):
+        shares = [f"{100.0 * said.shares[kind]:.2f}" for kind in Condition]
+        band = (f"{estimate.frequency[0]:.4g}", f"{estimate.frequency[-1]:.4g}")
+        numbers = (said.condition.name, f"{said.coherence:.4f}", f"{said.level:.2f}")
+        rows.append((said.input, said.output, estimate.test, *numbers, *shares, *band))
+    _write(FilePath(path), comments, _PATHS, rows)
+
+
+def write_effects(path: str | FilePath, found: Linearity) -> None:
+    """Write what the amplitude changes, a line per input, output and amplitude, to a .csv file."""
+    units = {estimate.input.name: estimate.input.unit for estimate in found.paths}
+    rows = [
+        (
+            *(each.input, each.output, units[each.input], f"{each.small:.5g}", f"{each.large:.5g}"),
+            *(f"{100.0 * each.change:.3f}", f"{100.0 * each.chance:.3f}", "yes" if each.is_notable else "no"),
+        )
+        for each in found.effects
+    ]
+    _write(FilePath(path), ["# change of the answer to the small test, had the car answered as in the large one"],
+           _EFFECTS, rows)  # fmt: skip
+
+
+def _write(path: FilePath, comments: Sequence[str], head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        stream.writelines(f"{line}\n" for line in comments)
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(head)
+        writer.writerows(rows)

@@ -1,0 +1,168 @@
+"""Paths are told apart as Table 6.4 has them, and a response that depends on the amplitude is noticed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.linearity import Condition, Linearity, Thresholds, judge_linearity
+from eightpost.ident.preparation import prepare
+from eightpost.ident.response import LocalPolynomial
+from eightpost.rig.post import RigTest
+
+from ..linear_rig import DAMPING, car, record
+
+NEAR, FAR = ("lf.velocity", "lf.road"), ("lf.velocity", "rr.road")
+#: In this car even the far corner answers at -15 dB.
+LOW = Thresholds(level=-12.0)
+
+
+def single(channel: str, *, seed: int = 1, size: float = 1.0, noise: float = 1e-3) -> RigTest:
+    return record("seven_dof", seconds=30.0, active=(channel,), seed=seed, size=size, noise=noise)
+
+
+def judged(*tests: RigTest, **options: object) -> Linearity:
+    return judge_linearity(prepare(tests), **options)  # type: ignore[arg-type]
+
+
+def with_channel(test: RigTest, name: str, values: np.ndarray) -> RigTest:
+    return replace(test, series=test.series.with_channel(name, test.series.unit(name), values))
+
+
+@pytest.fixture(scope="module")
+def singles() -> tuple[RigTest, ...]:
+    return single("lf.road"), single("rr.road", seed=2)
+
+
+def test_a_linear_car_is_predicted_by_a_linear_model(singles: tuple[RigTest, ...]) -> None:
+    found = judged(*singles)
+    assert found.inputs == ("lf.road", "rr.road")
+    assert {each.condition for each in found.verdicts} <= {Condition.I, Condition.II}
+    assert found.verdict(*NEAR).condition is Condition.I
+    assert found.verdict(*NEAR).coherence > 0.99
+    assert found.verdict(*NEAR).level == 0.0
+    assert max(each.shares[Condition.III] for each in found.verdicts) < 0.01
+    assert all(sum(each.shares.values()) == pytest.approx(1.0) for each in found.verdicts)
+
+
+def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> None:
+    said = judged(*singles, thresholds=LOW).verdict(*FAR)
+    assert said.condition is Condition.II
+    assert said.coherence > 0.99
+    assert said.level < -12.0
+
+
+def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> None:
+    found = judged(*singles)
+    (path,) = [p for p in found.paths if (p.output.name, p.input.name) == NEAR]
+    inside = prepare(singles[:1]).records[0]["lf.velocity"]
+    spectrum = np.abs(np.fft.rfft(inside)) ** 2
+    lines = np.fft.rfftfreq(inside.size, 1.0 / 125.0)
+    below = 2.0 * spectrum[(lines > 0.05) & (lines < 25.05)].sum() / inside.size**2
+    assert path.energy == pytest.approx(below, rel=0.01)
+
+
+def test_a_response_that_no_input_explains_is_lost(singles: tuple[RigTest, ...]) -> None:
+    force = singles[0].series["lf.tire_force"]
+    squared = force**2 / force.std()
+    found = judged(with_channel(singles[0], "lf.tire_force", squared), singles[1])
+    said = found.verdict("lf.tire_force", "lf.road")
+    assert said.condition is Condition.III
+    assert said.shares[Condition.III] > 0.5
+
+
+def test_a_low_response_in_noise_does_not_matter(singles: tuple[RigTest, ...]) -> None:
+    generator, near = np.random.default_rng(1), singles[0].series["lf.tire_force"]
+    drowned = 0.05 * singles[1].series["lf.tire_force"] + 0.3 * near.std() * generator.standard_normal(near.size)
+    said = judged(singles[0], with_channel(singles[1], "lf.tire_force", drowned)).verdict("lf.tire_force", "rr.road")
+    assert said.condition is Condition.IV
+
+
+def test_a_linear_car_answers_alike_at_every_amplitude() -> None:
+    found = judged(single("lf.road"), single("lf.road", seed=3, size=0.25), outputs=["lf.velocity", "lf.tire_force"])
+    assert [effect.input for effect in found.effects] == ["lf.road", "lf.road"]
+    assert all(effect.large / effect.small == pytest.approx(4.0, rel=0.2) for effect in found.effects)
+    assert not any(effect.is_notable for effect in found.effects)
+
+
+def test_a_response_that_changes_with_the_amplitude_is_noticed_though_it_is_coherent() -> None:
+    small = single("lf.road", seed=3, size=0.25)
+    stiff = with_channel(small, "lf.displacement", 0.8 * small.series["lf.displacement"])
+    found = judged(single("lf.road"), stiff, outputs=["lf.velocity", "lf.tire_force"])
+    changed = {effect.output: effect for effect in found.effects}
+    assert changed["lf.velocity"].change == pytest.approx(0.2, abs=0.05)
+    assert changed["lf.velocity"].is_notable
+    assert not changed["lf.tire_force"].is_notable
+    assert found.verdict(*NEAR).coherence > 0.99
+
+
+def test_changing_one_shock_gives_the_answer_to_its_force() -> None:
+    first = record("seven_dof", seconds=40.0, noise=1e-5)
+    other = record("seven_dof", seconds=40.0, noise=1e-5, damping={"rf": 0.45 * DAMPING})
+    found = judged(first, other, outputs=["rf.velocity", "rf.tire_force"])
+    assert found.inputs == ("rf.force",)
+    path = found.paths[0]
+    truth = car("seven_dof").select(inputs=["rf.force"], outputs=["rf.velocity"]).frequency_response(path.frequency)
+    weight = np.sqrt(path.input_density)
+    wrong = np.linalg.norm((path.H - truth[0, 0]) * weight) / np.linalg.norm(truth[0, 0] * weight)
+    assert wrong < 0.02
+    assert found.verdict("rf.velocity", "rf.force").condition is Condition.I
+
+
+def test_tests_that_cannot_be_used_are_left_out_and_said() -> None:
+    first, other = record("seven_dof"), record("seven_dof", seed=5)
+    both = record("seven_dof", damping={"lf": 0.4 * DAMPING, "rr": 0.4 * DAMPING})
+    notes = judged(single("lf.road"), first, other, both).notes
+    assert any("record 3: its drive is not that of record 2" in note for note in notes)
+    assert any("all changed against record 2; change one shock at a time" in note for note in notes)
+
+
+def test_without_an_input_that_moves_alone_it_says_what_to_give() -> None:
+    with pytest.raises(InputError, match=r"one input moves alone.*eightpost rig --test single"):
+        judged(record("seven_dof"))
+
+
+def test_short_records_and_impossible_thresholds_are_refused(singles: tuple[RigTest, ...]) -> None:
+    with pytest.raises(TooShortError, match="noise is coherent to"):
+        judged(*singles, recipe=LocalPolynomial(half_width=0.01, spare=1.1))
+    with pytest.raises(ParameterError, match="between 0 and 1"):
+        Thresholds(coherence=1.5)
+    with pytest.raises(ParameterError, match="below 0 dB"):
+        Thresholds(level=3.0)
+
+
+def quarter_files(folder: Path, **changes: float) -> list[str]:
+    """Files of a quarter car's road, small and large, and of its load; its tire force raised to a power."""
+    tests = {"large": ("road", 1, 1.0), "load": ("aero_force", 2, 1.0), "small": ("road", 3, 0.25)}
+    for name, (channel, seed, size) in tests.items():
+        test = record("quarter_car", seconds=40.0, active=(channel,), seed=seed, size=size)
+        if name in changes:
+            force = test.series["tire_force"]
+            test = with_channel(test, "tire_force", np.abs(force) ** changes[name])
+        test.write(folder / f"{name}.parquet")
+    return ["linearity", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
+
+
+def test_the_command_prints_the_table_and_writes_pictures(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, quarter_files(tmp_path), env={"COLUMNS": "200"})
+    assert done.exit_code == 0, done.output
+    assert "I: high response, high coherence: a linear model predicts it" in done.output
+    table = (tmp_path / "out" / "paths.csv").read_text().splitlines()
+    assert sum(line.startswith("#") for line in table) == 4
+    assert sum(line.startswith("road,velocity,large.parquet,I,") for line in table) == 1
+    assert (tmp_path / "out" / "amplitude.csv").read_text().count(",no\n") == 3
+    for name in ("conditions", "velocity", "tire_force", "ride_height"):
+        assert (tmp_path / "out" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_command_exits_1_where_a_response_is_lost(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, quarter_files(tmp_path, large=1.5), env={"COLUMNS": "200"})
+    assert done.exit_code == 1, done.output
+    assert "tire_force: " in done.output
+    assert "of its energy from road is lost (III)" in done.output
