@@ -26,6 +26,7 @@ VERBS = {
     "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
     "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
+    "identify": "Identify a vehicle from rig tests.",
     "vehicle": "Show modes and frequency responses of a vehicle, and what a parameter does to them.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",

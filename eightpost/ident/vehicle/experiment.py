@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from eightpost.errors import ParameterError
@@ -51,6 +51,18 @@ class Experiment:
     def ports(self) -> tuple[str, ...]:
         """The ports, in the order of the forces."""
         return tuple(name.removesuffix("force").rstrip(".") for name in self.forces)
+
+    def of(self, *outputs: str) -> Experiment:
+        """Return the experiment with these outputs only, and the shock velocities.
+
+        Raises:
+            ParameterError: An output is not there.
+        """
+        unknown = [name for name in outputs if name not in self.outputs]
+        if unknown:
+            raise ParameterError(f"no output {', '.join(unknown)}; there are {', '.join(self.outputs)}")
+        kept = {channel(port, "velocity") for port in self.ports} | set(outputs)
+        return replace(self, outputs=tuple(name for name in self.outputs if name in kept))
 
 
 def channel(port: str, quantity: str) -> str:

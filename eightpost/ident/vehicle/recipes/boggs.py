@@ -180,7 +180,7 @@ def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> _E
 def _block_length(records: Records, blocks: int) -> float:
     shortest = min(test.u.shape[1] for test in records.tests) / records.rate
     asked, most = (2.0 * shortest / (count + 1) for count in (blocks, _FEWEST_BLOCKS))
-    return max(asked, min(_SHORTEST_BLOCK, most))
+    return float(max(asked, min(_SHORTEST_BLOCK, most)))
 
 
 def _thinned(estimate: FrequencyResponse, width: float) -> FrequencyResponse:

@@ -1,0 +1,165 @@
+"""`eightpost identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from eightpost import units
+from eightpost.errors import InputError
+from eightpost.ident.preparation import Decimation, Preparation, prepare
+from eightpost.ident.vehicle.baseline import Baseline, find_baseline
+from eightpost.ident.vehicle.experiment import experiment_of
+from eightpost.ident.vehicle.fit_plots import plot_fit
+from eightpost.ident.vehicle.recipes import recipe, recipe_names
+from eightpost.ident.vehicle.summary import damping_sentence, residual_table
+from eightpost.ident.vehicle.vehicle_fit import write_fit
+from eightpost.rig.post import read_rig_test
+from eightpost.signals import ChannelMap
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from eightpost.ident.preparation import Prepared
+    from eightpost.ident.vehicle.experiment import Experiment
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+    from eightpost.rig.post import RigTest
+
+Plots = Literal["none", "main", "all"]
+
+#: What `--plots main` draws: the channels that shocks act by, and those that a setup is judged by.
+_MAIN = ("velocity", "tire_force", "ride_height")
+#: From this misfit of an output on, the command says that the model is not acceptable [1].
+_NOT_ACCEPTABLE = 0.3
+
+
+@click.command()
+@click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.json"),
+              show_default=True, help="The vehicle; its response and what was said of it lie beside it.")  # fmt: skip
+@click.option("--recipe", "recipe_name", type=click.Choice(recipe_names()), default="boggs", show_default=True,
+              help="How: docs/identification.md.")  # fmt: skip
+@click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
+              help="Which file is the baseline test; found from the shocks' dampings otherwise.")  # fmt: skip
+@click.option("--damping", metavar="RATE", help="Damping around which the vehicle is identified, as '20 lbf.s/in'; "
+              "default: the slope of each baseline shock.")  # fmt: skip
+@click.option("--rate", default="125 Hz", show_default=True, help="To which the records are decimated.")
+@click.option("--settling", default="0 s", show_default=True, help="Left out at the start of every record.")
+@click.option("--output-channels", metavar="NAMES", help="Outputs of the model, by commas; default: all it can have.")
+@click.option("--name", help="Of the vehicle; default: the output's name.")
+@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig.md.")
+@click.option("--flip", multiple=True, metavar="CHANNEL", help="Turn a channel that is positive the other way.")
+@click.option("--plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
+              help="main: shock velocities, tire forces, ride heights.")  # fmt: skip
+@click.pass_context
+def identify(  # one parameter per option
+    ctx: click.Context,
+    rig_files: tuple[Path, ...],
+    output: Path,
+    recipe_name: str,
+    baseline: Path | None,
+    damping: str | None,
+    rate: str,
+    settling: str,
+    output_channels: str | None,
+    name: str | None,
+    map_file: Path | None,
+    flip: tuple[str, ...],
+    plots: Plots,
+) -> None:
+    """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
+
+    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/rig.md, or with a channel map. The vehicle is
+    built into an FMU by `eightpost build`. Exits 1 if the model is not stable with other shocks, or far from the data.
+
+    \b
+    Examples:
+      eightpost identify rig/*.parquet -o car.json
+      eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
+      eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
+    """
+    console = Console()
+    _check(output, rig_files, baseline)
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    how = Preparation(Decimation(_si(rate, "Hz", "--rate")), settling=_si(settling, "s", "--settling"))
+    prepared = prepare(_read(console, rig_files, channel_map, flip), how)
+    for line in prepared.summary():
+        console.print(escape(line), highlight=False, soft_wrap=True)
+    found = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
+    experiment = _experiment(prepared, found, damping, name or output.stem, output_channels)
+    _say_baseline(console, rig_files, found)
+    with console.status(f"identifying {len(experiment.outputs)} outputs of {len(experiment.inputs)} inputs"):
+        fit = recipe(recipe_name).identify([prepared.records[k] for k in found.order], experiment)
+    _show(console, fit)
+    written = [*write_fit(output, fit), *_draw(fit, output, plots)]
+    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    acceptable = fit.stable and max(fit.residual.values()) < _NOT_ACCEPTABLE
+    ctx.exit(0 if acceptable else 1)
+
+
+def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
+    if output.suffix != ".json":
+        raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
+    if baseline is not None and baseline not in rig_files:
+        raise InputError(f"--baseline {baseline} is none of the files given: {', '.join(map(str, rig_files))}")
+    if len(rig_files) < 2:
+        raise InputError(
+            f"{rig_files[0]} alone does not tell shock forces from what causes them; give a baseline test and one with "
+            "another shock at each corner"
+        )
+
+
+def _read(
+    console: Console, rig_files: Sequence[Path], channel_map: ChannelMap | None, flip: tuple[str, ...]
+) -> Iterator[RigTest]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("reading", total=len(rig_files))
+        for rig_file in rig_files:
+            yield read_rig_test(rig_file, channel_map=channel_map, flip=flip)
+            progress.advance(task)
+
+
+def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: str, outputs: str | None) -> Experiment:
+    rate = _si(damping, "N.s/m", "--damping") if damping else None
+    rates = {port: slope if rate is None else rate for port, slope in found.damping.items()}
+    experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
+    return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
+
+
+def _say_baseline(console: Console, rig_files: Sequence[Path], found: Baseline) -> None:
+    slopes = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in found.damping.items())
+    console.print(f"baseline {rig_files[found.test].name}: dampings {slopes} N.s/m", highlight=False, soft_wrap=True)
+    for note in found.notes():
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+
+
+def _show(console: Console, fit: VehicleFit) -> None:
+    console.print(residual_table(fit))
+    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor", highlight=False)
+    for note in fit.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    if not fit.stable:
+        console.print("[red]not stable[/] with all dampers that were tried", highlight=False)
+
+
+def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
+    wanted = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
+    drawn = []
+    for name in wanted:
+        drawn.append(output.with_name(f"{output.stem}_plots") / f"{name}.png")
+        plot_fit(fit, name, drawn[-1])
+    return drawn
+
+
+def _si(text: str, unit: str, option: str) -> float:
+    try:
+        number, given = units.quantity(text)
+        return float(units.convert(number, given, unit))
+    except InputError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error

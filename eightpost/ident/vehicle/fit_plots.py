@@ -1,0 +1,80 @@
+"""Pictures of a fit: estimate, model over it, and coherence, a panel per input (Figs 4.10, 5.13, 6.20 to 6.24)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from eightpost.files import atomic_path
+from eightpost.ident.response import response_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from eightpost.ident.response import FrequencyResponse
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+
+_COLUMNS = 4
+#: What is drawn [Hz].
+_LOW, _HIGH = 0.3, 25.0
+
+
+def plot_fit(fit: VehicleFit, output: str, path: str | Path) -> None:
+    """Write a PNG of one output's responses to every input: estimate and model, coherence below.
+
+    Args:
+        fit: The fit.
+        output: The output.
+        path: Where the PNG goes; replaced whole or not at all.
+    """
+    estimate = fit.response.select(outputs=[output]).band(_LOW, _HIGH)
+    model = response_of(fit.vehicle.state_space.select(outputs=[output]), estimate.frequency)
+    columns = min(_COLUMNS, len(estimate.inputs))
+    rows = -(-len(estimate.inputs) // columns)
+    figure = Figure(figsize=(3.9 * columns, 3.6 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[3, 1] * rows)
+    for place in range(rows * columns):
+        upper, lower = (grid[2 * (place // columns) + k][place % columns] for k in (0, 1))
+        if place < len(estimate.inputs):
+            _magnitude(upper, estimate, model, place)
+            _coherence(lower, estimate, place)
+        else:
+            upper.set_visible(False)
+            lower.set_visible(False)
+    figure.suptitle(f"{output}: estimate and model, {fit.recipe}")
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=90)
+
+
+def _magnitude(axes: Axes, estimate: FrequencyResponse, model: FrequencyResponse, column: int) -> None:
+    decibels = [_decibels(response.H[0, column]) for response in (estimate, model)]
+    axes.plot(estimate.frequency, decibels[0], color="0.6", linewidth=2.2, label="estimate")
+    axes.plot(model.frequency, decibels[1], color="tab:red", linewidth=1.1, label="model")
+    source, out = estimate.inputs[column], estimate.outputs[0]
+    axes.set(title=source.name, ylabel=f"dB re {out.unit} per {source.unit}")
+    axes.grid(alpha=0.3)
+    if column == 0:
+        axes.legend(fontsize="small")
+
+
+def _decibels(path: NDArray[np.complex128]) -> NDArray[np.float64]:
+    size = np.abs(path)
+    return np.asarray(20.0 * np.log10(np.where(size > 0.0, size, np.nan)))
+
+
+def _coherence(axes: Axes, estimate: FrequencyResponse, column: int) -> None:
+    if estimate.partial_coherence is not None:
+        axes.plot(estimate.frequency, estimate.partial_coherence[0, column], linewidth=1.0, label="partial")
+    if estimate.coherence is not None:
+        axes.plot(estimate.frequency, estimate.coherence[0], color="0.7", linewidth=0.8, label="of all inputs")
+    axes.set(ylim=(0.0, 1.05), ylabel="coherence", xlabel="frequency [Hz]")
+    axes.grid(alpha=0.3)
+    if column == 0:
+        axes.legend(fontsize="x-small", loc="lower right")
