@@ -14,11 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.study.result import StudyResult
+from eightpost import units
 from eightpost.errors import InputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+#: What the weighted sum of Eq 2.6 is called among the measures.
+OBJECTIVE = "objective"
 
 #: Standard deviations that a band reaches to either side (Fig 7.7).
 REACH = 2.0
@@ -105,7 +109,7 @@ def run_to_run(repeated: Array) -> Array:
 def spreads_of(
     result: StudyResult, draws: Sequence[StudyResult], noise: Mapping[str, float] | None = None, *, runs: int = 1
 ) -> tuple[Spread, ...]:
-    """Return the spread of every measure of a study.
+    """Return the spread of the objective, where the study has one, and of every measure.
 
     Args:
         result: With the best parameters.
@@ -116,24 +120,32 @@ def spreads_of(
     Raises:
         InputError: `noise` names a measure that the study lacks, or there is one draw only.
     """
-    for name in noise or {}:
-        result.study.measure(name)
+    deviations = {measure.name: 0.0 for measure in result.measures}
+    for name, deviation in (noise or {}).items():
+        deviations[result.study.measure(name).name] = deviation
+    if result.study.objective:
+        deviations = {OBJECTIVE: _objective_noise(result, deviations), **deviations}
     shared = result.setups
     for drawn in draws:
         shared = np.intersect1d(shared, drawn.setups)
-    return tuple(_spread(m.name, shared, result, draws, (noise or {}).get(m.name, 0.0), runs) for m in result.measures)
+    return tuple(_spread(name, shared, (result, *draws), noise, runs) for name, noise in deviations.items())
 
 
-def _spread(
-    name: str, setups: Integers, result: StudyResult, draws: Sequence[StudyResult], noise: float, runs: int
-) -> Spread:
-    rows = [_values(drawn, name, setups) for drawn in draws]
-    sampled = np.stack(rows) if rows else np.empty((0, setups.size))
-    return Spread(name, setups, _values(result, name, setups), sampled, noise, runs)
+def _spread(name: str, setups: Integers, results: Sequence[StudyResult], noise: float, runs: int) -> Spread:
+    best, *rows = (_values(result, name)[np.isin(result.setups, setups)] for result in results)
+    return Spread(name, setups, best, np.stack(rows) if rows else np.empty((0, setups.size)), noise, runs)
 
 
-def _values(result: StudyResult, name: str, setups: Integers) -> Array:
-    return np.asarray(result.values(name)[np.isin(result.setups, setups)], dtype=np.float64)
+def _values(result: StudyResult, name: str) -> Array:
+    objective = result.objective if name == OBJECTIVE else None
+    return result.values(name) if objective is None else np.where(result.done, objective, np.nan)
+
+
+def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
+    """Return the deviation of the objective over runs, whose measures are taken to vary each by itself."""
+    terms = result.study.objective
+    factors = [term.weight * units.conversion(result.unit(term.measure), term.unit)[0] for term in terms]
+    return float(np.sqrt(sum((f * noise[term.measure]) ** 2 for f, term in zip(factors, terms, strict=True))))
 
 
 def _variance(draws: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,7 +74,9 @@ class Uncertain:
         return np.asarray(np.clip(drawn, self.lowest, self.highest), dtype=np.float64)
 
 
-def drawn_studies(study: Study, uncertain: Sequence[Uncertain], *, draws: int, seed: int = 0) -> tuple[Study, ...]:
+def drawn_studies(
+    study: Study, uncertain: Sequence[Uncertain], *, draws: int, seed: int = 0, vehicles: Sequence[Path] = ()
+) -> tuple[Study, ...]:
     """Return studies in which the uncertain parameters are drawn: a Latin hypercube of their normal distribution.
 
     Args:
@@ -81,6 +84,7 @@ def drawn_studies(study: Study, uncertain: Sequence[Uncertain], *, draws: int, s
         uncertain: What is not known exactly, each part once.
         draws: S, how many studies.
         seed: Of the random numbers; the same seed gives the same studies.
+        vehicles: FMUs that are as good as the study's own vehicle; the draws take it and them in turn.
 
     Raises:
         InputError: Fewer than two draws, or a part is neither a build of the bank nor the vehicle.
@@ -93,9 +97,10 @@ def drawn_studies(study: Study, uncertain: Sequence[Uncertain], *, draws: int, s
             raise InputError(f"there is no part {entry.part!r} to be uncertain of; there are {known}")
     sizes = [len(entry.names) for entry in uncertain]
     uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
-    parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1)
+    parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1) if sizes else []
     values = [entry.at(part) for entry, part in zip(uncertain, parts, strict=True)]
-    return tuple(_with(study, uncertain, [rows[s] for rows in values]) for s in range(draws))
+    cars = [replace(study, vehicle=replace(study.vehicle, fmu=fmu)) for fmu in (study.vehicle.fmu, *vehicles)]
+    return tuple(_with(cars[s % len(cars)], uncertain, [rows[s] for rows in values]) for s in range(draws))
 
 
 def _with(study: Study, uncertain: Sequence[Uncertain], values: Sequence[Array]) -> Study:

@@ -1,0 +1,133 @@
+"""What is not known exactly, as a TOML file that a person can write (docs/study_choice.md)."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cosim.study.result import StudyResult
+from cosim.study.robust_draws import Uncertain
+from cosim.study.toml_place import line_of
+from eightpost import units
+from eightpost.errors import FileFormatError, InputError
+
+Array = NDArray[np.float64]
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """What a study's choice must stand up to.
+
+    Attributes:
+        parts: Parameters that are known with a covariance.
+        fits: Fitted shocks by the name of their build, whose files say how well they are known.
+        vehicles: FMUs of the vehicle that are as good as the study's own, such as fits of other records.
+        run_to_run: Standard deviation of one rig run by measure [SI].
+        runs: Rig runs of each setup that would be averaged.
+    """
+
+    parts: tuple[Uncertain, ...] = ()
+    fits: Mapping[str, Path] = field(default_factory=dict)
+    vehicles: tuple[Path, ...] = ()
+    run_to_run: Mapping[str, float] = field(default_factory=dict)
+    runs: int = 1
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Known(_Strict):
+    value: float
+    deviation: float = Field(ge=0.0)
+    lowest: float = -inf
+    highest: float = inf
+
+
+class _Part(_Strict):
+    part: str
+    parameters: dict[str, _Known] = Field(min_length=1)
+    correlation: list[list[float]] | None = None
+
+
+class _File(_Strict):
+    schema_: int = Field(alias="schema")
+    uncertain: list[_Part] = Field(default_factory=list)
+    fits: dict[str, str] = Field(default_factory=dict)
+    vehicles: list[str] = Field(default_factory=list)
+    run_to_run: dict[str, float | str] = Field(default_factory=dict)
+    runs: int = Field(default=1, ge=1)
+
+
+def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
+    """Read what is not known exactly of a study's parts; paths are relative to the file.
+
+    Raises:
+        FileFormatError: It cannot be read, or an entry is unknown, missing or makes no sense; with its line.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        document = _File.model_validate(tomllib.loads(text))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file: name the one that says what is uncertain", path=path) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(key) for key in first["loc"])
+        raise FileFormatError(f"{place}: {first['msg']}", path=path, line=line_of(text, first["loc"])) from error
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"cannot be read as TOML ({error})", path=path) from error
+    if document.schema_ != SCHEMA:
+        what = f"has schema {document.schema_}, this version reads {SCHEMA}; update eightpost"
+        raise FileFormatError(what, path=path)
+    try:
+        return _uncertainty(document, path.parent, result)
+    except InputError as error:
+        raise FileFormatError(str(error), path=path) from error
+
+
+def _uncertainty(document: _File, folder: Path, result: StudyResult) -> Uncertainty:
+    for build in document.fits:
+        if build not in result.study.bank:
+            raise InputError(f"fits: there is no build {build!r}; there are {', '.join(result.study.bank)}")
+    return Uncertainty(
+        parts=tuple(_part(entry) for entry in document.uncertain),
+        fits={build: folder / file for build, file in document.fits.items()},
+        vehicles=tuple(folder / file for file in document.vehicles),
+        run_to_run={name: _noise(name, value, result) for name, value in document.run_to_run.items()},
+        runs=document.runs,
+    )
+
+
+def _part(entry: _Part) -> Uncertain:
+    known = list(entry.parameters.values())
+    deviation = np.array([k.deviation for k in known])
+    rows = np.eye(len(known)).tolist() if entry.correlation is None else entry.correlation
+    if [len(row) for row in rows] != [len(known)] * len(known):
+        raise InputError(f"{entry.part}: the correlation of {len(known)} parameters is a matrix of as many rows")
+    return Uncertain(
+        entry.part,
+        tuple(entry.parameters),
+        np.array([k.value for k in known]),
+        np.array(rows) * np.outer(deviation, deviation),
+        np.array([k.lowest for k in known]),
+        np.array([k.highest for k in known]),
+    )
+
+
+def _noise(name: str, value: float | str, result: StudyResult) -> float:
+    """Return a run-to-run deviation in SI; a number is in SI already."""
+    result.study.measure(name)
+    if not isinstance(value, str):
+        return value
+    number, unit = units.quantity(value)
+    return abs(float(units.convert(number, unit, result.unit(name))))

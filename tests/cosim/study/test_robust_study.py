@@ -1,0 +1,143 @@
+"""Draws run through FMUs, and the file that says what is uncertain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.study.robust import OBJECTIVE, spreads_of
+from cosim.study.robust_draws import Uncertain, drawn_studies
+from cosim.study.robust_file import read_uncertainty
+from cosim.study.robust_study import Draws, leading, run_draws
+from cosim.study.study import Term
+from cosim.study.sweep import run_study
+from eightpost.errors import FileFormatError
+
+from .constructed import CORNERS, result
+from .coupled import InProcess, study
+
+#: The static force of the stiff build is known to 10 %.
+STIFF = Uncertain.independent("stiff", {"compression_scale": (2.0, 0.2), "rebound_scale": (2.0, 0.2)})
+
+
+@pytest.fixture(scope="module")
+def exhaustive(fmus, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("exhaustive")
+    return folder, run_study(study(fmus), folder, InProcess())
+
+
+def test_what_has_no_uncertain_shock_has_no_spread(exhaustive):
+    folder, nominal = exhaustive
+    setups = leading(nominal, 25).tolist()
+    draws = run_draws(nominal, folder, InProcess(), Draws((STIFF,), count=2), setups)
+    spread = next(s for s in spreads_of(nominal, draws) if s.measure == "total tire force")
+    stiff = np.array(["stiff" in nominal.study.space.setup(int(number)).builds.values() for number in spread.setups])
+    moved = np.ptp(spread.draws, axis=0)
+    assert (moved[~stiff] == 0.0).all()
+    assert (moved[stiff] > 0.0).all()
+
+
+def test_small_errors_move_a_measure_as_its_slope_says(fmus, exhaustive):
+    """Two draws a little apart, against a finite difference of the study itself."""
+    folder, nominal = exhaustive
+    car = Uncertain.independent("middle", {"compression_scale": (1.0, 0.01)})
+    baseline = nominal.study.baseline_setup.index
+    draws = run_draws(nominal, folder, InProcess(), Draws((car,), count=8), [baseline])
+    scales = [drawn.study.bank["middle"].parameters["compression_scale"] for drawn in draws]
+    levels = [drawn.values("total tire force")[0] for drawn in draws]
+    slope = np.polyfit(scales, levels, 1)[0]
+    bank = dict(nominal.study.bank)
+    ends = []
+    for scale in (0.99, 1.01):
+        bank["middle"] = replace(bank["middle"], parameters={"compression_scale": scale, "rebound_scale": 1.0})
+        changed = replace(nominal, study=replace(nominal.study, bank=bank))
+        same = Uncertain.independent("soft", {"compression_scale": (0.5, 0.0)})
+        ends.append(run_draws(changed, folder, InProcess(), Draws((same,), count=2), [baseline])[0])
+    difference = (ends[1].values("total tire force")[0] - ends[0].values("total tire force")[0]) / 0.02
+    assert slope == pytest.approx(difference, rel=0.05)
+
+
+def test_draws_that_were_run_are_not_run_again(exhaustive, tmp_path):
+    _, nominal = exhaustive
+    first, again = InProcess(), InProcess()
+    for workers in (first, again):
+        run_draws(nominal, tmp_path, workers, Draws((STIFF,), count=2), [0, 1])
+    assert len(first.ran) == 4
+    assert again.ran == []
+
+
+def test_nothing_uncertain_is_no_draw(exhaustive, tmp_path):
+    _, nominal = exhaustive
+    assert run_draws(nominal, tmp_path, InProcess(), Draws(()), [0]) == ()
+
+
+def test_vehicles_that_are_as_good_are_taken_in_turn():
+    made = result({"front": front}).study
+    drawn = drawn_studies(made, [], draws=4, vehicles=[Path("second.fmu")])
+    assert [s.vehicle.fmu.name for s in drawn] == ["car.fmu", "second.fmu", "car.fmu", "second.fmu"]
+
+
+def front(digits: np.ndarray) -> np.ndarray:
+    return 1.0 + digits.sum(axis=1)
+
+
+def test_the_leading_setups_are_the_best_and_the_baseline():
+    made = result({"front": front}, baseline=dict.fromkeys(CORNERS, "C/C"))
+    assert leading(made, 1).tolist() == [0, 2400]
+
+
+def test_the_objective_varies_as_its_terms_do():
+    made = result({"front": front, "rear": front}, objective=(Term("front", 3.0, "mm"), Term("rear", 4.0, "m")))
+    spread = spreads_of(made, [], {"front": 1e-3, "rear": 1.0})[0]
+    assert spread.measure == OBJECTIVE
+    assert spread.run_to_run == pytest.approx(5.0)
+
+
+def test_the_file_says_what_is_uncertain(tmp_path):
+    path = tmp_path / "uncertain.toml"
+    path.write_text(
+        """schema = 1
+vehicles = ["car_2.fmu"]
+runs = 2
+[[uncertain]]
+part = "C/B"
+correlation = [[1.0, -0.5], [-0.5, 1.0]]
+[uncertain.parameters]
+compression_scale = { value = 1.0, deviation = 0.02 }
+time_constant = { value = 1e-3, deviation = 1e-4, lowest = 1e-6 }
+[fits]
+"C/C" = "C_C.json"
+[run_to_run]
+front = "0.01 in"
+"""
+    )
+    found = read_uncertainty(path, result({"front": front}))
+    (part,) = found.parts
+    assert part.names == ("compression_scale", "time_constant")
+    np.testing.assert_allclose(part.covariance, [[4e-4, -1e-6], [-1e-6, 1e-8]])
+    assert found.fits == {"C/C": tmp_path / "C_C.json"}
+    assert found.vehicles == (tmp_path / "car_2.fmu",)
+    assert (found.run_to_run["front"], found.runs) == (pytest.approx(2.54e-4), 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("schema = 2", "has schema 2"),
+        ("schema = 1\nrun_to_run = 3", r"line 2: run_to_run"),
+        ('schema = 1\n[fits]\n"D/D" = "d.json"', "no build 'D/D'"),
+        ("schema = 1\n[run_to_run]\nfrnt = 1.0", "did you mean 'front'"),
+        ('schema = 1\n[run_to_run]\nfront = "1 lbf"', "lbf"),
+        ("schema = [", "cannot be read as TOML"),
+        ('schema = 1\n[[uncertain]]\npart = "C/B"\ncorrelation = [[1.0, 0.5]]\n'
+         "parameters = { time_constant = { value = 1.0, deviation = 1.0 } }", "matrix"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_wrong_says_what(tmp_path, text, what):
+    path = tmp_path / "uncertain.toml"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=what):
+        read_uncertainty(path, result({"front": front}))
