@@ -26,7 +26,6 @@ from eightpost.rig.post import (
     static_drive,
     track_drive,
 )
-from eightpost.rig.post.run_test import PIECE
 from eightpost.shock.file import read_shock
 
 if TYPE_CHECKING:
@@ -119,7 +118,6 @@ def rig(  # one parameter per option
         seed=run_seed,
         sensors=RigSensors() if noise == "rig" else RigSensors.perfect(),
         drift=None if noise == "rig" else NO_DRIFT,
-        piece=PIECE if test_name in ("random", "single", "track") and length > 2 * PIECE else None,
         conditions=RigConditions(drivefile=test_name, shocks=names, synthetic=note),
     )
     test.write(output)

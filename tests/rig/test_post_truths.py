@@ -10,8 +10,18 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
-from eightpost.rig.post import LinearDamper, Run, quarter_truth, seven_dof_truth, simulate, stand_in_truth
-from eightpost.rig.post.simulate import RATE
+from eightpost.errors import StepError
+from eightpost.rig import configuration, demo_damper, shim_build
+from eightpost.rig.post import (
+    LinearDamper,
+    Run,
+    quarter_truth,
+    seven_dof_truth,
+    simulate,
+    simulate_setups,
+    stand_in_truth,
+)
+from eightpost.rig.post.drive import RATE
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.vehicle import quarter_car, seven_dof
@@ -151,9 +161,43 @@ def test_the_far_wheel_of_the_solid_axle_moves_a_rear_shock_ten_decibels_less():
     assert car.shock[0, 5] == 0.0  # independent in front
 
 
-@pytest.mark.slow
-def test_pieces_side_by_side_give_what_the_whole_run_gives():
-    car = seven_dof_truth()
-    run = Run(drive_of(car, 4.0), (LinearDamper(30 * DAMPING_UNIT),) * 4)
-    whole, cut = (simulate(car, [run], piece=piece, lead=3.0)[0] for piece in (None, 2.0))
-    assert error(cut.tire_force, whole.tire_force) < 1e-3
+@pytest.mark.parametrize("kind", ["linear", "demonstration", "physical", "laws"])
+def test_the_compiled_integration_takes_the_reference_steps(kind, shocks):
+    setups = {
+        "linear": [LinearDamper(c * DAMPING_UNIT) for c in (20, 9, 20, 30)],
+        "demonstration": [demo_damper(name) for name in "ABCA"],
+        "physical": [configuration(1), shim_build("C/B"), configuration(12), configuration(1)],
+        "laws": [shocks[name].law for name in ("polylinear", "lpf1", "lpnl2", "lpf1")],
+    }
+    car = stand_in_truth()
+    run = Run(drive_of(car, 0.5, road=0.5 * INCH), tuple(setups[kind]))
+    made, wanted = (simulate(car, [run], lead=0.2, engine=engine)[0] for engine in ("compiled", "reference"))
+    for name in ("position", "velocity", "acceleration", "shock_force", "friction_force", "tire_force"):
+        found, expected = getattr(made, name), getattr(wanted, name)
+        assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max(), name
+
+
+def test_a_law_that_is_not_compiled_is_stepped_by_the_reference(shocks):
+    car, law = quarter_truth(), shocks["maxwell"].law
+    run = Run(drive_of(car, 0.05), (law,))
+    made, wanted = (simulate(car, [run], lead=0.01, engine=engine)[0] for engine in ("compiled", "reference"))
+    assert np.array_equal(made.shock_force, wanted.shock_force)
+
+
+def test_many_setups_are_what_each_is_alone():
+    car = stand_in_truth()
+    drive = drive_of(car, 0.2)
+    dampers = [LinearDamper(c * DAMPING_UNIT) for c in (9, 20, 30)]
+    setups = [(a, b, b, a) for a in dampers for b in dampers] * 2  # more than are computed at once
+    together = list(simulate_setups(car, drive, setups, lead=0.1))
+    assert len(together) == len(setups)
+    for motion, setup in zip(together[::5], setups[::5], strict=True):
+        alone = simulate(car, [Run(drive, setup)], lead=0.1)[0]
+        assert np.array_equal(motion.tire_force, alone.tire_force)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "reference"])
+def test_a_motion_without_bounds_is_told(engine):
+    car = quarter_truth()
+    with pytest.raises(StepError, match=r"quarter_car left all bounds near"):
+        simulate(car, [Run(drive_of(car, 2.0), (LinearDamper(-1e6),))], lead=0.1, engine=engine)

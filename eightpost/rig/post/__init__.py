@@ -10,14 +10,14 @@ from eightpost.rig.post.drivefiles import (
     random_drive,
     sine_drive,
     static_drive,
-    track_drive,
 )
 from eightpost.rig.post.elements import Friction, Springs, Tires
+from eightpost.rig.post.lap import track_drive
 from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
 from eightpost.rig.post.run_test import run_test
 from eightpost.rig.post.shocks import LinearDamper, Shock
-from eightpost.rig.post.simulate import Motion, Run, simulate
+from eightpost.rig.post.simulate import Motion, Run, simulate, simulate_setups
 from eightpost.rig.post.truths import TRUTHS, quarter_truth, seven_dof_truth, stand_in_truth
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "run_test",
     "seven_dof_truth",
     "simulate",
+    "simulate_setups",
     "sine_drive",
     "stand_in_truth",
     "static_drive",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from eightpost.rig.post.simulate import RATE
+from eightpost.rig.post.drive import RATE
 from eightpost.signals.timeseries import TimeSeries
 
 if TYPE_CHECKING:

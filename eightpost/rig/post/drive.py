@@ -1,8 +1,7 @@
-"""The inputs of the integration: pieces of drives side by side, smooth between their samples."""
+"""The inputs of the integration: drives side by side, smooth between their samples."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,72 +14,71 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
-    """Samples `start` to `stop` of a run."""
+#: Samples per second of the rig's records (6.1.5) [Hz], and steps of the integration per sample: 5 kHz.
+RATE, STEPS = 1250.0, 4
 
-    run: int
-    start: int
-    stop: int
-
-
-def spans_of(run: int, samples: int, rate: float, piece: float | None) -> list[Span]:
-    """Return the pieces of a run of `samples`, each at most `piece` long [s]; one where it is None."""
-    length = samples if piece is None else max(round(piece * rate), 1)
-    return [Span(run, start, min(start + length, samples)) for start in range(0, samples, length)]
+#: Time before each record in which the car comes into motion [s]; cut off.
+LEAD = 6.0
 
 
 class Drives:
-    """The drives of all pieces as cubic Hermite splines through their samples.
+    """The drives of all runs as cubic Hermite splines through their samples.
 
     Before a run's start its first sample is held. Over the first third of the lead the drive grows from zero.
+
+    Attributes:
+        lead: Samples before each run.
+        values: Roads and loads (N, U) of each run, in memory row by row.
+        slopes: Their change per sample (N, U).
+        growth: (lead + N + 1, 2) for the longest run: the factor with which the drive is brought in, and its change
+            per sample.
+        weights: (2, S, 4): of value, slope, next value and next slope, for the drive and for its slope.
     """
 
-    def __init__(self, inputs: Sequence[Array], spans: Sequence[Span], lead: int, steps: int) -> None:
+    def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
         """Lay the drives out.
 
         Args:
-            inputs: Roads and loads (U, N) of each run, on the same even grid of 1250 Hz.
-            spans: The pieces.
-            lead: Samples before each piece.
-            steps: Steps of the integration per sample.
+            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share one array.
+            lead: Samples before each run.
+            steps: S, of the integration per sample.
         """
-        self.runs, self.lead = len(spans), lead
-        self.samples = max(span.stop - span.start for span in spans)
-        firsts = np.cumsum([0, *(values.shape[1] for values in inputs)])
-        self._values = np.concatenate(inputs, axis=1).T.copy()
-        self._slopes = np.concatenate([np.gradient(values, axis=1) for values in inputs], axis=1).T.copy()
-        self._starts = np.array([firsts[span.run] + span.start for span in spans])
-        self._least = np.array([firsts[span.run] for span in spans])
-        self._most = np.array([firsts[span.run + 1] - 1 for span in spans])
-        self._weights = _hermite(np.arange(1, steps + 1) / steps)
-        self._steps = steps
+        self.lead = lead
+        own = {id(values): values for values in inputs}
+        rows = {key: np.ascontiguousarray(values.T) for key, values in own.items()}
+        slopes = {key: np.gradient(values, axis=0) for key, values in rows.items()}
+        self.values = [rows[id(values)] for values in inputs]
+        self.slopes = [slopes[id(values)] for values in inputs]
+        self.growth = _growth(lead, self.samples)
+        self.weights = np.stack(_hermite(np.arange(1, steps + 1) / steps))
+
+    @property
+    def samples(self) -> int:
+        """Of the longest run."""
+        return max(len(values) for values in self.values)
 
     def between(self, sample: int) -> tuple[Array, Array]:
-        """Return values and slopes [1/s] (S, U, B) after each of the S steps from `sample` to the next."""
-        left, right = self._at(sample), self._at(sample + 1)
-        knots = np.stack([*left, *right])  # (4, B, U)
-        flat = knots.reshape(4, -1)
-        shape = (self._steps, *knots.shape[1:])
-        values, slopes = ((w @ flat).reshape(shape).transpose(0, 2, 1) for w in self._weights)
-        return np.ascontiguousarray(values), np.ascontiguousarray(slopes) * 1250.0
+        """Return values and slopes [1/s] (S, U, B) of all runs after each step from `sample` to the next."""
+        knots = np.stack([*self._at(sample), *self._at(sample + 1)])  # (4, B, U)
+        values, slopes = (np.einsum("sk,kbu->sub", weights, knots) for weights in self.weights)
+        return values, slopes * RATE
 
     def _at(self, sample: int) -> tuple[Array, Array]:
-        """Return the values and slopes per sample (B, U) of every piece at a sample from its start."""
-        wanted = self._starts + sample
-        places = np.clip(wanted, self._least, self._most)
-        inside = (places == wanted)[:, None]
-        values, slopes = self._values[places], np.where(inside, self._slopes[places], 0.0)
-        growth, rise = self._growth(sample)
+        """Return the values and slopes per sample (B, U) of every run at a sample."""
+        growth, rise = self.growth[sample + self.lead]
+        places = [min(max(sample, 0), len(rows) - 1) for rows in self.values]
+        values = np.stack([rows[place] for rows, place in zip(self.values, places, strict=True)])
+        slopes = np.stack([rows[p] * float(p == sample) for rows, p in zip(self.slopes, places, strict=True)])
         return values * growth, slopes * growth + values * rise
 
-    def _growth(self, sample: int) -> tuple[float, float]:
-        """Return the factor with which the drive is brought in, and its change per sample."""
-        ramp = max(self.lead // 3, 1)
-        share = (sample + self.lead) / ramp
-        if not 0.0 <= share < 1.0:
-            return (1.0, 0.0) if share >= 1.0 else (0.0, 0.0)
-        return float(0.5 - 0.5 * np.cos(np.pi * share)), float(0.5 * np.pi / ramp * np.sin(np.pi * share))
+
+def _growth(lead: int, samples: int) -> Array:
+    """Return the factor with which the drive is brought in and its change (lead + samples + 1, 2): a raised cosine."""
+    ramp = max(lead // 3, 1)
+    share = np.minimum(np.arange(lead + samples + 1) / ramp, 1.0)
+    if lead == 0:
+        share[:] = 1.0
+    return np.stack([0.5 - 0.5 * np.cos(np.pi * share), 0.5 * np.pi / ramp * np.sin(np.pi * share)], axis=1)
 
 
 def _hermite(s: Array) -> tuple[Array, Array]:

@@ -9,9 +9,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import fftconvolve, firwin2
 
 from eightpost.errors import ParameterError
-from eightpost.rig.post.modes import aeroloader_forces
-from eightpost.rig.post.simulate import RATE
-from eightpost.rig.track import AEROLOADER, WHEELLOADER, track_drivefile
+from eightpost.rig.post.drive import RATE
+from eightpost.rig.track import AEROLOADER, WHEELLOADER
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
@@ -75,7 +74,7 @@ def random_drive(
     unknown = [name for name in active if name not in car.inputs]
     if unknown:
         raise ParameterError(f"no input {', '.join(unknown)}; the {car.name} has {', '.join(car.inputs)}")
-    _check_duration(duration)
+    check_duration(duration)
     generator, count, commands = np.random.default_rng(seed), round(duration * RATE) + 1, {}
     for name in car.inputs:
         is_road = name in car.named("road")
@@ -93,7 +92,7 @@ def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEA
         duration: [s]; 120. It repeats every 10 s.
         peak: [m]; 4.5.1 prints none: the 8-post rig's.
     """
-    _check_duration(duration)
+    check_duration(duration)
     frequencies = np.arange(1, 201) / 10.0
     amplitudes = np.interp(frequencies, *np.array(TABLE_4_3).T)
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, frequencies.size)
@@ -122,7 +121,7 @@ def sine_drive(
         mode: heave, pitch, roll or warp.
         duration: [s].
     """
-    _check_duration(duration)
+    check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
     wave = amplitude * np.minimum(time, 1.0) * np.sin(2.0 * np.pi * frequency * time)
     return _drivefile(car, time.size, _in_mode(car, mode, wave))
@@ -133,7 +132,7 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
 
     The edges take 20 ms (two moving means of 10 ms): no actuator jumps. 4.5.1 has 1 in, 20 s, 60 s long.
     """
-    _check_duration(duration)
+    check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
     wave = np.where((time / period) % 1.0 < 0.5, 0.0, height) - 0.5 * height
     for _ in range(2):
@@ -142,7 +141,7 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
 
 
 def static_drive(
-    car: Car, kind: str = "heave", *, most: float = 1000.0 * _POUND, levels: int = 5, hold: float = 4.0
+    car: Car, kind: str = "heave", *, most: float = 1000.0 * _POUND, levels: int = 5, hold: float = 5.0
 ) -> Drivefile:
     """Return the spring-rating test of 6.1.3: the aeroloaders from zero to `most` in levels, and back.
 
@@ -151,7 +150,7 @@ def static_drive(
         kind: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
         most: Largest force of each aeroloader in use [N]; pitch, roll and warp pull on the others.
         levels: Of force above zero; 5.
-        hold: At each [s], after a ramp of 1 s.
+        hold: At each [s], after a ramp of 1 s; 5 (6.4.4).
 
     Raises:
         ParameterError: The car has no aeroloaders, or there is no such kind.
@@ -173,21 +172,8 @@ def static_drive(
     return _drivefile(car, time.size, {name: sign * force for name, sign in signs.items()}, rest=False)
 
 
-def track_drive(car: Car, seed: int, *, duration: float = 30.0) -> Drivefile:
-    """Return a synthetic track lap for a four-wheeled car; loads go to the aeroloaders where there are such."""
-    lap = track_drivefile(seed, duration=duration, rate=RATE).series
-    if car.geometry is None:
-        raise ParameterError("a track lap needs a car of four wheels")
-    if car.loads != car.named("aero"):
-        return Drivefile(lap.select(car.inputs))
-    modes = np.stack([lap["heave_force"], lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))])
-    aero = aeroloader_forces(modes, car.geometry)
-    roads = {name: ("m", lap[name]) for name in car.named("road")}
-    loads = {name: ("N", row) for name, row in zip(car.loads, aero, strict=True)}
-    return Drivefile(TimeSeries.from_channels(lap.time, roads | loads))
-
-
-def _check_duration(duration: float) -> None:
+def check_duration(duration: float) -> None:
+    """Refuse a duration [s] that is not above 0."""
     if not (np.isfinite(duration) and duration > 0.0):
         raise ParameterError(f"the duration must be above 0, not {duration:g} s")
 
@@ -204,12 +190,12 @@ def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: boo
     zero, channels = np.zeros(count), {}
     units = (*("m",) * len(car.corners), *car.load_units)
     for name, unit in zip(car.inputs, units, strict=True):
-        mean = _mean_load(car, name) if rest else 0.0
+        mean = mean_load(car, name) if rest else 0.0
         channels[name] = (unit, mean + commands.get(name, zero))
     return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
 
 
-def _mean_load(car: Car, name: str) -> float:
+def mean_load(car: Car, name: str) -> float:
     """Return the mean of an input: the downforce on aeroloaders."""
     if car.loads != car.named("aero") or name not in car.loads:
         return 0.0

@@ -9,8 +9,9 @@ import numpy as np
 from eightpost.rig.post.actuators import Actuators
 from eightpost.rig.post.channels import RigSensors, commands, measured, with_math
 from eightpost.rig.post.drift import Drift
+from eightpost.rig.post.drive import LEAD
 from eightpost.rig.post.rig_test import RigConditions, RigTest
-from eightpost.rig.post.simulate import LEAD, Run, simulate
+from eightpost.rig.post.simulate import Run, simulate
 from eightpost.signals.timeseries import TimeSeries
 
 if TYPE_CHECKING:
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from eightpost.rig.post.car import Car
     from eightpost.rig.post.shocks import Shock
     from eightpost.signals.drivefile import Drivefile
-
-#: Length of the pieces in which long random runs are computed side by side [s].
-PIECE = 10.0
 
 
 def run_test(
@@ -33,7 +31,6 @@ def run_test(
     sensors: RigSensors | None = None,
     drift: Drift | None = None,
     actuators: Actuators | None = None,
-    piece: float | None = None,
     lead: float = LEAD,
     conditions: RigConditions | None = None,
 ) -> RigTest:
@@ -47,14 +44,13 @@ def run_test(
         sensors: Their noise; the default is a rig's, `RigSensors.perfect()` has none.
         drift: What this run draws; `NO_DRIFT` for none.
         actuators: Their bandwidths.
-        piece: As of `simulate`; `PIECE` for long random tests.
         lead: As of `simulate` [s].
         conditions: What the file shall say; truth and seed are filled in.
     """
     generator, drift = np.random.default_rng(seed), drift or Drift()
     car = drift.of(car, generator)
     drive = (actuators or Actuators()).follow(drivefile.series, car)
-    motion = simulate(car, [Run(drive, tuple(shocks))], piece=piece, lead=lead)[0]
+    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
     channels = measured(car, motion, sensors or RigSensors(), generator)
     channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}
     series = TimeSeries.from_channels(motion.time, channels | commands(car, drivefile.series))

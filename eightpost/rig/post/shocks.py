@@ -6,6 +6,7 @@ Corners and runs are computed side by side: all ports with the same shock are on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Fastest port velocity of the tables [m/s] and their spacing [m/s].
-_FASTEST, _SPACING = 6.0, 2.5e-4
+_FASTEST, TABLE_SPACING = 6.0, 2.5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,15 @@ class LinearDamper:
 
 
 Shock = LinearDamper | ShockLaw | TruthDamper | PhysicalDamper
+
+
+@lru_cache(maxsize=64)
+def static_table(law: Polylinear | Lpf1 | Lpnl2) -> tuple[Array, Array]:
+    """Return even port velocities (T,) [m/s] and the law's static force there (T,) [N]."""
+    count = round(_FASTEST / TABLE_SPACING)
+    velocities = TABLE_SPACING * np.arange(-count, count + 1)
+    forces = np.array([law.static_force(v) for v in velocities.tolist()])
+    return np.asarray(velocities, dtype=np.float64), forces
 
 
 class Bank(Protocol):
@@ -72,9 +82,7 @@ class _TabulatedBank:
 
     def __init__(self, law: Polylinear | Lpf1 | Lpnl2, ports: int) -> None:
         self._law, self._lagged = law, np.zeros(ports)
-        count = round(_FASTEST / _SPACING)
-        self._velocities = _SPACING * np.arange(-count, count + 1)
-        self._forces = np.array([law.static_force(v) for v in self._velocities.tolist()])
+        self._velocities, self._forces = static_table(law)
 
     def _static(self, velocity: Array) -> Array:
         return np.asarray(np.interp(velocity, self._velocities, self._forces))

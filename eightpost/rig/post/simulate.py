@@ -1,19 +1,22 @@
-"""Integration of the virtual rig: velocity Verlet at a fixed step of 0.2 ms, all runs and their pieces side by side."""
+"""What a car does on the virtual rig: run by run, or one drive with many setups."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import islice
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from eightpost.errors import ParameterError, StepError
-from eightpost.rig.post.drive import Drives, Span, spans_of
-from eightpost.rig.post.shocks import Shock, ShockSet
+from eightpost.rig.post.compiled import can_compile, compiled_march, left_all_bounds
+from eightpost.rig.post.drive import LEAD, RATE, Drives
+from eightpost.rig.post.reference import reference_march
+from eightpost.rig.post.shocks import Shock
 from eightpost.signals.timeseries import TimeSeries
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -21,11 +24,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Samples per second of the rig's records (6.1.5) [Hz], and steps of the integration per sample: 5 kHz.
-RATE, STEPS = 1250.0, 4
+Engine = Literal["compiled", "reference"]
 
-#: Time before each record in which the car comes into motion [s]; cut off.
-LEAD = 6.0
+#: Setups that are computed at once: their records are in memory together.
+_TOGETHER = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ class Motion:
     tire_force: Array
 
 
-def simulate(car: Car, runs: Sequence[Run], *, piece: float | None = None, lead: float = LEAD) -> list[Motion]:
+def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, engine: Engine = "compiled") -> list[Motion]:
     """Return what the car does in every run.
 
     Each run starts at rest; during `lead` before the record its first samples' roads and loads are brought in and held.
@@ -74,9 +76,9 @@ def simulate(car: Car, runs: Sequence[Run], *, piece: float | None = None, lead:
     Args:
         car: The truth.
         runs: Drives and shocks.
-        piece: Longer runs are computed in pieces of this length at once, each from rest with the drive of the `lead`
-            before it [s]: what the car has forgotten by then must not matter, so not for static loading. None for none.
         lead: [s].
+        engine: `compiled`, on all cores (a law that it does not know is stepped by the reference), or `reference`:
+            the same steps in numpy, slower, equal to rounding.
 
     Raises:
         ParameterError: A drive lacks an input or has another rate; a run has not one shock per corner.
@@ -84,12 +86,35 @@ def simulate(car: Car, runs: Sequence[Run], *, piece: float | None = None, lead:
     """
     for run in runs:
         _check(car, run)
-    spans = [span for k, run in enumerate(runs) for span in spans_of(k, run.drive.time.size, RATE, piece)]
-    drives = Drives([_inputs(car, run.drive) for run in runs], spans, round(lead * RATE), STEPS)
-    shocks = ShockSet([runs[span.run].shocks for span in spans])
-    records = _march(car, shocks, drives)
-    return [_motion(car, run, [(s, records[:, :, i]) for i, s in enumerate(spans) if s.run == k])
-            for k, run in enumerate(runs)]  # fmt: skip
+    inputs = {id(run.drive): _inputs(car, run.drive) for run in runs}
+    drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE))
+    shocks = [run.shocks for run in runs]
+    march = compiled_march if engine == "compiled" and can_compile(shocks) else reference_march
+    with np.errstate(over="ignore", invalid="ignore"):
+        records = march(car, shocks, drives)
+    return [_motion(car, run, inputs[id(run.drive)], rows) for run, rows in zip(runs, records, strict=True)]
+
+
+def simulate_setups(
+    car: Car, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD
+) -> Iterator[Motion]:
+    """Yield what the car does with each setup on one drive, in their order.
+
+    A few setups are computed at once, so thousands may be asked for: keep measures of the motions, not the motions.
+
+    Args:
+        car: The truth.
+        drive: What the actuators do, at `RATE`.
+        setups: One shock per corner each; use the same shock objects again and again.
+        lead: As of `simulate` [s].
+
+    Raises:
+        ParameterError: As of `simulate`.
+        StepError: As of `simulate`.
+    """
+    rest = iter(setups)
+    while some := list(islice(rest, _TOGETHER)):
+        yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in some], lead=lead)
 
 
 def _check(car: Car, run: Run) -> None:
@@ -106,73 +131,11 @@ def _inputs(car: Car, drive: TimeSeries) -> Array:
     return np.stack([drive[name] for name in car.inputs])
 
 
-def _march(car: Car, shocks: ShockSet, drives: Drives) -> Array:
-    """Return the records (N, 3 D + 3 C, B) of every piece from its own start.
-
-        q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
-
-    Second order; the shocks and the friction go by their own exponentials.
-    """
-    dofs, corners, runs = car.mass.size, len(car.corners), drives.runs
-    step = 1.0 / (RATE * STEPS)
-    stepper = _Stepper(car, shocks, step, runs)
-    records = np.empty((drives.samples, 3 * dofs + 3 * corners, runs))
-    for sample in range(-drives.lead, drives.samples):
-        if sample >= 0:
-            records[sample] = stepper.record()
-        if sample % 500 == 0 and not np.isfinite(stepper.q).all():
-            raise StepError(
-                f"the {car.name} left all bounds near {sample / RATE:.2f} s; are its shocks and drive sane?"
-            )
-        values, slopes = drives.between(sample)
-        for k in range(STEPS):
-            stepper.step(values[k], slopes[k])
-    return records
-
-
-class _Stepper:
-    """The state of all runs, and one step of it."""
-
-    def __init__(self, car: Car, shocks: ShockSet, step: float, runs: int) -> None:
-        self._car, self._shocks, self._step = car, shocks, step
-        dofs, corners = car.mass.size, len(car.corners)
-        self._corners = corners
-        self.q, self.v, self.a = (np.zeros((dofs, runs)) for _ in range(3))
-        self._speed, self._bend = np.zeros((corners, runs)), np.zeros((corners, runs))
-        self._shock_force, self._friction, self._tire = (np.zeros((corners, runs)) for _ in range(3))
-        self._ports = np.vstack([car.shock, car.wheel, car.spring])
-        inverse = (1.0 / car.mass)[:, None]
-        self._push = inverse * np.hstack([-car.shock.T, car.wheel.T, -car.spring.T, car.load.T])
-        self._stiffness, self._damping = -inverse * car.stiffness, -inverse * car.damping
-        self._linear = bool(np.any(car.stiffness) or np.any(car.damping))
-
-    def record(self) -> Array:
-        """Return q, v, a, shock, friction and tire forces, stacked (3 D + 3 C, B)."""
-        return np.vstack([self.q, self.v, self.a, self._shock_force, self._friction, self._tire])
-
-    def step(self, drive: Array, slope: Array) -> None:
-        """Go one step on to where the inputs are `drive` (U, B) and change by `slope` (U, B) [1/s]."""
-        h, car, n = self._step, self._car, self._corners
-        self.q = self.q + h * (self.v + (0.5 * h) * self.a)
-        guess = self.v + h * self.a
-        places, speeds = self._ports @ self.q, self._ports @ guess
-        speed = speeds[:n]
-        self._shock_force = self._shocks.advance(self._speed, speed, places[:n], h)
-        self._bend = car.friction.bend(self._bend, 0.5 * (self._speed + speed), h)
-        self._friction = car.friction.force(self._bend)
-        self._tire = car.tires.force(drive[:n] - places[n : 2 * n], slope[:n] - speeds[n : 2 * n])
-        spring = car.springs.force(places[2 * n :])
-        forces = np.vstack([self._shock_force + self._friction, self._tire, spring, drive[n:]])
-        a = self._push @ forces
-        if self._linear:
-            a = a + self._stiffness @ self.q + self._damping @ guess
-        self.v = self.v + (0.5 * h) * (self.a + a)
-        self.a, self._speed = a, self._ports[:n] @ self.v
-
-
-def _motion(car: Car, run: Run, parts: list[tuple[Span, Array]]) -> Motion:
-    """Return a run's motion from its pieces' records (N, R)."""
-    whole = np.concatenate([record[: span.stop - span.start] for span, record in parts]).T
+def _motion(car: Car, run: Run, inputs: Array, records: Array) -> Motion:
+    """Return a run's motion from its records (N, 3 D + 3 C)."""
+    if not np.isfinite(records[:, 0]).all():
+        raise StepError(left_all_bounds(car, int(np.argmin(np.isfinite(records[:, 0])))))
     dofs, corners = car.mass.size, len(car.corners)
     bounds = np.cumsum([dofs, dofs, dofs, corners, corners])
-    return Motion(run.drive.time, _inputs(car, run.drive), *(np.ascontiguousarray(p) for p in np.split(whole, bounds)))
+    parts = np.split(records.T, bounds)
+    return Motion(run.drive.time, inputs, *(np.ascontiguousarray(part) for part in parts))

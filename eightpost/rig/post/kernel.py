@@ -1,0 +1,393 @@
+"""The virtual rig's integration as machine code: one run of one car, the same steps as in `reference.py`.
+
+    q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
+
+Arrays and numbers only; `compiled.py` fills them from cars and shocks. The only module of the rig that imports numba.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Counts = NDArray[np.int64]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Kinds of shocks. What their rows of numbers hold stands with the functions below.
+LINEAR, STATIC, LAGGED, WEIGHTED, FLUID, PHYSICAL = range(6)
+
+#: Length of a row of numbers, and how many states a shock has.
+NUMBERS, STATES = 36, 5
+
+#: The L-stable second-order method ROS2.
+_GAMMA = 1.0 + math.sqrt(0.5)
+
+#: Slowest sliding that counts as motion [m/s].
+_STILL = 1e-12
+
+#: Samples from one look at whether the motion is finite to the next.
+_LOOK = 500
+
+
+class CarNumbers(NamedTuple):
+    """A car of D coordinates, C corners and U inputs."""
+
+    ports: Array
+    """(3 C, D): rows of shocks, wheels, springs."""
+    push: Array
+    """(D, 3 C + loads): accelerations by forces."""
+    stiffness: Array
+    damping: Array
+    """(D, D): accelerations by q and q'."""
+    springs: Array
+    """(C, 4): rate, progression, stop gap, stop rate."""
+    tires: Array
+    """(C, 3): stiffness, damping, static load."""
+    friction: Array
+    """(C, 4): coulomb, breakaway, stiffness, Stribeck velocity."""
+
+
+class ShockNumbers(NamedTuple):
+    """S different shocks."""
+
+    kinds: Counts
+    """(S,)."""
+    numbers: Array
+    """(S, NUMBERS)."""
+    starts: Array
+    """(S, STATES): where each starts."""
+    tables: Array
+    """(S, T): static force over port velocity, even from -fastest to fastest."""
+    spacing: float
+    """Of the tables [m/s]."""
+
+
+class Inputs(NamedTuple):
+    """The drive of one run."""
+
+    values: Array
+    """(N, U)."""
+    slopes: Array
+    """(N, U) per sample."""
+    lead: int
+    """Samples before it."""
+    growth: Array
+    """(lead + N + 1, 2): factor with which the drive is brought in, and its change per sample."""
+    weights: Array
+    """(2, S, 4): of value, slope, next value, next slope, for the input and for its slope, at each step."""
+    rate: float
+    """Samples per second [Hz]."""
+
+
+def _compiled(function: Function) -> Function:
+    """Return a function as machine code, kept on disk; sums may be taken in another order."""
+    options = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+    return cast("Function", njit(**options)(function))
+
+
+@_compiled
+def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, records: Array) -> int:
+    """Fill the records (N, 3 D + 3 C) of one run: q, q', q'', shock, friction and tire forces.
+
+    Args:
+        car: Its numbers.
+        which: (C,) the corners' shocks.
+        shocks: Their numbers.
+        inputs: The drive.
+        records: One row per sample, to be filled.
+
+    Returns:
+        The sample at which the motion was seen to be no longer finite, -lead - 1 where it stayed finite.
+    """
+    corners, dofs = which.size, car.push.shape[0]
+    steps, count = inputs.weights.shape[1], inputs.values.shape[1]
+    h = 1.0 / (inputs.rate * steps)
+    q, v, a, guess = np.zeros(dofs), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
+    places, speeds = np.zeros(3 * corners), np.zeros(3 * corners)
+    before, bend, outputs = np.zeros(corners), np.zeros(corners), np.zeros((3, corners))
+    forces = np.zeros(car.push.shape[1])
+    states, work = np.empty((corners, STATES)), np.empty((10, 3))
+    for c in range(corners):
+        states[c] = shocks.starts[which[c]]
+    knots, drive, slope = np.empty((4, count)), np.empty(count), np.empty(count)
+    for sample in range(-inputs.lead, records.shape[0]):
+        if sample >= 0:
+            _note(records[sample], q, v, a, outputs)
+        if sample % _LOOK == 0 and not np.isfinite(q).all():
+            return sample
+        _lay_knots(inputs, sample, knots)
+        for k in range(steps):
+            _drive_at(inputs, k, knots, drive, slope)
+            for i in range(dofs):
+                q[i] += h * (v[i] + 0.5 * h * a[i])
+                guess[i] = v[i] + h * a[i]
+            _through(car.ports, q, places)
+            _through(car.ports, guess, speeds)
+            for c in range(corners):
+                s = which[c]
+                force = _shock(
+                    shocks.kinds[s], shocks.numbers[s], shocks.tables[s], shocks.spacing, states[c], before[c],
+                    speeds[c], places[c], h, work,
+                )  # fmt: skip
+                bend[c] = _bend(car.friction[c], bend[c], 0.5 * (before[c] + speeds[c]), h)
+                w, p = corners + c, 2 * corners + c
+                tire, sticking = car.tires[c], car.friction[c, 2] * bend[c]
+                load = max(tire[0] * (drive[c] - places[w]) + tire[1] * (slope[c] - speeds[w]), -tire[2])
+                outputs[0, c], outputs[1, c], outputs[2, c] = force, sticking, load
+                forces[c], forces[w], forces[p] = force + sticking, load, _spring(car.springs[c], places[p])
+            for j in range(corners, count):
+                forces[2 * corners + j] = drive[j]
+            _accelerate(car, forces, q, guess, v, a, h)
+            for c in range(corners):
+                before[c] = _dot(car.ports[c], v)
+    return -inputs.lead - 1
+
+
+@_compiled
+def _note(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
+    d, c = q.size, outputs.shape[1]
+    row[:d], row[d : 2 * d], row[2 * d : 3 * d] = q, v, a
+    for k in range(3):
+        row[3 * d + k * c : 3 * d + (k + 1) * c] = outputs[k]
+
+
+@_compiled
+def _lay_knots(inputs: Inputs, sample: int, knots: Array) -> None:
+    """Fill the values and slopes (4, U) at a sample and at the next; outside the drive its ends are held."""
+    last = inputs.values.shape[0] - 1
+    for side in range(2):
+        wanted = sample + side
+        place = min(max(wanted, 0), last)
+        inside = 1.0 if place == wanted else 0.0
+        grown, rise = inputs.growth[sample + side + inputs.lead]
+        for j in range(knots.shape[1]):
+            value = inputs.values[place, j]
+            knots[2 * side, j] = value * grown
+            knots[2 * side + 1, j] = inside * inputs.slopes[place, j] * grown + value * rise
+
+
+@_compiled
+def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
+    w, g = inputs.weights[0, step], inputs.weights[1, step]
+    for j in range(drive.size):
+        drive[j] = w[0] * knots[0, j] + w[1] * knots[1, j] + w[2] * knots[2, j] + w[3] * knots[3, j]
+        change = g[0] * knots[0, j] + g[1] * knots[1, j] + g[2] * knots[2, j] + g[3] * knots[3, j]
+        slope[j] = change * inputs.rate
+
+
+@_compiled
+def _dot(row: Array, x: Array) -> float:
+    total = 0.0
+    for i in range(x.size):
+        total += row[i] * x[i]
+    return total
+
+
+@_compiled
+def _through(matrix: Array, x: Array, out: Array) -> None:
+    for k in range(out.size):
+        out[k] = _dot(matrix[k], x)
+
+
+@_compiled
+def _accelerate(car: CarNumbers, forces: Array, q: Array, guess: Array, v: Array, a: Array, h: float) -> None:
+    """Bring the accelerations and velocities to the end of the step."""
+    for i in range(a.size):
+        new = _dot(car.push[i], forces) + _dot(car.stiffness[i], q) + _dot(car.damping[i], guess)
+        v[i] += 0.5 * h * (a[i] + new)
+        a[i] = new
+
+
+@_compiled
+def _spring(spring: Array, s: float) -> float:
+    into = max(s - spring[2], 0.0)
+    return float(spring[0] * s * (1.0 + spring[1] * s) + spring[3] * into * into)
+
+
+@_compiled
+def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
+    """Return the bristle's bend after a step at a held velocity, as `Friction.bend`."""
+    speed, ratio = abs(velocity), velocity / friction[3]
+    if speed <= _STILL:
+        return before
+    level = friction[0] + (friction[1] - friction[0]) * math.exp(-ratio * ratio)
+    reach = max(level, 1e-9) / friction[2]
+    steady = math.copysign(reach, velocity)
+    return steady + (before - steady) * math.exp(-speed * h / reach)
+
+
+@_compiled
+def _shock(
+    kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
+    h: float, work: Array,
+) -> float:  # fmt: skip
+    """Return a shock's force [N] after a step, and bring its states there; as `Bank.advance`."""
+    if kind == LINEAR:
+        return float(n[0] * after)
+    if kind == FLUID:
+        return _fluid(n, state, before, after, place, h)
+    if kind == PHYSICAL:
+        return _physical(n, state, 0.5 * (before + after), place, h, work)
+    return _tabulated(kind, n, table, spacing, state, before, after, place, h)
+
+
+@_compiled
+def _at(table: Array, spacing: float, velocity: float) -> float:
+    """Return the table's force at a velocity [m/s]; beyond its ends the last one."""
+    x = velocity / spacing + 0.5 * (table.size - 1)
+    if x <= 0.0:
+        return float(table[0])
+    k = int(x)
+    if k >= table.size - 1:
+        return float(table[-1])
+    return float(table[k] + (x - k) * (table[k + 1] - table[k]))
+
+
+@_compiled
+def _tabulated(
+    kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
+    h: float,
+) -> float:  # fmt: skip
+    """Polylinear, LPF1, LPNL2; n = ratio, seal, seal velocity, preload, gas stiffness, tau, F_1, F_2."""
+    static = _at(table, spacing, after)
+    force = static
+    if kind != STATIC:
+        start, tau = _at(table, spacing, before), n[5]
+        behind = tau * (static - start) / h
+        state[0] = static - behind + (state[0] - start + behind) * math.exp(-h / tau)
+        force = state[0]
+    if kind == WEIGHTED:
+        weight = min(max((n[7] - abs(static)) / (n[7] - n[6]), 0.0), 1.0)
+        force = weight * state[0] + (1.0 - weight) * static
+    if n[1] != 0.0:
+        force += n[1] * math.tanh(n[0] * after / n[2])
+    return float(n[0] * (force + n[3] + n[4] * n[0] * place))
+
+
+@_compiled
+def _softplus(x: float) -> float:
+    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
+
+
+@_compiled
+def _fluid(n: Array, state: Array, before: float, after: float, place: float, h: float) -> float:
+    """Dampers of the demonstration data; n = k0, F1, gas K, F0, seal drag, seal velocity, two sides of five."""
+    force = state[0]
+    side = n[6:11] if force >= 0.0 else n[11:16]
+    size = abs(force)
+    root = math.sqrt(side[0] ** 2 + 4.0 * side[1] * size)
+    level, closed = (size - side[2]) / side[3], -side[2] / side[3]
+    flow = 2.0 * size / (root + side[0]) + side[3] / side[4] * (_softplus(level) - _softplus(closed))
+    slope = 1.0 / root + 0.5 * (1.0 + math.tanh(0.5 * level)) / side[4]
+    stiffness = n[0] * (1.0 + size / n[1])
+    rate = stiffness * (0.5 * (before + after) - (flow if force >= 0.0 else -flow))
+    decay = h * stiffness * slope
+    state[0] = force - h * rate * math.expm1(-decay) / decay
+    return float(state[0] + n[2] * place + n[3] + n[4] * math.tanh(after / n[5]))
+
+
+@_compiled
+def _passage(drop: float, p: Array) -> tuple[float, float]:
+    """Return flow and slope of a `Passage` (orifice, transition, opening, port, preload) at a drop >= 0 [Pa]."""
+    size = drop * drop + p[1] * p[1]
+    root = math.sqrt(math.sqrt(size))
+    flow, slope = p[0] * drop / root, p[0] * (1.0 - 0.5 * drop * drop / size) / root
+    if p[2] == 0.0 or drop == 0.0:
+        return flow, slope
+    whole = drop >= 2.0 * p[4]
+    lift = drop - p[4] if whole else 0.25 * drop * drop / p[4]
+    growth = 1.0 if whole else 0.5 * drop / p[4]
+    ratio = p[2] * lift / p[3]
+    series, rise = 1.0 + ratio * ratio, math.sqrt(drop)
+    gap = p[2] / math.sqrt(series)
+    return flow + gap * lift * rise, slope + gap * (growth * rise / series + 0.5 * lift / rise)
+
+
+@_compiled
+def _valve(drop: float, forward: Array, backward: Array) -> tuple[float, float]:
+    flow, slope = _passage(abs(drop), forward if drop >= 0.0 else backward)
+    return (flow if drop >= 0.0 else -flow), slope
+
+
+@_compiled
+def _filling(n: Array, level: float) -> tuple[float, float, float, float]:
+    """Return a chamber's excess over the vapour pressure, content, softness and the softness' softening."""
+    excess = n[1] * math.exp(level)
+    liquid = (1.0 - n[3]) * math.exp((n[1] - excess) * n[4])
+    gas = n[3] * math.exp(-level / n[2])
+    phi, share = liquid + gas, gas / (liquid + gas)
+    softness = excess * (n[5] + liquid * n[4] / phi) + gas / (n[2] * phi)
+    lost = excess * n[4]
+    fall = share * (1.0 - share) * (lost - 1.0 / n[2])
+    change = excess * n[5] + (1.0 - share) * lost + fall * (1.0 / n[2] - lost)
+    return excess, math.exp((excess - n[1]) * n[5]) / phi, softness, change / softness
+
+
+@_compiled
+def _plant(n: Array, x: float, v: float, y: Array, rates: Array, matrix: Array) -> None:
+    """Fill the rates (3,) and the Jacobian (3, 3) of `Plant` at states y (3,)."""
+    excess_c, content_c, softness_c, bend_c = _filling(n, y[0])
+    excess_r, content_r, softness_r, bend_r = _filling(n, y[1])
+    gas = n[10] * y[2] ** -n[11]
+    through, ease = _valve(excess_c - excess_r, n[13:18], n[18:23])
+    out, ease_out = _valve(n[0] + excess_c - gas, n[23:28], n[28:33])
+    room_c, room_r = n[6] * (n[8] - x) * softness_c, n[7] * (n[9] + x) * softness_r
+    rates[0] = (n[6] * v - (through + out) / content_c) / room_c
+    rates[1] = (through / content_r - n[7] * v) / room_r
+    rates[2] = -out * n[12]
+    stiff_c, stiff_r, slope = content_c * room_c, content_r * room_r, -n[11] * gas / y[2]
+    own_c = (through + out) * softness_c - (ease + ease_out) * excess_c
+    own_r = -through * softness_r - ease * excess_r
+    matrix[0, 0] = own_c / stiff_c - rates[0] * bend_c
+    matrix[0, 1], matrix[0, 2] = ease * excess_r / stiff_c, ease_out * slope / stiff_c
+    matrix[1, 0], matrix[1, 1], matrix[1, 2] = ease * excess_c / stiff_r, own_r / stiff_r - rates[1] * bend_r, 0.0
+    matrix[2, 0], matrix[2, 1], matrix[2, 2] = -ease_out * excess_c * n[12], 0.0, ease_out * slope * n[12]
+
+
+@_compiled
+def _solve(m: Array, b: Array, x: Array) -> None:
+    """Solve m x = b (3, 3) by cofactors; m is near the identity plus a diagonal that is not negative."""
+    c0 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
+    c1 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
+    c2 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
+    whole = m[0, 0] * c0 + m[0, 1] * c1 + m[0, 2] * c2
+    e0, e1 = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2], m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    f0, f1 = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0], m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+    g0, g1 = m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1], m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    x[0] = (c0 * b[0] + e0 * b[1] + e1 * b[2]) / whole
+    x[1] = (c1 * b[0] + f0 * b[1] + f1 * b[2]) / whole
+    x[2] = (c2 * b[0] + g0 * b[1] + g1 * b[2]) / whole
+
+
+@_compiled
+def _physical(n: Array, state: Array, velocity: float, place: float, h: float, work: Array) -> float:
+    """Physical dampers, as `PhysicalBank`; state = two levels, gas volume, seals' drag and place."""
+    y, rates, first, second, there, matrix = state[:3], work[0], work[1], work[2], work[3], work[4:7]
+    _plant(n, place, velocity, y, rates, matrix)
+    for i in range(3):
+        for j in range(3):
+            matrix[i, j] = (1.0 if i == j else 0.0) - h * _GAMMA * matrix[i, j]
+    _solve(matrix, rates, first)
+    for i in range(3):
+        there[i] = y[i] + h * first[i]
+    _plant(n, place, velocity, there, rates, work[7:])
+    for i in range(3):
+        rates[i] -= 2.0 * first[i]
+    _solve(matrix, rates, second)
+    for i in range(3):
+        y[i] += h * (1.5 * first[i] + 0.5 * second[i])
+    moved = place - state[4]
+    end = math.copysign(n[34], moved)
+    state[3] = end + (state[3] - end) * math.exp(-abs(moved) / n[35])
+    state[4] = place
+    compression, rebound = n[0] + n[1] * math.exp(y[0]), n[0] + n[1] * math.exp(y[1])
+    return float(compression * n[6] - rebound * n[7] + n[33] + state[3])

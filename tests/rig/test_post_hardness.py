@@ -1,0 +1,49 @@
+"""The 8-post stand-in is hard for linear models because of its friction, and for no other reason."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.rig.post import stand_in_truth
+
+
+def _beside(name):
+    """Load a module of this folder, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"eightpost_tests_{name}", Path(__file__).with_name(f"{name}.py"))
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+best_linear = _beside("best_linear")
+
+#: From soft to hard all round and front against rear; baseline and alternate are 20 and 9 lbf.s/in.
+SETUPS = [(20, 20, 20, 20), (9, 9, 9, 9), (30, 30, 30, 30), (12, 12, 25, 25), (28, 28, 12, 12), (10, 30, 10, 30)]
+
+
+def error_of(car, *, lap_seed, duration, record=100.0):
+    """RMS of the relative errors [%] over all measures and setups (physics.md's "all")."""
+    model = best_linear.linear_model(car, duration=record)
+    errors = best_linear.relative_errors(car, model, SETUPS, seed=lap_seed, duration=duration)
+    assert errors.shape == (len(SETUPS), 15)
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
+def test_the_best_linear_model_misses_the_stand_in_and_meets_it_without_friction(friction, least, most):
+    car = stand_in_truth() if friction == "on" else stand_in_truth().without_friction()
+    assert least <= error_of(car, lap_seed=1, duration=12.0) < most
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("lap_seed", [1, 2, 3])
+def test_it_does_so_with_full_records_on_whole_laps(lap_seed):
+    car = stand_in_truth()
+    assert error_of(car, lap_seed=lap_seed, duration=33.0, record=400.0) >= 2.5
+    assert error_of(car.without_friction(), lap_seed=lap_seed, duration=33.0, record=400.0) < 0.5
