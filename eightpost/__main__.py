@@ -21,13 +21,14 @@ from eightpost.errors import EightpostError, InputError
 #: because its libraries take seconds to load.
 VERBS = {
     "dyno": "Test a physical shock on the virtual dynamometer.",
-    "inspect": "Show what is in a dynamometer file, and what is suspicious in it.",
+    "inspect": "Show what is in a dynamometer or rig file, and what is suspicious in it.",
     "fit": "Fit a shock law to a dynamometer file.",
     "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
     "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
     "identify": "Identify a vehicle from rig tests.",
     "vehicle": "Show modes and frequency responses of a vehicle, and what a parameter does to them.",
+    "export": "Export models and frequency responses for other tools.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
     "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
     "run": "Run a system of coupled FMUs.",

@@ -31,7 +31,21 @@ def read_json(path: str | Path) -> IdentifiedVehicle:
         UnknownUnitError: A channel's unit is not SI.
     """
     path = Path(path)
-    content = _load(path)
+    return from_document(path, _load(path))
+
+
+def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
+    """Return the vehicle that a document describes, as `document` makes one.
+
+    Args:
+        path: Where it was read, for messages.
+        content: The document.
+
+    Raises:
+        FileFormatError: A layout that is not understood.
+        ParameterError: The model does not fit together.
+        UnknownUnitError: A channel's unit is not SI.
+    """
     check_schema(path, content, SCHEMA)
     _check_keys(path, content)
     try:
@@ -44,8 +58,14 @@ def read_json(path: str | Path) -> IdentifiedVehicle:
 
 def write_json(path: str | Path, vehicle: IdentifiedVehicle) -> None:
     """Write an identified vehicle so that reading gives the same numbers to the last bit."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(_rows_on_lines(document(vehicle)), encoding="utf-8")
+
+
+def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
+    """Return what a file of the vehicle says: texts, numbers, lists and tables of them."""
     model = vehicle.state_space
-    content = {
+    return {
         "schema": SCHEMA,
         "kind": "vehicle",
         "tool": f"eightpost {eightpost.__version__}",
@@ -60,8 +80,6 @@ def write_json(path: str | Path, vehicle: IdentifiedVehicle) -> None:
         "static": dict(vehicle.static),
         **{field: getattr(model, field).tolist() for field in ("A", "B", "C", "D")},
     }
-    with atomic_path(path) as temporary:
-        temporary.write_text(_rows_on_lines(content), encoding="utf-8")
 
 
 def _rows_on_lines(content: dict[str, Any]) -> str:

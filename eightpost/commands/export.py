@@ -1,0 +1,82 @@
+"""`eightpost export`: models and frequency responses for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+
+from eightpost.errors import FileFormatError, InputError
+from eightpost.ident.exports import write_response_mat, write_response_uff, write_vehicle_mat
+from eightpost.ident.response import FrequencyResponse, read_response, response_of
+from eightpost.vehicle import IdentifiedVehicle, StateSpace, read_vehicle
+
+
+@click.command()
+@click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
+@click.option("--ports", type=click.Choice(["difference", "whole"]), default="difference", show_default=True,
+              help="What the shock inputs of a vehicle take: what a shock's force is more than the baseline damper's, "
+              "or the whole of it.")  # fmt: skip
+@click.option(
+    "--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency of a vehicle's response."
+)
+@click.option("--step", default=0.05, show_default=True, metavar="HZ", help="Between its frequencies.")
+@click.option("-o", "output", required=True, type=click.Path(path_type=Path), help="A .mat, .uff or .unv file.")
+def export(source: Path, ports: str, high: float, step: float, output: Path) -> None:
+    """Export models and frequency responses for other tools.
+
+    SOURCE is a vehicle (.json, or .toml with parameters) or a frequency response (.npz). A vehicle becomes a .mat with
+    A, B, C, D, names and units, or its frequency response as a universal file (datasets 58); a response becomes either.
+
+    \b
+    Examples:
+      eightpost export vehicle.json -o car.mat
+      eightpost export vehicle.json -o car.uff --high 20 --step 0.05
+      eightpost export response.npz -o response.mat
+    """
+    suffix = output.suffix.lower()
+    if suffix not in (".mat", ".uff", ".unv"):
+        raise FileFormatError("name a .mat, .uff or .unv file", path=output)
+    if source.suffix.lower() == ".npz":
+        said = _write(read_response(source), output)
+    else:
+        vehicle = _vehicle(source, ports)
+        said = _write_model(vehicle, output) if suffix == ".mat" else _write(_response(vehicle, high, step), output)
+    Console(soft_wrap=True, highlight=False).print(f"read {source}; wrote {output}: {said}", markup=False)
+
+
+def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:
+    """Return a vehicle as it was identified, or with ports that take the whole force."""
+    vehicle = read_vehicle(source)
+    if ports == "difference" and isinstance(vehicle, IdentifiedVehicle):
+        return vehicle
+    sources = vehicle.sources if isinstance(vehicle, IdentifiedVehicle) else {}
+    model: StateSpace = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
+    return IdentifiedVehicle(vehicle.name, model, {}, vehicle.static, sources)
+
+
+def _write_model(vehicle: IdentifiedVehicle, output: Path) -> str:
+    write_vehicle_mat(output, vehicle)
+    model = vehicle.state_space
+    time = "continuous" if model.dt is None else f"discrete, {model.dt:g} s"
+    return (
+        f"{vehicle.name}, {time}, {len(model.A)} states, {len(model.inputs)} inputs, {len(model.outputs)} outputs; "
+        "A, B, C, D, Ts, InputName, OutputName, InputUnit, OutputUnit"
+    )
+
+
+def _response(vehicle: IdentifiedVehicle, high: float, step: float) -> FrequencyResponse:
+    if not 0.0 < step < high < 1e4:
+        raise InputError(f"--step {step:g} --high {high:g}: give 0 < step < high < 10000 Hz")
+    return response_of(vehicle.state_space, step * np.arange(1, round(high / step) + 1))
+
+
+def _write(response: FrequencyResponse, output: Path) -> str:
+    write = write_response_mat if output.suffix.lower() == ".mat" else write_response_uff
+    write(output, response)
+    span = f"{response.frequency[0]:g} to {response.frequency[-1]:g} Hz"
+    return (
+        f"{len(response.outputs)} x {len(response.inputs)} responses at {response.frequency.size} frequencies, {span}"
+    )

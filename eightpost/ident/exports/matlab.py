@@ -1,0 +1,160 @@
+"""Models and frequency responses as MATLAB files (version 5), under the names that MATLAB's own objects have.
+
+    m = load('car.mat'); sys = ss(m.A, m.B, m.C, m.D, m.Ts);
+    set(sys, 'InputName', m.InputName, 'OutputName', m.OutputName, 'InputUnit', m.InputUnit, 'OutputUnit', m.OutputUnit)
+
+    r = load('response.mat'); sys = frd(r.H, r.Frequency, 'FrequencyUnit', 'Hz');
+
+The variable `eightpost` is JSON: what else is known of the vehicle, so that reading gives the same one back.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.io import loadmat, savemat
+from scipy.io.matlab import MatReadError
+
+from eightpost import __version__
+from eightpost.errors import FileFormatError
+from eightpost.files import atomic_path
+from eightpost.ident.response import FrequencyResponse
+from eightpost.vehicle.exchange import document, from_document
+from eightpost.vehicle.statespace import Channel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.vehicle import IdentifiedVehicle
+
+#: The newest layout of a response's file that is understood, and the one written.
+SCHEMA = 1
+
+_MATRICES = ("A", "B", "C", "D")
+_OPTIONAL = ("coherence", "partial_coherence", "variance")
+
+
+def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
+    """Write an identified vehicle as it was identified, around its baseline damping.
+
+    Args:
+        path: A .mat file; replaced whole or not at all.
+        vehicle: What to write.
+    """
+    model = vehicle.state_space
+    story = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
+    content: dict[str, Any] = {name: getattr(model, name) for name in _MATRICES}
+    content["Ts"] = 0.0 if model.dt is None else model.dt
+    content["Name"] = vehicle.name
+    _write(path, {**content, **_channel_cells(model.inputs, model.outputs), "eightpost": json.dumps(story)})
+
+
+def read_vehicle_mat(path: str | Path) -> IdentifiedVehicle:
+    """Read an identified vehicle that `write_vehicle_mat` wrote; it equals it to the last bit.
+
+    Raises:
+        FileFormatError: No such file, no vehicle of ours, or one of a newer schema.
+    """
+    path = Path(path)
+    content = _read(path)
+    story = _story(content, path, kind="vehicle")
+    for name in _MATRICES:
+        if name not in content:
+            raise FileFormatError(f"holds no vehicle: the matrix {name} is missing", path=path)
+    return from_document(path, {**story, **{name: np.asarray(content[name]).tolist() for name in _MATRICES}})
+
+
+def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
+    """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance.
+
+    Args:
+        path: A .mat file; replaced whole or not at all.
+        response: What to write.
+    """
+    story = {
+        "kind": "frequency_response",
+        "schema": SCHEMA,
+        "tool": f"eightpost {__version__}",
+        "inputs": [{"name": channel.name, "unit": channel.unit} for channel in response.inputs],
+        "outputs": [{"name": channel.name, "unit": channel.unit} for channel in response.outputs],
+    }
+    content: dict[str, Any] = {"H": response.H, "Frequency": response.frequency[:, None]}
+    content |= {name: getattr(response, name) for name in _OPTIONAL if getattr(response, name) is not None}
+    _write(path, {**content, **_channel_cells(response.inputs, response.outputs), "eightpost": json.dumps(story)})
+
+
+def read_response_mat(path: str | Path) -> FrequencyResponse:
+    """Read a frequency response that `write_response_mat` wrote; it equals it to the last bit.
+
+    Raises:
+        FileFormatError: No such file, no response of ours, or one of a newer schema.
+    """
+    path = Path(path)
+    content = _read(path)
+    story = _story(content, path, kind="frequency_response")
+    schema = story.get("schema")
+    if not isinstance(schema, int) or schema > SCHEMA:
+        what = f"it has schema {schema}, this eightpost {__version__} reads up to {SCHEMA}; update eightpost"
+        raise FileFormatError(what, path=path)
+    try:
+        return _response(content, story)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"does not hold a response as this version writes it ({error})", path=path) from error
+
+
+def _response(content: Mapping[str, Any], story: Mapping[str, Any]) -> FrequencyResponse:
+    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in story[side]) for side in ("inputs", "outputs"))
+    frequency = np.asarray(content["Frequency"]).ravel()
+    p, m, count = len(outputs), len(inputs), frequency.size
+    shapes = {"coherence": (p, count), "partial_coherence": (p, m, count), "variance": (p, m, count)}
+    # MATLAB drops trailing dimensions of one.
+    optional = [np.reshape(content[name], shapes[name]) if name in content else None for name in _OPTIONAL]
+    return FrequencyResponse(frequency, np.reshape(content["H"], (p, m, count)), inputs, outputs, *optional)
+
+
+def _channel_cells(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> dict[str, NDArray[Any]]:
+    return {
+        "InputName": _cells([channel.name for channel in inputs]),
+        "InputUnit": _cells([channel.unit for channel in inputs]),
+        "OutputName": _cells([channel.name for channel in outputs]),
+        "OutputUnit": _cells([channel.unit for channel in outputs]),
+    }
+
+
+def _cells(texts: Sequence[str]) -> NDArray[Any]:
+    """Return a column of texts that MATLAB sees as a cell array."""
+    return np.array(texts, dtype=object).reshape(-1, 1)
+
+
+def _write(path: str | Path, content: Mapping[str, Any]) -> None:
+    if Path(path).suffix.lower() != ".mat":
+        raise FileFormatError("a MATLAB file is named .mat", path=path)
+    with atomic_path(path) as temporary:
+        savemat(temporary, dict(content), do_compression=True)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return dict(loadmat(path))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file", path=path) from None
+    except (NotImplementedError, MatReadError, ValueError, TypeError, EOFError, OSError) as error:
+        raise FileFormatError(f"not a MATLAB file of version 5 to 7.2: {error}", path=path) from error
+
+
+def _story(content: Mapping[str, Any], path: Path, *, kind: str) -> dict[str, Any]:
+    try:
+        story = json.loads(str(content["eightpost"][0]))
+    except (KeyError, IndexError, ValueError):
+        raise FileFormatError(
+            "is none of ours: it has no variable `eightpost` that says what it holds", path=path
+        ) from None
+    if not isinstance(story, dict) or story.get("kind") != kind:
+        found = story.get("kind") if isinstance(story, dict) else story
+        raise FileFormatError(f"holds no {kind.replace('_', ' ')}: it says {found!r}", path=path)
+    return story

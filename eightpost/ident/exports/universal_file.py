@@ -1,0 +1,196 @@
+"""Frequency responses as universal files (UFF): a dataset 58 per path, as modal analysis software reads them.
+
+Written and read by pyuff, which is an extra. The text form keeps 12 digits of a response, and of frequencies the first
+and the step to 6; frequencies that these do not give are written one by one, to 6 digits. Dataset 164 says that all is
+SI. Each channel is a node of its own: outputs from 1, inputs after them; its name stands in the first line.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eightpost import __version__
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import atomic_path
+from eightpost.ident.response import FrequencyResponse
+from eightpost.vehicle.statespace import Channel
+
+if TYPE_CHECKING:
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_FUNCTION, _COHERENCE = 4, 6
+_FREQUENCY = 18
+_TO = " / "
+_COHERENCE_OF = "multiple coherence of "
+
+#: Specific data type of dataset 58, and the exponents of length and force, by unit.
+_TYPES = {"m": (8, 1, 0), "m/s": (11, 1, 0), "m/s2": (12, 1, 0), "N": (9, 0, 1), "N.m": (1, 1, 1), "rad": (1, 0, 0)}
+_EXCITATION_FORCE = 13
+
+#: Vertical, or a scalar where a channel has no direction.
+_UP, _SCALAR = 3, 0
+
+
+def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
+    """Write a frequency response and its multiple coherence.
+
+    Args:
+        path: A .uff or .unv file; replaced whole or not at all.
+        response: What to write; two frequencies or more.
+
+    Raises:
+        FileFormatError: Another suffix, or pyuff is not installed.
+        InputError: A single frequency, which the format's writers do not take.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".uff", ".unv"):
+        raise FileFormatError("a universal file is named .uff or .unv", path=path)
+    if response.frequency.size < 2:
+        raise InputError(f"{path}: the response has a single frequency; a universal file takes two or more")
+    pyuff = _pyuff(path)
+    sets = [_units(), *_functions(response), *_coherences(response)]
+    with atomic_path(path) as temporary:
+        pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite")
+
+
+def read_response_uff(path: str | Path) -> FrequencyResponse:
+    """Read a frequency response that `write_response_uff` wrote, with the digits that the format keeps.
+
+    Raises:
+        FileFormatError: No such file, no universal file, or none whose functions say their channels as ours do.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileFormatError("there is no such file", path=path)
+    sets = _sets(path)
+    functions = [each for each in sets if each.get("type") == 58 and each["func_type"] == _FUNCTION]
+    if not functions:
+        raise FileFormatError("there is no frequency response (dataset 58 of type 4) in it", path=path)
+    paths = {_pair(each, path): each for each in functions}
+    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in paths)) for side in (0, 1))
+    if len(paths) != len(outputs) * len(inputs):
+        raise FileFormatError(
+            f"{len(paths)} responses are no table of {len(outputs)} outputs and {len(inputs)} inputs", path=path
+        )
+    H = np.stack([np.stack([paths[output, source]["data"] for source in inputs]) for output in outputs])
+    found = {each["id1"].strip(): each["data"] for each in sets if each.get("type") == 58}
+    coherence = [found.get(f"{_COHERENCE_OF}{output.name}") for output in outputs]
+    known = [each for each in coherence if each is not None]
+    frequency = np.asarray(functions[0]["x"], dtype=np.float64)
+    return FrequencyResponse(frequency, H, inputs, outputs, np.stack(known) if len(known) == len(outputs) else None)
+
+
+def _units() -> dict[str, Any]:
+    return {
+        "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+
+
+def _functions(response: FrequencyResponse) -> list[dict[str, Any]]:
+    sets = []
+    for i, output in enumerate(response.outputs):
+        for j, source in enumerate(response.inputs):
+            ordinate = _axis("ordinate", output, _TYPES.get(output.unit, (0, 0, 0))[0])
+            force = _EXCITATION_FORCE if source.unit == "N" else _TYPES.get(source.unit, (0, 0, 0))[0]
+            sets.append(
+                {
+                    **_common(response, f"{output.name}{_TO}{source.name}", response.H[i, j]),
+                    **ordinate,
+                    **_axis("orddenom", source, force),
+                    "func_type": _FUNCTION,
+                    "id4": f"[{output.unit}] / [{source.unit}]",
+                    "rsp_node": 1 + i,
+                    "rsp_dir": _direction(output),
+                    "ref_node": 1 + len(response.outputs) + j,
+                    "ref_dir": _direction(source),
+                }
+            )
+    return sets
+
+
+def _coherences(response: FrequencyResponse) -> list[dict[str, Any]]:
+    if response.coherence is None:
+        return []
+    return [
+        {
+            **_common(response, f"{_COHERENCE_OF}{output.name}", response.coherence[i]),
+            "func_type": _COHERENCE,
+            "rsp_node": 1 + i,
+            "rsp_dir": _direction(output),
+            "ref_node": 0,
+            "ref_dir": _SCALAR,
+            "orddenom_spec_data_type": 0,
+        }
+        for i, output in enumerate(response.outputs)
+    ]
+
+
+def _common(response: FrequencyResponse, title: str, values: NDArray[Any]) -> dict[str, Any]:
+    return {
+        "type": 58,
+        "id1": title,
+        "id2": f"eightpost {__version__}",
+        "x": response.frequency,
+        "data": values,
+        "abscissa_spacing": int(_is_even(response.frequency)),
+        "abscissa_spec_data_type": _FREQUENCY,
+        "abscissa_axis_lab": "Frequency",
+        "abscissa_axis_units_lab": "Hz",
+    }
+
+
+def _axis(kind: str, channel: Channel, data_type: int) -> dict[str, Any]:
+    _, length, force = _TYPES.get(channel.unit, (0, 0, 0))
+    return {
+        f"{kind}_spec_data_type": data_type,
+        f"{kind}_len_unit_exp": length,
+        f"{kind}_force_unit_exp": force,
+        f"{kind}_axis_lab": channel.name.rpartition(".")[2][:20],
+        f"{kind}_axis_units_lab": channel.unit,
+    }
+
+
+def _direction(channel: Channel) -> int:
+    return _UP if channel.unit in ("m", "m/s", "m/s2", "N") else _SCALAR
+
+
+def _is_even(frequency: Array) -> bool:
+    """Say whether the first frequency and the step, in the format's 6 digits, give all frequencies."""
+    first, step = (float(f"{value:.5e}") for value in (frequency[0], frequency[1] - frequency[0]))
+    made = first + step * np.arange(frequency.size)
+    return bool(np.allclose(made, frequency, rtol=1e-9, atol=0.0))
+
+
+def _pair(function: dict[str, Any], path: Path) -> tuple[Channel, Channel]:
+    """Return the output and the input that a function's first line names."""
+    output, to, source = function["id1"].strip().partition(_TO)
+    if not to:
+        what = f"a function is titled {function['id1'].strip()!r}, not `output{_TO}input` as ours are"
+        raise FileFormatError(what, path=path)
+    units = (function[f"{kind}_axis_units_lab"].strip() for kind in ("ordinate", "orddenom"))
+    return Channel(output, next(units)), Channel(source, next(units))
+
+
+def _sets(path: Path) -> list[dict[str, Any]]:
+    pyuff = _pyuff(path)
+    try:
+        found = pyuff.UFF(str(path)).read_sets()
+    except Exception as error:  # pyuff raises the bare kind
+        raise FileFormatError(f"not a universal file that can be read: {error}", path=path) from error
+    return [found] if isinstance(found, dict) else list(found)
+
+
+def _pyuff(path: Path) -> Any:
+    try:
+        return importlib.import_module("pyuff")
+    except ImportError as error:
+        what = "universal files are written by pyuff, which is not installed: pip install 'eightpost[uff]'"
+        raise FileFormatError(what, path=path) from error

@@ -1,0 +1,231 @@
+"""Exports read back equal: to the last bit where the format keeps it, to its digits where not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+import pyuff
+from click.testing import CliRunner, Result
+from scipy.io import loadmat, savemat
+from scipy.signal import freqresp
+
+from eightpost.__main__ import main
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.ident.exports import (
+    from_frd,
+    read_response_mat,
+    read_response_uff,
+    read_vehicle_mat,
+    to_frd,
+    write_response_mat,
+    write_response_uff,
+    write_vehicle_mat,
+)
+from eightpost.ident.response import FrequencyResponse, response_of, write_response
+from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, discretise, read_vehicle, shipped, write_vehicle
+
+DAMPING = {"": 3000.0}
+
+
+def vehicle(dt: float | None = None) -> IdentifiedVehicle:
+    model = read_vehicle(shipped("quarter_car")).with_damper()
+    model = model if dt is None else discretise(model, dt, "zero")
+    return IdentifiedVehicle("post 7", model, DAMPING, {"tire_force": 3300.0}, {"a.parquet": "0" * 64})
+
+
+def response(frequency: np.ndarray | None = None) -> FrequencyResponse:
+    generator = np.random.default_rng(1)
+    grid = 0.05 * np.arange(1, 41) if frequency is None else frequency
+    found = response_of(read_vehicle(shipped("seven_dof")).with_damper(), grid)
+    found = found.select(
+        inputs=["lf.road", "roll_moment", "lf.force"], outputs=["lf.velocity", "lf.tire_force", "roll"]
+    )
+    variance = np.abs(found.H)
+    variance[0, 0, 0] = np.inf
+    shape = found.H.shape
+    coherence, partial = generator.uniform(size=(shape[0], shape[2])), generator.uniform(size=shape)
+    return replace(found, coherence=coherence, partial_coherence=partial, variance=variance)
+
+
+def export(*words: object) -> Result:
+    return CliRunner().invoke(main, ["export", *[str(word) for word in words]], env={"COLUMNS": "200"})
+
+
+@pytest.mark.parametrize("dt", [None, 0.008])
+def test_a_vehicle_comes_back_from_a_mat_file_to_the_last_bit(tmp_path: Path, dt: float | None) -> None:
+    write_vehicle_mat(tmp_path / "car.mat", vehicle(dt))
+    assert read_vehicle_mat(tmp_path / "car.mat") == vehicle(dt)
+
+
+def test_a_vehicle_without_states_comes_back_too(tmp_path: Path) -> None:
+    gain = StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]], (Channel("u", "m"),),
+                      (Channel("y", "N"),))  # fmt: skip
+    write_vehicle_mat(tmp_path / "gain.mat", IdentifiedVehicle("gain", gain))
+    assert read_vehicle_mat(tmp_path / "gain.mat").state_space == gain
+
+
+def test_the_mat_file_has_what_matlab_makes_a_model_of(tmp_path: Path) -> None:
+    write_vehicle_mat(tmp_path / "car.mat", vehicle())
+    content = loadmat(tmp_path / "car.mat", simplify_cells=True)
+    assert content["Ts"] == 0.0
+    assert list(content["InputName"]) == ["road", "aero_force", "force"]
+    assert list(content["InputUnit"]) == ["m", "N", "N"]
+    assert content["OutputUnit"][list(content["OutputName"]).index("velocity")] == "m/s"
+    model = vehicle().state_space
+    omega = np.array([1.0, 20.0, 90.0])
+    column = content["OutputName"].tolist().index("tire_force")
+    _, H = freqresp((content["A"], content["B"][:, :1], content["C"][[column]], content["D"][[column], :1]), omega)
+    expected = model.select(inputs=["road"], outputs=["tire_force"]).frequency_response(omega / (2.0 * np.pi))
+    np.testing.assert_allclose(H, expected[0, 0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [40, 1])
+def test_a_response_comes_back_from_a_mat_file_to_the_last_bit(tmp_path: Path, count: int) -> None:
+    written = response(0.05 * np.arange(1, count + 1))
+    write_response_mat(tmp_path / "h.mat", written)
+    again = read_response_mat(tmp_path / "h.mat")
+    assert (again.inputs, again.outputs) == (written.inputs, written.outputs)
+    for name in ("frequency", "H", "coherence", "partial_coherence", "variance"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(written, name))
+
+
+def test_a_response_comes_back_from_a_universal_file_to_twelve_digits(tmp_path: Path) -> None:
+    written = response()
+    write_response_uff(tmp_path / "h.uff", written)
+    again = read_response_uff(tmp_path / "h.uff")
+    assert (again.inputs, again.outputs) == (written.inputs, written.outputs)
+    np.testing.assert_allclose(again.frequency, written.frequency, rtol=1e-12)
+    np.testing.assert_allclose(again.H, written.H, rtol=1e-11)
+    np.testing.assert_allclose(again.coherence, written.coherence, rtol=1e-11)
+
+
+@pytest.mark.parametrize("grid", [np.geomspace(0.1, 30.0, 7), np.arange(1, 9) / 7.0])
+def test_frequencies_that_a_step_does_not_give_keep_six_digits(tmp_path: Path, grid: np.ndarray) -> None:
+    write_response_uff(tmp_path / "h.unv", response(grid))
+    again = read_response_uff(tmp_path / "h.unv")
+    np.testing.assert_allclose(again.frequency, grid, rtol=5e-6)
+    np.testing.assert_allclose(again.H, response(grid).H, rtol=1e-11)
+
+
+def test_the_universal_file_says_functions_units_and_nodes(tmp_path: Path) -> None:
+    write_response_uff(tmp_path / "h.uff", response())
+    sets = pyuff.UFF(str(tmp_path / "h.uff")).read_sets()
+    assert [each["type"] for each in sets] == [164, *[58] * 12]
+    assert (sets[0]["units_code"], sets[0]["length"], sets[0]["force"]) == (1, 1.0, 1.0)
+    first = sets[1]
+    assert first["id1"].strip() == "lf.velocity / lf.road"
+    assert (first["func_type"], first["ordinate_spec_data_type"], first["orddenom_spec_data_type"]) == (4, 11, 8)
+    assert (first["abscissa_spec_data_type"], first["abscissa_axis_units_lab"].strip()) == (18, "Hz")
+    moment = sets[2]
+    assert (moment["orddenom_len_unit_exp"], moment["orddenom_force_unit_exp"], moment["ref_dir"]) == (1, 1, 0)
+    nodes = {(each["rsp_node"], each["ref_node"]) for each in sets[1:10]}
+    assert nodes == {(i, j) for i in (1, 2, 3) for j in (4, 5, 6)}
+    assert {each["func_type"] for each in sets[10:]} == {6}
+
+
+def test_a_response_comes_back_from_python_control(tmp_path: Path) -> None:
+    written = response()
+    data = to_frd(written)
+    assert data.input_labels == ["lf:road", "roll_moment", "lf:force"]
+    units = ([c.unit for c in written.inputs], [c.unit for c in written.outputs])
+    again = from_frd(data, input_units=units[0], output_units=units[1])
+    assert (again.inputs, again.outputs) == (written.inputs, written.outputs)
+    np.testing.assert_array_equal(again.H, written.H)
+    np.testing.assert_allclose(again.frequency, written.frequency, rtol=1e-15)
+    with pytest.raises(ParameterError, match="2 input units given"):
+        from_frd(data, input_units=["m", "N"], output_units=units[1])
+
+
+def test_model_and_response_agree_within_python_control() -> None:
+    model = read_vehicle(shipped("quarter_car")).with_damper()
+    grid = np.array([0.5, 3.0, 12.0])
+    data = to_frd(response_of(model, grid))
+    theirs = control.frequency_response(model.to_control(), 2.0 * np.pi * grid)
+    np.testing.assert_allclose(data.frdata, theirs.frdata, rtol=1e-9)
+
+
+def test_a_vehicle_comes_back_from_python_control() -> None:
+    model = vehicle().state_space
+    units = ([c.unit for c in model.inputs], [c.unit for c in model.outputs])
+    assert StateSpace.from_control(model.to_control(), input_units=units[0], output_units=units[1]) == model
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "message"),
+    [
+        (read_vehicle_mat, {"x": 1.0}, "none of ours"),
+        (read_vehicle_mat, {"eightpost": json.dumps({"kind": "frequency_response"})}, "holds no vehicle"),
+        (read_vehicle_mat, {"eightpost": json.dumps({"kind": "vehicle"})}, "matrix A is missing"),
+        (read_response_mat, {"eightpost": json.dumps({"kind": "frequency_response", "schema": 9})}, "schema 9"),
+        (read_response_mat, {"eightpost": json.dumps({"kind": "frequency_response", "schema": 1})}, "does not hold"),
+    ],
+)
+def test_a_mat_file_that_holds_something_else_is_refused(tmp_path: Path, read, content, message) -> None:
+    savemat(tmp_path / "x.mat", content)
+    with pytest.raises(FileFormatError, match=rf"x\.mat.*{message}"):
+        read(tmp_path / "x.mat")
+
+
+def test_files_that_are_none_are_refused_and_names_must_fit(tmp_path: Path) -> None:
+    (tmp_path / "x.mat").write_bytes(b"no")
+    (tmp_path / "x.uff").write_text("no universal file\n")
+    for read, name in ((read_vehicle_mat, "x.mat"), (read_response_uff, "x.uff"), (read_response_uff, "y.uff")):
+        with pytest.raises(FileFormatError, match=name):
+            read(tmp_path / name)
+    with pytest.raises(FileFormatError, match=r"named \.mat"):
+        write_vehicle_mat(tmp_path / "car.m", vehicle())
+    with pytest.raises(FileFormatError, match=r"named \.uff"):
+        write_response_uff(tmp_path / "h.58", response())
+    with pytest.raises(InputError, match="two or more"):
+        write_response_uff(tmp_path / "h.uff", response(np.array([1.0])))
+
+
+def test_without_pyuff_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyuff", None)
+    with pytest.raises(FileFormatError, match=r"pip install 'eightpost\[uff\]'"):
+        write_response_uff(tmp_path / "h.uff", response())
+    assert not (tmp_path / "h.uff").exists()
+
+
+def test_the_command_exports_models_and_responses(tmp_path: Path) -> None:
+    write_vehicle(tmp_path / "car.json", vehicle())
+    write_response(tmp_path / "h.npz", response())
+    done = export(tmp_path / "car.json", "-o", tmp_path / "car.mat")
+    assert done.exit_code == 0, done.output
+    assert "post 7, continuous, 4 states, 3 inputs" in done.output
+    assert read_vehicle_mat(tmp_path / "car.mat") == vehicle()
+    done = export(tmp_path / "car.json", "-o", tmp_path / "car.uff", "--high", "10", "--step", "0.5")
+    assert "responses at 20 frequencies, 0.5 to 10 Hz" in done.output
+    np.testing.assert_allclose(
+        read_response_uff(tmp_path / "car.uff").H,
+        vehicle().state_space.frequency_response(0.5 * np.arange(1, 21)),
+        rtol=1e-9,
+    )
+    assert export(tmp_path / "h.npz", "-o", tmp_path / "h.mat").exit_code == 0
+    np.testing.assert_array_equal(read_response_mat(tmp_path / "h.mat").H, response().H)
+
+
+def test_the_command_takes_the_baseline_damper_out_on_request(tmp_path: Path) -> None:
+    write_vehicle(tmp_path / "car.json", vehicle())
+    assert export(tmp_path / "car.json", "--ports", "whole", "-o", tmp_path / "car.mat").exit_code == 0
+    whole = read_vehicle_mat(tmp_path / "car.mat")
+    assert whole.state_space == vehicle().coupled()
+    assert whole.baseline_damping == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "car.csv"], "name a .mat, .uff or .unv file"),
+        (["-o", "car.uff", "--step", "0"], "give 0 < step < high"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_write(tmp_path: Path, words: list[str], message: str) -> None:
+    done = export(shipped("quarter_car"), *[tmp_path / w if w.startswith("car") else w for w in words])
+    assert done.exit_code == 2
+    assert message in done.output
