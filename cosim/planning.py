@@ -146,7 +146,8 @@ def _parts(
 
 def _inputs(coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable]) -> Inputs:
     rows = [(name, feed) for name in layout.parts for feed in _moving(coupling.feeds[name])]
-    direct = {name: coupling.direct_inputs(name) for name in layout.parts}
+    held = {name for name in layout.parts if not coupling.components[name].capabilities.interpolates_inputs}
+    direct = {name: coupling.direct_inputs(name) for name in held}
     return Inputs(
         reference=np.array([tables[name].references[feed.target] for name, feed in rows], dtype=np.uint32),
         order=np.ones(len(rows), np.int32),
@@ -155,7 +156,7 @@ def _inputs(coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTab
         column=_integers(-1 if feed.drive is None else feed.drive for _, feed in rows),
         factor=np.array([feed.drive_conversion.factor for _, feed in rows], dtype=np.float64),
         offset=np.array([feed.drive_conversion.offset for _, feed in rows], dtype=np.float64),
-        direct=_integers(int(feed.target in direct[name]) for name, feed in rows),
+        holds_end=_integers(int(feed.target in direct.get(name, ())) for name, feed in rows),
     )
 
 

@@ -43,9 +43,8 @@ def recorded_steps(scenario: Scenario, step: float, count: int) -> Flags:
 
 def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
     """Return room for `rows` points."""
-    signals = {name: k for k, name in enumerate(layout.signals)}
-    extras = {name: -1 - k for k, name in enumerate(layout.extras)}
-    columns = np.array([signals.get(name, extras.get(name, 0)) for name in names], dtype=np.int64)
+    places = {name: k for k, name in enumerate((*layout.signals, *layout.extras))}
+    columns = np.array([places[name] for name in names], dtype=np.uint32)
     return Tape(np.zeros((rows, len(names))), np.zeros(rows), columns, np.zeros(1, np.int64))
 
 

@@ -24,6 +24,7 @@ from cosim.engine.plan import (
     Mode,
     Plan,
     Reals,
+    Step,
 )
 from cosim.engine.sweep import failed, on_parabola, sweep
 
@@ -227,7 +228,7 @@ def _next_guess(plan: Plan, m: Memory, g: int, tolerance: float, most: int) -> i
 
 
 @shared
-def step_group(plan: Plan, m: Memory, g: int, drive: Drive, time: float, h: float, mode: Mode) -> int:
+def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mode) -> int:
     """Step group g: once, or, where the scheme is implicit, until its unknowns agree; 1 where a part refused.
 
     A step that did not converge is counted, and its last iterate kept.
@@ -235,11 +236,11 @@ def step_group(plan: Plan, m: Memory, g: int, drive: Drive, time: float, h: floa
     first, last = plan.loops.parts[g], plan.loops.parts[g + 1]
     repeats = mode.kind == IMPLICIT and plan.loops.unknowns[g + 1] > plan.loops.unknowns[g]
     sequential, values = min(mode.kind, 1), GUESSED if mode.kind == IMPLICIT else mode.values
-    if repeats and _begin(plan, m, g, h):
+    if repeats and _begin(plan, m, g, step.size):
         return 1
     m.turn[0] = m.turn[2] = m.turn[3] = 0
     while True:
-        if sweep(plan, m, first, last, drive, time, h, sequential, values, mode.final):
+        if sweep(plan, m, first, last, drive, step, sequential, values, mode.final):
             return 1
         if not repeats:
             return 0

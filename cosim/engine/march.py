@@ -22,40 +22,40 @@ from cosim.engine.plan import (
     STOPPED,
     STUCK,
     Drive,
+    Indices,
     Integers,
     Memory,
     Mode,
     Plan,
     Reals,
+    Step,
 )
 from cosim.engine.sweep import failed
 
 
 class Tape(NamedTuple):
-    """What is recorded: rows (R, M), times (R,), and per column the signal (>= 0), or -1 - the extra.
+    """What is recorded: rows (R, M), times (R,), and per column its place in Memory.seen.
 
     `position` (1,) is the next row.
     """
 
     rows: Reals
     times: Reals
-    columns: Integers
+    columns: Indices
     position: Integers
 
 
 class Grid(NamedTuple):
-    """Coupling points of one size of step (K+1,) [s], and which are recorded (K+1,).
+    """Coupling points (K+1,) [s], the steps between them (K,) [s], and which points are recorded (K+1,).
 
-    `points`: these and the drive's own, times (T+1,) [s], `samples` (T+1, D), `means` (T, D) between them; the first
-    of a step is `begins` (K+1,).
+    `drive`: at these points and at its own between them; the first of a step is `begins` (K+1,).
     """
 
     times: Reals
+    steps: Reals
     recorded: Integers
     begins: Integers
-    points: Reals
-    samples: Reals
-    means: Reals
+    drive: Drive
 
 
 class Knots(NamedTuple):
@@ -85,7 +85,7 @@ class Progress(NamedTuple):
     """Of an adaptive run, (1,) each: time, step to try, last error, next event, the drive's interval, extreme steps.
 
     `scale`: the largest value so far of each coupled signal; `once`: the signals after a whole step (S,); `drive`: at
-    both ends of a step and its mean (3, D); `ends`: their times [s].
+    both ends of a step.
     """
 
     time: Reals
@@ -97,8 +97,7 @@ class Progress(NamedTuple):
     greatest: Reals
     scale: Reals
     once: Reals
-    drive: Reals
-    ends: Reals
+    drive: Drive
 
 
 @shared
@@ -114,28 +113,30 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
                 return 1
     row = tape.position[0]
     for k in range(tape.columns.size):
-        column = tape.columns[k]
-        tape.rows[row, k] = m.now[column] if column >= 0 else m.extra[-1 - column]
+        tape.rows[row, k] = m.seen[tape.columns[k]]
     tape.times[row] = time
     tape.position[0] = row + 1
     return 0
 
 
 @shared
-def one_step(plan: Plan, m: Memory, drive: Drive, time: float, h: float, mode: Mode) -> int:
-    """Step every part from `time` by `h` [s]; 1 where one refused."""
+def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
+    """Step every part; 1 where one refused."""
     for g in range(plan.loops.parts.size - 1):
-        if step_group(plan, m, g, drive, time, h, mode):
+        if step_group(plan, m, g, drive, step, mode):
             return 1
     return 0
 
 
 @shared
-def _end_step(plan: Plan, m: Memory, time: float, h: float, mode: Mode) -> int:
-    """Add the step to what is added up; return the first signal that is no sensible number, or -1."""
+def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
+    """Add the step of `h` to `end` [s] to what is added up.
+
+    Return the first signal that is no sensible number, or -1.
+    """
     add_energy(plan, m, h)
     add_defects(plan, m, h)
-    if time + h > mode.settling:
+    if end > mode.settling:
         add_limits(plan, m, h)
     m.counts[STEPS] += 1
     return accept(m, h)
@@ -147,17 +148,15 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
         m.failure[3] = k
         if m.stop[0] != 0:
             return STOPPED
-        time = grid.times[k]
-        h = grid.times[k + 1] - time
-        a, b = grid.begins[k], grid.begins[k + 1]
-        drive = Drive(grid.points[a : b + 1], grid.samples[a : b + 1], grid.means[a:b])
-        if one_step(plan, m, drive, time, h, mode):
+        end = grid.times[k + 1]
+        step = Step(grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
+        if one_step(plan, m, grid.drive, step, mode):
             return REFUSED
-        bad = _end_step(plan, m, time, h, mode)
+        bad = _end_step(plan, m, end, step.size, mode)
         if bad >= 0:
             m.failure[1] = bad
             return DIVERGED
-        if grid.recorded[k + 1] == 1 and record(plan, m, tape, grid.times[k + 1]):
+        if grid.recorded[k + 1] == 1 and record(plan, m, tape, end):
             return REFUSED
     m.failure[3] = last
     return DONE
@@ -178,14 +177,14 @@ def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
 @shared
 def _driven_step(plan: Plan, m: Memory, knots: Knots, p: Progress, time: float, h: float, mode: Mode) -> int:
     """One step within an interval of the drive."""
-    rows = p.drive
-    p.ends[0] = time
-    p.ends[1] = time + h
-    _drive_at(knots, p.knot[0], time, rows[0])
-    _drive_at(knots, p.knot[0], time + h, rows[1])
-    for d in range(rows.shape[1]):
-        rows[2, d] = 0.5 * (rows[0, d] + rows[1, d])
-    return one_step(plan, m, Drive(p.ends, rows[0:2], rows[2:3]), time, h, mode)
+    times, samples, means = p.drive.times, p.drive.samples, p.drive.means
+    times[0] = time
+    times[1] = time + h
+    _drive_at(knots, p.knot[0], time, samples[0])
+    _drive_at(knots, p.knot[0], time + h, samples[1])
+    for d in range(samples.shape[1]):
+        means[0, d] = 0.5 * (samples[0, d] + samples[1, d])
+    return one_step(plan, m, p.drive, Step(time, h, 0, 1), mode)
 
 
 @shared
@@ -198,9 +197,8 @@ def _assign(to: Reals, values: Reals) -> None:
 def _copy(m: Memory, kept: Memory) -> None:
     """Copy what a step changes and a rejected one must leave as it was."""
     _assign(kept.now, m.now)
-    _assign(kept.slope, m.slope)
-    _assign(kept.steep, m.steep)
     _assign(kept.past, m.past)
+    _assign(kept.older, m.older)
     _assign(kept.residual, m.residual)
     _assign(kept.transferred, m.transferred)
     _assign(kept.defect, m.defect)
@@ -209,6 +207,7 @@ def _copy(m: Memory, kept: Memory) -> None:
     _assign(kept.watched, m.watched)
     _assign(kept.duration, m.duration)
     _assign(kept.last, m.last)
+    _assign(kept.pace, m.pace)
     _assign(kept.size, m.size)
     kept.counts[LOOSE] = m.counts[LOOSE]
     kept.counts[STEPS] = m.counts[STEPS]
@@ -261,7 +260,7 @@ def _try_step(
             if restore_parts(plan, m, 0, count, 0):
                 return -1.0
         else:
-            _end_step(plan, m, at, part, mode)
+            _end_step(plan, m, at + part, part, mode)
     return _difference(m, p.once, control, p.scale)
 
 

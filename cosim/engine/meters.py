@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.engine.compiled import hot
+from cosim.engine.compiled import hot, shared
 from cosim.engine.plan import Memory, Plan
 
 _DIVERGED = 1e15
@@ -45,22 +45,27 @@ def add_limits(plan: Plan, m: Memory, h: float) -> None:
             m.watched[w] += h
 
 
+@shared
+def _first_senseless(m: Memory) -> int:
+    s = 0
+    while abs(m.now[s]) < _DIVERGED:
+        s += 1
+    return s
+
+
 @hot
 def accept(m: Memory, h: float) -> int:
     """Take the end of the step for the start of the next one.
 
     Return the first signal that is no sensible number, or -1.
     """
-    m.last[1] = m.last[0]
-    m.last[0] = h
-    bad = -1
-    per_second = 1.0 / h
+    m.last[1], m.pace[1] = m.last[0], m.pace[0]
+    m.last[0], m.pace[0] = h, 1.0 / h
+    sensible = 0
     for s in range(m.now.size):
-        value, before = m.ahead[s], m.now[s]
-        m.steep[s] = m.slope[s]
-        m.slope[s] = (value - before) * per_second
-        m.past[s] = before
+        value = m.ahead[s]
+        m.older[s] = m.past[s]
+        m.past[s] = m.now[s]
         m.now[s] = value
-        if bad < 0 and not (-_DIVERGED < value < _DIVERGED):
-            bad = s
-    return bad
+        sensible += abs(value) < _DIVERGED
+    return -1 if sensible == m.now.size else _first_senseless(m)

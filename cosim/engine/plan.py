@@ -80,7 +80,8 @@ class Parts(NamedTuple):
 class Inputs(NamedTuple):
     """Per input, (N,): its reference, what does not change, its terms, its channel of the drive (-1: none).
 
-    `direct` is 1 where a coupled output of the part follows the input without delay.
+    `holds_end` is 1 where the part cannot ramp and a coupled output follows the input without delay: what is held over
+    a step is then the end, not the mean.
     """
 
     reference: References
@@ -90,7 +91,7 @@ class Inputs(NamedTuple):
     column: Integers
     factor: Reals
     offset: Reals
-    direct: Integers
+    holds_end: Integers
 
 
 class Terms(NamedTuple):
@@ -141,11 +142,20 @@ class Loops(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """The drive over a step: times (J+1,) [s] of its points, its values (J+1, D), its means between them (J, D)."""
+    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D)."""
 
     times: Reals
     samples: Reals
     means: Reals
+
+
+class Step(NamedTuple):
+    """A coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`."""
+
+    time: float
+    size: float
+    first: int
+    last: int
 
 
 class Plan(NamedTuple):
@@ -178,21 +188,21 @@ class Addresses(NamedTuple):
 class Memory(NamedTuple):
     """What a run changes.
 
-    `now`, `ahead`, `slope`, `past`: signals at the start and at the end of the step, their change over the last step
-    [1/s], and at its start. `fed`: the mean over the step of what each term gave; `assumed`: its end. `defect`: what it
-    had assumed for the end less what came, squared and summed; `total`, `squares`: the term itself. `states`: two saved
-    states of each part. From `size` to `turn`: of an implicit step.
+    `ahead`, `now`, `past`, `older`: signals at the end of the step, at its start, and at the starts of the two before
+    it; `last`: how long those two were [s], `pace`: 1 / `last`. `seen`: `now`, and after it `extra`. `fed`: the mean
+    over the step of what each term gave; `assumed`: its end. `defect`: what it had assumed for the end less what came,
+    squared and summed; `total`, `squares`: the term itself. `states`: two saved states of each part. From `size` to
+    `turn`: of an implicit step.
     """
 
+    seen: Reals
     now: Reals
     ahead: Reals
-    slope: Reals
-    steep: Reals
     past: Reals
+    older: Reals
     guess: Reals
     start: Reals
     end: Reals
-    held: Reals
     value: Reals
     rate: Reals
     fed: Reals
@@ -206,6 +216,7 @@ class Memory(NamedTuple):
     watched: Reals
     duration: Reals
     last: Reals
+    pace: Reals
     states: Integers
     size: Reals
     known: Integers
@@ -235,17 +246,17 @@ def memory(plan: Plan) -> Memory:
     parts, bonds, watch = plan.parts.instance.size, plan.bonds.velocity.size, plan.watch.signal.size
     unknowns, matrices = plan.loops.signal.size, int(plan.loops.matrix[-1])
     ahead, start, value, rate = np.zeros(signals), np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
-    extra = np.zeros(plan.signals.extra_reference.size)
+    seen = np.zeros(signals + plan.signals.extra_reference.size)
+    now, extra = seen[:signals], seen[signals:]
     return Memory(
-        now=np.zeros(signals),
+        seen=seen,
+        now=now,
         ahead=ahead,
-        slope=np.zeros(signals),
-        steep=np.zeros(signals),
         past=np.zeros(signals),
+        older=np.zeros(signals),
         guess=np.zeros(signals),
         start=start,
         end=np.zeros(inputs),
-        held=np.zeros(inputs),
         value=value,
         rate=rate,
         fed=np.zeros(terms),
@@ -259,6 +270,7 @@ def memory(plan: Plan) -> Memory:
         watched=np.zeros(watch + 1),
         duration=np.zeros(1),
         last=np.full(2, 1e300),
+        pace=np.full(2, 1e-300),
         states=np.zeros(2 * parts, np.int64),
         size=plan.loops.least.copy(),
         known=np.zeros(plan.loops.parts.size - 1, np.int64),

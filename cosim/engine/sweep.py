@@ -17,7 +17,15 @@ from cosim.engine.plan import (
     Drive,
     Memory,
     Plan,
+    Step,
 )
+
+
+@hot
+def _slope(m: Memory, s: int) -> float:
+    """A signal's change over the last step [1/s]."""
+    slope: float = (m.now[s] - m.past[s]) * m.pace[0]
+    return slope
 
 
 @hot
@@ -26,7 +34,7 @@ def _sag(m: Memory, s: int, end: float, h: float) -> float:
 
     What a signal does over a step is then wrong in the third order only, without an exchange in between.
     """
-    bend = (end - m.now[s] - m.slope[s] * h) * (h / (h + m.last[0]))
+    bend = (end - m.now[s] - _slope(m, s) * h) * (h / (h + m.last[0]))
     sag: float = bend / 3.0
     return sag
 
@@ -34,66 +42,85 @@ def _sag(m: Memory, s: int, end: float, h: float) -> float:
 @hot
 def on_parabola(m: Memory, s: int, h: float) -> float:
     """A signal at the end of the step, on with the last two steps' slopes and their change."""
-    bend = (m.slope[s] - m.steep[s]) * (h * (h + m.last[0]) / (m.last[0] + m.last[1]))
-    end: float = m.now[s] + m.slope[s] * h + bend
+    slope, before = _slope(m, s), (m.past[s] - m.older[s]) * m.pace[1]
+    bend = (slope - before) * (h * (h + m.last[0]) / (m.last[0] + m.last[1]))
+    end: float = m.now[s] + slope * h + bend
     return end
 
 
 @hot
-def feed(plan: Plan, m: Memory, c: int, drive: Drive, h: float, sequential: int, mode: int) -> None:
-    """Find what the inputs of part c are at the start and at the end of the step, and what to hold instead.
+def _known(m: Memory, s: int, h: float, mode: int) -> tuple[float, float]:
+    """A signal at both ends of the step, of a part that has made it."""
+    end = m.ahead[s]
+    if mode == HELD:
+        return end, end
+    return m.now[s] - _sag(m, s, end, h) if mode > EXTRAPOLATED else m.now[s], end
 
-    `samples` (J+1, D) is the drive at the ends of the sub-steps. `sequential`: values of parts that have stepped are
-    known at the end. `mode`: what others do; GUESSED takes them from `guess`.
-    """
-    inputs, terms, ramps, samples = plan.inputs, plan.terms, plan.parts.ramps[c] == 1, drive.samples
-    last = samples.shape[0] - 1
-    per_second = 1.0 / h
-    for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        start = end = held = inputs.constant[i]
-        for k in range(inputs.terms[i], inputs.terms[i + 1]):
-            s = terms.source[k]
-            x = y = m.now[s]
-            if sequential == 1 and terms.early[k] == 1:
-                y = m.ahead[s]
-                x = y if mode == HELD else x - _sag(m, s, y, h) if mode > EXTRAPOLATED else x
-            elif mode == INTERPOLATED:
-                x = m.past[s]
-            elif mode == EXTRAPOLATED:
-                y = x + m.slope[s] * h
-            elif mode > EXTRAPOLATED:
-                y = on_parabola(m, s, h) if mode == PARABOLIC else m.guess[s]
-                x -= _sag(m, s, y, h)
-            a = terms.weight[k] * x + terms.offset[k]
-            b = terms.weight[k] * y + terms.offset[k]
-            kept = b if inputs.direct[i] == 1 else 0.5 * (a + b)
-            start += a
-            end += b
-            held += kept
-            if mode == GUESSED and terms.early[k] == 0:
-                m.assumed[k] = terms.weight[k] * on_parabola(m, s, h) + terms.offset[k]
-            else:
-                m.assumed[k] = b
-            m.fed[k] = 0.5 * (a + b) if ramps else kept
-        d = inputs.column[i]
-        if d >= 0:
-            start += inputs.factor[i] * samples[0, d] + inputs.offset[i]
-            end += inputs.factor[i] * samples[last, d] + inputs.offset[i]
-        m.start[i] = start
-        m.end[i] = end
-        m.held[i] = held
-        m.rate[i] = (end - start) * per_second
+
+@hot
+def _supposed(m: Memory, s: int, h: float, mode: int) -> tuple[float, float]:
+    """A signal at both ends of the step, of a part that has not made it."""
+    now = m.now[s]
+    if mode == HELD:
+        return now, now
+    if mode == INTERPOLATED:
+        return m.past[s], now
+    if mode == EXTRAPOLATED:
+        return now, now + _slope(m, s) * h
+    end = on_parabola(m, s, h) if mode == PARABOLIC else m.guess[s]
+    return now - _sag(m, s, end, h), end
 
 
 @shared
-def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, j: int) -> float:
+def _assume(plan: Plan, m: Memory, c: int, h: float) -> None:
+    """What is guessed would be assumed on a parabola: the measure of an implicit step's error."""
+    terms, inputs, parts = plan.terms, plan.inputs, plan.parts
+    for k in range(inputs.terms[parts.inputs[c]], inputs.terms[parts.inputs[c + 1]]):
+        if terms.early[k] == 0:
+            m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], h) + terms.offset[k]
+
+
+@hot
+def feed(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
+    """Find what the inputs of part c are at the start and at the end of the step, and what each term gives on average.
+
+    `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
+    from `guess`.
+    """
+    inputs, terms, h, per_second = plan.inputs, plan.terms, step.size, 1.0 / step.size
+    before, after = drive.samples[step.first], drive.samples[step.last]
+    for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
+        start = end = inputs.constant[i]
+        holds_end = inputs.holds_end[i] == 1
+        for k in range(inputs.terms[i], inputs.terms[i + 1]):
+            s, is_known = terms.source[k], sequential == 1 and terms.early[k] == 1
+            x, y = _known(m, s, h, mode) if is_known else _supposed(m, s, h, mode)
+            a = terms.weight[k] * x + terms.offset[k]
+            b = terms.weight[k] * y + terms.offset[k]
+            start += a
+            end += b
+            m.fed[k] = b if holds_end else 0.5 * (a + b)
+            m.assumed[k] = b
+        d = inputs.column[i]
+        if d >= 0:
+            start += inputs.factor[i] * before[d] + inputs.offset[i]
+            end += inputs.factor[i] * after[d] + inputs.offset[i]
+        m.start[i] = start
+        m.end[i] = end
+        m.rate[i] = (end - start) * per_second
+    if mode == GUESSED:
+        _assume(plan, m, c, h)
+
+
+@shared
+def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int) -> float:
     """An input at the drive's point j: on the straight line over the step, with the drive as it is there."""
-    last = drive.times.size - 1
-    share = (drive.times[j] - drive.times[0]) / (drive.times[last] - drive.times[0])
+    first, last = step.first, step.last
+    share = (drive.times[j] - drive.times[first]) / (drive.times[last] - drive.times[first])
     value: float = m.start[i] + (m.end[i] - m.start[i]) * share
     d = plan.inputs.column[i]
     if d >= 0:
-        line = drive.samples[0, d] + (drive.samples[last, d] - drive.samples[0, d]) * share
+        line = drive.samples[first, d] + (drive.samples[last, d] - drive.samples[first, d]) * share
         value += plan.inputs.factor[i] * (drive.samples[j, d] - line)
     return value
 
@@ -118,7 +145,10 @@ def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
 
 
 @hot
-def _set_slopes(plan: Plan, m: Memory, c: int) -> int:
+def _ramp(plan: Plan, m: Memory, c: int, values: int) -> int:
+    """The same, and how they go on over its step."""
+    if _set(plan, m, c, values):
+        return 1
     parts, at = plan.parts, m.at
     status = calls.set_slopes(
         parts.set_slopes[c], parts.instance[c], at.input_references[c], parts.input_count[c], at.orders[c], at.rates[c]
@@ -127,89 +157,99 @@ def _set_slopes(plan: Plan, m: Memory, c: int) -> int:
 
 
 @shared
-def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, j: int) -> int:
+def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int) -> int:
     """Give part c its inputs at the drive's point j, and their slopes to the next."""
     h = drive.times[j + 1] - drive.times[j]
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        m.value[i] = _value_at(plan, m, i, drive, j)
-        m.rate[i] = (_value_at(plan, m, i, drive, j + 1) - m.value[i]) / h
-    if _set(plan, m, c, m.at.values[c]):
-        return 1
-    return _set_slopes(plan, m, c)
+        m.value[i] = _value_at(plan, m, i, drive, step, j)
+        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1) - m.value[i]) / h
+    return _ramp(plan, m, c, m.at.values[c])
 
 
 @shared
-def _mean_of_drive(drive: Drive, d: int) -> float:
-    """The exact mean over the step."""
-    total, last = 0.0, drive.times.size - 1
-    for k in range(last):
+def _mean_of_drive(drive: Drive, first: int, last: int, d: int) -> float:
+    """The exact mean from one of the drive's points to another."""
+    total = 0.0
+    for k in range(first, last):
         total += drive.means[k, d] * (drive.times[k + 1] - drive.times[k])
-    mean: float = total / (drive.times[last] - drive.times[0])
+    mean: float = total / (drive.times[last] - drive.times[first])
     return mean
 
 
 @shared
-def _hold(plan: Plan, m: Memory, c: int, drive: Drive, j: int, count: int) -> int:
-    """Give part c, which cannot ramp, what it holds over sub-step j of `count`: the exact mean of the drive."""
+def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) -> int:
+    """Give part c, which cannot ramp, what it holds between two of the drive's points: the exact mean of the drive."""
     inputs = plan.inputs
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        held = m.held[i]
+        held = inputs.constant[i]
+        for k in range(inputs.terms[i], inputs.terms[i + 1]):
+            held += m.fed[k]
         d = inputs.column[i]
         if d >= 0:
-            mean = drive.means[j, d] if count == drive.means.shape[0] else _mean_of_drive(drive, d)
+            mean = drive.means[first, d] if last == first + 1 else _mean_of_drive(drive, first, last, d)
             held += inputs.factor[i] * mean + inputs.offset[i]
         m.value[i] = held
     return _set(plan, m, c, m.at.values[c])
 
 
 @hot
-def _give(plan: Plan, m: Memory, c: int, drive: Drive, j: int, count: int) -> int:
-    """Set the inputs of part c for sub-step j of `count`."""
-    if plan.parts.ramps[c] == 0:
-        return _hold(plan, m, c, drive, j, count)
-    if count > 1:
-        return _ramp_between(plan, m, c, drive, j)
-    if _set(plan, m, c, m.at.starts[c]):
-        return 1
-    return _set_slopes(plan, m, c)
+def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int:
+    parts = plan.parts
+    return failed(m, calls.do_step(parts.do_step[c], parts.instance[c], time, h, final), c, STEP)
 
 
 @hot
-def step_part(plan: Plan, m: Memory, c: int, drive: Drive, time: float, h: float, final: int) -> int:
-    """Step part c and read its signals; 1 where it refused."""
-    parts = plan.parts
-    count = drive.times.size - 1 if parts.follows[c] == 1 else 1
-    for j in range(count):
-        if parts.input_count[c] > 0 and _give(plan, m, c, drive, j, count):
+def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
+    """Step part c at once."""
+    if plan.parts.input_count[c] > 0:
+        if plan.parts.ramps[c] == 1:
+            if _ramp(plan, m, c, m.at.starts[c]):
+                return 1
+        elif _hold(plan, m, c, drive, step.first, step.last):
             return 1
-        begin, part = (time, h) if count == 1 else (drive.times[j], drive.times[j + 1] - drive.times[j])
-        if failed(m, calls.do_step(parts.do_step[c], parts.instance[c], begin, part, final), c, STEP):
+    return _do(plan, m, c, step.time, step.size, final)
+
+
+@shared
+def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
+    """Step part c from each of the drive's points to the next."""
+    ramps = plan.parts.ramps[c] == 1
+    for j in range(step.first, step.last):
+        if ramps and _ramp_between(plan, m, c, drive, step, j):
             return 1
+        if not ramps and _hold(plan, m, c, drive, j, j + 1):
+            return 1
+        if _do(plan, m, c, drive.times[j], drive.times[j + 1] - drive.times[j], final):
+            return 1
+    return 0
+
+
+@hot
+def _read(plan: Plan, m: Memory, c: int) -> int:
+    """Read the signals of part c."""
+    parts, at = plan.parts, m.at
     if parts.signal_count[c] == 0:
         return 0
     status = calls.exchange(
-        parts.get_real[c], parts.instance[c], m.at.signal_references[c], parts.signal_count[c], m.at.signals[c]
+        parts.get_real[c], parts.instance[c], at.signal_references[c], parts.signal_count[c], at.signals[c]
     )
     return failed(m, status, c, GET)
 
 
-@shared
+@hot
 def sweep(
-    plan: Plan,
-    m: Memory,
-    first: int,
-    last: int,
-    drive: Drive,
-    time: float,
-    h: float,
-    sequential: int,
-    mode: int,
-    final: int,
+    plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int, final: int
 ) -> int:
-    """Step the parts order[first:last] from `time` by `h` [s]; 1 where one refused."""
+    """Step the parts order[first:last]; 1 where one refused."""
+    passes = step.last > step.first + 1
     for k in range(first, last):
         c = plan.order[k]
-        feed(plan, m, c, drive, h, sequential, mode)
-        if step_part(plan, m, c, drive, time, h, final):
+        feed(plan, m, c, drive, step, sequential, mode)
+        if passes and plan.parts.follows[c] == 1:
+            if _follow(plan, m, c, drive, step, final):
+                return 1
+        elif _go(plan, m, c, drive, step, final):
+            return 1
+        if _read(plan, m, c):
             return 1
     return 0

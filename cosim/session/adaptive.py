@@ -7,7 +7,7 @@ import numpy as np
 from cosim.algorithm import Adaptive
 from cosim.conversion import to_si
 from cosim.engine.march import Control, Knots, Progress
-from cosim.engine.plan import DONE, STOPPED, STUCK, memory
+from cosim.engine.plan import DONE, STOPPED, STUCK, Drive, memory
 from cosim.session.failure import failure
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
@@ -85,6 +85,5 @@ def _first_progress(step: float, control: Control, signals: int, channels: int) 
         greatest=np.zeros(1),
         scale=np.zeros(control.signal.size),
         once=np.zeros(signals),
-        drive=np.zeros((3, channels)),
-        ends=np.zeros(2),
+        drive=Drive(np.zeros(2), np.zeros((2, channels)), np.zeros((1, channels))),
     )

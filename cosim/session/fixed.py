@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.engine.march import Grid
-from cosim.engine.plan import DONE, STOPPED
+from cosim.engine.plan import DONE, STOPPED, Drive
 from cosim.session.failure import failure
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
-from cosim.session.times import Times, joined
+from cosim.session.times import Times, joined, step_sizes
 
 
 def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
@@ -44,7 +44,8 @@ def _grid(setup: Setup) -> Grid:
         own = scenario.drive.series.time - scenario.drive_start
         times = joined(times, own[(own > 0.0) & (own < scenario.stop)])
     begins = np.searchsorted(times, setup.times)
-    return Grid(setup.times, setup.recorded, begins, times, *_drive_rows(setup, times))
+    steps = step_sizes(setup.times, setup.step)
+    return Grid(setup.times, steps, setup.recorded, begins, Drive(times, *_drive_rows(setup, times)))
 
 
 def _drive_rows(setup: Setup, times: Times) -> tuple[Times, Times]:

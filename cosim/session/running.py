@@ -101,6 +101,6 @@ def prepare(setup: Setup) -> Running:
         following=setup.following,
     )
     m = memory(plan)
-    m.now[:] = m.ahead[:] = m.past[:] = [setup.coupling.now[name] for name in setup.layout.signals]
+    m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
     rows = int(setup.recorded.sum()) + 1
     return Running(plan, m, blank_tape(setup.layout, setup.names, rows), tables)

@@ -31,6 +31,23 @@ def coupling_times(stop: float, step: float) -> Times:
     return times
 
 
+def step_sizes(times: Times, step: float) -> Times:
+    """Return the steps between coupling points (K,) [s]: `step` to the bit, so that components meet one size only.
+
+    Differences of times would be off by their rounding, which changes from step to step. The last step is the
+    difference where it is shorter.
+
+    Args:
+        times: Coupling points (K+1,) [s].
+        step: Coupling step [s].
+    """
+    steps: Times = np.full(times.size - 1, step)
+    rest = times[-1] - times[-2]
+    if abs(rest - step) > ROUNDING * step:
+        steps[-1] = rest
+    return steps
+
+
 def joined(times: Times, others: Times) -> Times:
     """Return all times in order; of those that differ by rounding only, the first array's, to the bit.
 
