@@ -1,0 +1,203 @@
+"""Maximum likelihood: the poles and inputs that leave the least weighted misfit, outputs solved exactly within.
+
+    min over w, zeta, B of  sum_ijk |H_ij(s_k) - C_i (s_k I - A)^-1 B_j - D_ij|^2 / deviation_ijk^2
+
+For Gaussian errors of the response this is the maximum-likelihood estimate. C, D and lags are linear and follow from
+the rest (variable projection), with Kaufman's Jacobian; steps are damped (Levenberg, Marquardt). w and zeta are sought by
+their logarithms, so that every model on the way is stable.
+
+The curvature is summed in Gram form: the Jacobian of a car has 10^5 rows and 200 columns, the sums a hundredth of the
+work of its factors. The gradient does not pass through it, so that the minimum is found to rounding all the same.
+
+Source: G. H. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection method and its
+applications", Inverse Problems 19 (2003) R1-R26, doi 10.1088/0266-5611/19/2/201.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve
+
+from eightpost.ident.vehicle.common_poles.realisation import Blocks
+from eightpost.ident.vehicle.common_poles.shapes import Row, solve_row
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.ident.vehicle.common_poles.feedthrough import Feedthrough
+    from eightpost.ident.vehicle.common_poles.points import Points
+
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
+
+
+class Solution(NamedTuple):
+    """A model and its misfit.
+
+    Attributes:
+        blocks: Poles and inputs.
+        rows: The outputs, one after the other.
+        through: What there is beside the poles.
+        cost: Sum of the squares of the weighted misfit.
+    """
+
+    blocks: Blocks
+    rows: tuple[Row, ...]
+    through: Feedthrough
+    cost: float
+
+    @property
+    def C(self) -> Array:  # noqa: N802  the symbol of the equation
+        """Outputs per state (p, n)."""
+        return np.stack([row.c for row in self.rows])
+
+    @property
+    def D(self) -> Array:  # noqa: N802  the symbol of the equation
+        """Direct terms (p, m)."""
+        return np.stack([row.d for row in self.rows])
+
+    @property
+    def lagged(self) -> Array:
+        """Answers to the lagged inputs (p, m)."""
+        return np.stack([row.lagged for row in self.rows])
+
+    @property
+    def misfit(self) -> Complex:
+        """Weighted misfit (p, m, K)."""
+        return np.stack([row.misfit for row in self.rows])
+
+
+class Refined(NamedTuple):
+    """Where the search ended.
+
+    Attributes:
+        solution: The best model.
+        iterations: Steps taken.
+        converged: Whether no step promised or gave more than the tolerance.
+    """
+
+    solution: Solution
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """How the minimum is sought.
+
+    Attributes:
+        most_iterations: Steps at most.
+        tolerance: The search ends where a step lowers the cost by less than this part of it [1].
+    """
+
+    most_iterations: int = 60
+    tolerance: float = 1e-5
+
+    def refine(self, points: Points, start: Blocks, through: Feedthrough) -> Refined:
+        """Return the best model near `start` (with inputs); `through` what there is beside its poles."""
+        best, damping = evaluate(points, start.normalised(), through), 1e-3
+        for iteration in range(self.most_iterations):
+            slope = curvature(points, best)
+            while True:
+                tried = evaluate(points, _stepped(best.blocks, slope.step(damping)), through)
+                if tried.cost < best.cost or damping > _MOST_DAMPING:
+                    break
+                damping *= 10.0
+            gained = best.cost - tried.cost
+            if gained <= self.tolerance * best.cost:
+                return Refined(tried if gained > 0.0 else best, iteration, True)
+            best, damping = tried, max(damping * 0.1, _LEAST_DAMPING)
+        return Refined(best, self.most_iterations, False)
+
+
+def evaluate(points: Points, blocks: Blocks, through: Feedthrough) -> Solution:
+    """Return the best outputs for given poles and inputs."""
+    X = blocks.states_response(points.s)
+    rows = tuple(solve_row(points, i, X, through) for i in range(len(points.H)))
+    return Solution(blocks, rows, through, float(sum(np.sum(np.abs(row.misfit) ** 2) for row in rows)))
+
+
+class Curvature(NamedTuple):
+    """Gradient (t,) and Gauss-Newton matrix (t, t) of half the cost over (log w, log zeta, B)."""
+
+    gradient: Array
+    matrix: Array
+
+    def step(self, damping: float) -> Array:
+        """Return the damped step (t,); directions that change nothing stay at rest by the damping."""
+        size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        scaled = self.matrix / np.outer(size, size)
+        scaled[np.diag_indices_from(scaled)] = 1.0 + damping
+        return np.asarray(solve(scaled, -self.gradient / size, assume_a="sym") / size)
+
+
+def curvature(points: Points, solution: Solution) -> Curvature:
+    """Return gradient and curvature at a solution, summed over its outputs."""
+    blocks = solution.blocks
+    resolvent, by_pole = blocks.resolvent(points.s), _pole_slopes(blocks, points.s)
+    total = 4 * blocks.w.size // 2 + blocks.B.size
+    gradient, matrix = np.zeros(total), np.zeros((total, total))
+    for i, row in enumerate(solution.rows):
+        c = row.c.reshape(-1, 2)
+        poles = np.einsum("na,qnajk->qnjk", c, by_pole).reshape(2 * len(c), *row.misfit.shape)
+        inputs = np.einsum("na,nabk->nbk", c, resolvent).reshape(2 * len(c), -1)
+        _add_row(gradient, matrix, _Slopes(poles, inputs, points.weight[i]), row)
+    return Curvature(gradient, matrix)
+
+
+class _Slopes(NamedTuple):
+    """What an output changes by: with the poles (2 N, m, K), and with B_aj (2 N, K), which acts on input j only."""
+
+    poles: Complex
+    inputs: Complex
+    weight: Array
+
+
+def _pole_slopes(blocks: Blocks, s: Complex) -> Complex:
+    """Return the slopes of the states' response with log w and log zeta (2, N, 2, m, K)."""
+    N, resolvent = blocks.w.size, blocks.resolvent(s)
+    X = blocks.states_response(s).reshape(N, 2, -1, s.size)
+    A = blocks.A.reshape(N, 2, N, 2)[np.arange(N), :, np.arange(N), :]
+    lower = np.zeros_like(A)
+    lower[:, 1, 1] = A[:, 1, 1]
+    changes = np.stack((A, lower))
+    return np.asarray(np.einsum("nack,qncb,nbjk->qnajk", resolvent, changes, X, optimize=True))
+
+
+def _add_row(gradient: Array, matrix: Array, slopes: _Slopes, row: Row) -> None:
+    """Add one output's share: `J^T r` and `J^T J - (Q^T J)^T (Q^T J)`."""
+    n, m, _ = slopes.poles.shape
+    poles = _real(slopes.poles * slopes.weight).transpose(1, 2, 0)
+    inputs = _real(slopes.inputs[:, None, :] * slopes.weight).transpose(1, 2, 0)
+    misfit = _real(row.misfit)
+    explained = np.zeros((row.Q.shape[2], len(gradient)))
+    for j in range(m):
+        # B (N, 2, m) lies behind the poles: that of input j in every m-th place.
+        own = slice(n + j, None, m)
+        P, E, r, Q = poles[j], inputs[j], misfit[j], row.Q[j]
+        gradient[:n] -= P.T @ r
+        gradient[own] -= E.T @ r
+        crossed = P.T @ E
+        matrix[:n, :n] += P.T @ P
+        matrix[:n, own] += crossed
+        matrix[own, :n] += crossed.T
+        matrix[own, own] += E.T @ E
+        explained[:, :n] += Q.T @ P
+        explained[:, own] += Q.T @ E
+    matrix -= explained.T @ explained
+
+
+def _real(values: Complex) -> Array:
+    return np.concatenate((values.real, values.imag), axis=-1)
+
+
+def _stepped(blocks: Blocks, step: Array) -> Blocks:
+    N = blocks.w.size
+    limited = np.clip(step[: 2 * N], -1.0, 1.0)
+    w, zeta = blocks.w * np.exp(limited[:N]), blocks.zeta * np.exp(limited[N:])
+    return Blocks(w, zeta, blocks.B + step[2 * N :].reshape(blocks.B.shape)).normalised()
