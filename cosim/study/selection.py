@@ -24,6 +24,9 @@ Integers = NDArray[np.int64]
 
 End = Literal["low", "high"]
 
+#: The ends of a measure, and what its values are multiplied by to have that end first.
+ENDS: Mapping[End, float] = {"low": 1.0, "high": -1.0}
+
 #: Share of the setups, from each end, among which a selection spreads: 48 of 2401.
 POOL = 0.02
 
@@ -105,15 +108,20 @@ def select(
     taken: list[int] = []
     for name, count in wanted.items():
         values = result.values(name)
-        for end in _ENDS:
-            order = rows[np.lexsort((rows, values[rows] * _ENDS[end]))]
+        for end in ENDS:
+            order = rows[np.lexsort((rows, values[rows] * ENDS[end]))]
             for row in _spread(order, levels, taken, count, pool):
                 rank = int(np.flatnonzero(order == row)[0]) + 1
                 chosen.append(Selected(result.setup(row), name, end, float(values[row]), rank, marks[row]))
-    return Selection(tuple(chosen), _closest(levels[taken]))
+    return selection_of(result, chosen)
 
 
-_ENDS: Mapping[End, float] = {"low": 1.0, "high": -1.0}
+def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
+    """Return setups of a study as a selection."""
+    levels = levels_of(result.study.space, np.array([selected.setup.index for selected in chosen], dtype=np.int64))
+    apart = (levels[:, None, :] != levels[None, :, :]).sum(axis=2)
+    pairs = apart[np.triu_indices(levels.shape[0], 1)]
+    return Selection(tuple(chosen), int(pairs.min()) if pairs.size else 0)
 
 
 def _shares(result: StudyResult, measures: Sequence[str], total: int) -> dict[str, int]:
@@ -143,9 +151,3 @@ def _spread(order: Integers, levels: Integers, taken: list[int], count: int, poo
         own.append(int(candidates[best]))
         taken.append(own[-1])
     return own
-
-
-def _closest(levels: Integers) -> int:
-    apart = (levels[:, None, :] != levels[None, :, :]).sum(axis=2)
-    pairs = apart[np.triu_indices(levels.shape[0], 1)]
-    return int(pairs.min()) if pairs.size else 0

@@ -6,8 +6,9 @@ import csv
 from pathlib import Path
 
 from cosim.study.result import StudyResult
-from cosim.study.selection import Selection
+from cosim.study.selection import ENDS, Selected, Selection, selection_of
 from eightpost import units
+from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path
 
 #: Runs of the baseline that say how runs differ (7.3).
@@ -25,17 +26,42 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path)
         unit = result.display(selected.measure)
         predicted = float(units.convert(selected.value, result.unit(selected.measure), unit))
         row |= {"measure": selected.measure, "end": selected.end, "predicted": f"{predicted:.6g}", "unit": unit}
-        row |= {"marks": selected.marks}
+        row |= {"place": str(selected.rank), "marks": selected.marks}
     baseline = result.study.baseline_setup
     if baseline is not None:
         first = len(rows) + 1
         repeats = [_row(number, result, baseline.index) for number in range(first, first + BASELINE_RUNS)]
         rows += [{**row, "end": "baseline"} for row in repeats]
-    names = ("run", "file", "setup", *corners, "measure", "end", "predicted", "unit", "marks")
+    names = ("run", "file", "setup", *corners, "measure", "end", "predicted", "unit", "place", "marks")
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, names, restval="")
         writer.writeheader()
         writer.writerows(rows)
+
+
+def read_selection(path: str | Path, result: StudyResult) -> Selection:
+    """Read what `write_selection` wrote of the same study; values are the study's.
+
+    Raises:
+        FileFormatError: It is no selection of this study.
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            rows = [row for row in csv.DictReader(stream) if row["end"] in ENDS]
+        return selection_of(result, [_selected(row, result) for row in rows])
+    except (OSError, KeyError, ValueError) as error:
+        raise FileFormatError(f"is no selection of this study ({error}); select anew", path=path) from error
+
+
+def _selected(row: dict[str, str], result: StudyResult) -> Selected:
+    setup = result.study.space.setup(int(row["setup"]))
+    if (place := result.row(setup.builds)) is None:
+        raise InputError(f"setup {setup.index} was not run")
+    value = float(result.values(row["measure"])[place])
+    return Selected(
+        setup, row["measure"], "low" if row["end"] == "low" else "high", value, int(row["place"]), row["marks"]
+    )
 
 
 def _row(number: int, result: StudyResult, setup: int) -> dict[str, str]:

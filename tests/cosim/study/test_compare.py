@@ -13,7 +13,7 @@ from cosim.study.compare import Comparison
 from cosim.study.compare_runs import Measured, comparisons, measured_runs, read_run_list
 from cosim.study.measures import Measure
 from cosim.study.selection import select
-from cosim.study.selection_file import BASELINE_RUNS, write_selection
+from cosim.study.selection_file import BASELINE_RUNS, read_selection, write_selection
 from cosim.study.study import Drive
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import TimeSeries
@@ -185,6 +185,13 @@ def test_the_list_for_the_rig_day_is_the_list_of_what_was_measured(tmp_path):
     baseline = made.study.baseline_setup.index
     assert [run.setup for run in runs] == [s.setup.index for s in selection.chosen] + BASELINE_RUNS * [baseline]
     assert runs[0].file == tmp_path / "run_01.parquet"
+    assert read_selection(tmp_path / "selection.csv", made) == selection
+
+
+def test_the_selection_of_another_study_is_refused(tmp_path):
+    write_selection(select(result({"front": front}), total=8), result({"front": front}), tmp_path / "selection.csv")
+    with pytest.raises(FileFormatError, match="no selection of this study"):
+        read_selection(tmp_path / "selection.csv", result({"rear": front}))
 
 
 def _list(folder, *lines: str):

@@ -7,6 +7,7 @@ import pytest
 
 from cosim.study.robust import Spread, run_to_run, spreads_of
 from cosim.study.robust_draws import Uncertain, drawn_studies
+from cosim.study.robust_table import read_spreads, write_spreads
 from eightpost.errors import InputError
 
 from .constructed import result, study
@@ -134,3 +135,14 @@ def test_a_studys_spread_is_of_the_setups_that_every_draw_has():
 def test_noise_of_a_measure_that_the_study_lacks_is_refused():
     with pytest.raises(InputError, match="did you mean 'front'"):
         spreads_of(result({"front": lambda digits: digits.sum(axis=1)}), [], {"frnt": 0.5})
+
+
+@pytest.mark.parametrize("draws", [0, 3])
+def test_spreads_come_back_from_their_file(tmp_path, draws):
+    sampled = np.random.default_rng(4).normal(size=(draws, 3))
+    kept = spread([1.0, np.nan, 2.0], sampled, run_to_run=0.5, runs=2)
+    write_spreads([kept], tmp_path / "robust.parquet")
+    (found,) = read_spreads(tmp_path / "robust.parquet")
+    assert (found.measure, found.run_to_run, found.runs) == ("ride height", 0.5, 2)
+    for one, other in ((found.setups, kept.setups), (found.values, kept.values), (found.draws, kept.draws)):
+        np.testing.assert_array_equal(one, other)

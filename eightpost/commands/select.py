@@ -1,0 +1,75 @@
+"""`eightpost select`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cosim.study.result import StudyResult
+from cosim.study.selection import POOL, TOTAL, Selection
+from cosim.study.selection import select as choose
+from cosim.study.selection_file import BASELINE_RUNS, write_selection
+from eightpost import units
+from eightpost.commands.study_page import RESULTS, SELECTION, write_page
+from eightpost.errors import InputError
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
+              help="A measure to confirm, once for each; with =COUNT so many setups of each end. Default: those of the "
+              "objective, else all.")  # fmt: skip
+@click.option("-n", "--total", type=click.IntRange(min=2), default=TOTAL, show_default=True,
+              help="Setups in all, where no counts are given.")  # fmt: skip
+@click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True,
+              help="Share of the setups, from each end, to choose from.")  # fmt: skip
+def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> None:
+    """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank.
+
+    STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line per run, runs of the baseline
+    last; put the rig's records beside it under the names in its column `file`, and `eightpost compare` takes it. The
+    study's page is written anew with the selection in it.
+
+    \b
+    Example:
+      eightpost select out/
+      eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
+    """
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    names, share = _asked(measures)
+    selection = choose(result, names, total=total, share=share, pool=pool)
+    console.print(selection_table(selection, result))
+    console.print(f"any two differ at {selection.closest} places or more", highlight=False)
+    write_selection(selection, result, folder / SELECTION)
+    repeats = f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
+    console.print(
+        f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
+    )
+    console.print(f"page: {write_page(result, folder)}", highlight=False, soft_wrap=True)
+
+
+def _asked(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
+    """Return the measures without counts, or how many of each end by measure."""
+    counted = {name: count for name, equal, count in (m.rpartition("=") for m in measures) if equal}
+    if not counted:
+        return measures, None
+    if len(counted) < len(measures) or not all(count.isdecimal() and int(count) for count in counted.values()):
+        raise InputError("give every --measure a count, as 'total tire force, RMS=4', or none of them")
+    return tuple(counted), {name: int(count) for name, count in counted.items()}
+
+
+def selection_table(selection: Selection, result: StudyResult) -> Table:
+    """Return the selected setups in the manner of Table 7.5."""
+    table = Table("", "measure", "", *result.study.corners, "predicted", "", "place", "marks")
+    for number, selected in enumerate(selection.chosen, start=1):
+        name = selected.measure
+        value = units.convert(selected.value, result.unit(name), result.display(name))
+        place = f"{selected.rank} from the {'lowest' if selected.end == 'low' else 'highest'}"
+        shown = (f"{value:.4g}", result.display(name), place, escape(selected.marks))
+        table.add_row(str(number), escape(name), selected.end, *selected.setup.builds.values(), *shown)
+    return table

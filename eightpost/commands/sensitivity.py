@@ -1,0 +1,57 @@
+"""`eightpost sensitivity`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cosim.study.result import StudyResult
+from cosim.study.sensitivity import Sensitivity, sensitivities_of
+from cosim.study.sensitivity_table import write_terms
+from eightpost.commands.study_page import RESULTS
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
+              help="Every term as a table (.parquet); default sensitivity.parquet in the study's folder.")  # fmt: skip
+def sensitivity(folder: Path, output: Path | None) -> None:
+    """Show which corner matters for which measure of a study: main effects and first-order interactions.
+
+    STUDY is a folder that `eightpost study` wrote. What is shown are shares of each measure's variance over all setups;
+    they are exact where every setup was run, and fitted by least squares where some are missing.
+
+    \b
+    Example:
+      eightpost sensitivity out/
+    """
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    found = sensitivities_of(result)
+    console.print(f"{escape(result.study.name)}: {len(result)} setups, {found[0].method}", highlight=False)
+    console.print(share_table(found))
+    path = output or folder / "sensitivity.parquet"
+    write_terms(found, result.provenance.measure_units, path)
+    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def share_table(found: Sequence[Sensitivity]) -> Table:
+    """Return the shares of the variance in percent, a row per measure: corners, the largest interaction, the rest."""
+    names = [factor.name for factor in found[0].factors]
+    table = Table("% of the variance", *names, "all interactions", "largest", "rest")
+    for one in found:
+        pairs = {pair: one.share(*pair) for pair in one.pairs}
+        largest = max(pairs, key=lambda pair: pairs[pair], default=None)
+        said = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
+        shares = [_percent(one.share(name)) for name in names]
+        table.add_row(escape(one.measure), *shares, _percent(sum(pairs.values())), said, _percent(one.rest_share))
+    return table
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f}"
