@@ -126,4 +126,5 @@ def _save(figure: Figure, stem: Path) -> list[Path]:
         for path in files:
             with atomic_path(path) as temporary:
                 figure.savefig(temporary, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
+            figure.set_layout_engine("none")  # it was laid out for the first file
     return files

@@ -2,46 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from cosim.study.factor import factors_of, levels_of, varied
+from cosim.study.report.doubt import better_end, doubt_of
 from cosim.study.report.scale import Scale
-from cosim.study.report.sheet import Array, Background, Bound, Column, Indices, Origin, Sheet
+from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
 from cosim.study.result import DONE, StudyResult
+from cosim.study.robust import Spread
 from cosim.study.sensitivity import Sensitivity, sensitivity
-from cosim.study.study import Study
+from cosim.study.study import Build, Parameters, Study, Vehicle
 from eightpost.errors import InputError
 
-#: Two standard deviations of a measure by its name [SI], one for all setups or (S,).
-Bands = Mapping[str, "Array | float"]
 
-
-def sheet_of(result: StudyResult, *, bands: Bands | None = None, trace_command: str = "") -> Sheet:
+def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
     """Return a result as the report shows it.
 
     Args:
         result: Of the study.
-        bands: Two standard deviations of measures, where they are known.
+        bands: Spreads of measures in SI, where they are known.
         trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
-
-    Raises:
-        ValueError: A band is of no measure of the study.
     """
-    spreads = dict(bands or {})
-    if unknown := sorted(set(spreads) - {measure.name for measure in result.measures}):
-        raise ValueError(f"there is no measure {unknown[0]!r} for a band; leave it out")
+    doubts = {band.measure: doubt_of(result, band) for band in bands}
     builds = tuple(result.study.bank)
     return Sheet(
         corners=tuple(result.study.corners),
         builds=builds,
         numbers=result.setups,
         placed=_placed(result, builds),
-        measures=tuple(_column(result, measure.name, spreads.get(measure.name)) for measure in result.measures),
+        measures=tuple(_column(result, measure.name, doubts.get(measure.name)) for measure in result.measures),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
         objective=_objective(result),
@@ -82,7 +77,7 @@ def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
 def _sensitivity(result: StudyResult, measure: str) -> Sensitivity | None:
     space, values = result.study.space, result.values(measure)
     factors, levels = factors_of(space), levels_of(space, result.setups)
-    free = varied(factors)
+    free = varied(factors) if np.isfinite(values).any() else []
     try:
         return sensitivity([factors[k] for k in free], levels[:, free], values, measure) if free else None
     except InputError:  # too few setups were run
@@ -95,10 +90,9 @@ def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:
     return np.array(columns, dtype=np.int64).T.reshape(len(result), len(columns))
 
 
-def _column(result: StudyResult, name: str, spread: Array | float | None) -> Column:
+def _column(result: StudyResult, name: str, doubt: Doubt | None) -> Column:
     scale = Scale.of(result.unit(name), result.display(name))
-    wanted = any(term.measure == name and term.weight < 0.0 for term in result.study.objective)
-    return Column(name, scale, result.values(name), "high" if wanted else "low", spread)
+    return Column(name, scale, result.values(name), better_end(result, name), doubt)
 
 
 def _objective(result: StudyResult) -> Column | None:
@@ -147,25 +141,40 @@ def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
     yield "Settling, left out of every measure", f"{study.settling:g} s"
     yield "Coupling error aimed at", f"{study.accuracy:g} % of each signal's standard deviation"
     yield "Samples that measures see", f"every {1e3 * study.record_step:g} ms"
-    for name, value in result.provenance.settings.items():
-        yield name.replace("_", " ").capitalize(), str(value)
+    yield from _settings(result.provenance.settings)
     yield "Time of all runs, added up", f"{np.nansum(seconds):.4g} s"
     yield "Digest of the study", result.provenance.digest
     yield "Computed by", f"eightpost {result.provenance.tool_version}"
 
 
+def _settings(settings: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, str]]:
+    """Yield settings and those within them, in a row each."""
+    for name, value in settings.items():
+        words = f"{within}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _settings(value, f"{words}: ")
+        else:
+            yield words.capitalize(), ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
 def _origins(result: StudyResult) -> Iterator[Origin]:
+    """Yield the vehicle, the bank, the drives, and what other files were read."""
     study, source = result.study, result.provenance
-    files = {"vehicle": study.vehicle.fmu, **{f"build {name}": build.fmu for name, build in study.bank.items()}}
-    files |= {f"drive {drive.name}": drive.file for drive in study.drives}
     guids, digests = _by_name(source.guids), _by_name(source.digests)
-    for what, file in files.items():
-        name = PurePath(file).name
+    models: dict[str, Vehicle | Build] = {
+        "vehicle": study.vehicle,
+        **{f"build {name}": build for name, build in study.bank.items()},
+    }
+    files: dict[str, tuple[PurePath, Parameters]] = {
+        what: (model.fmu, model.parameters) for what, model in models.items()
+    }
+    files |= {f"drive {drive.name}": (drive.file, {}) for drive in study.drives}
+    known = {str(file) for file, _ in files.values()}
+    files |= {f"file {PurePath(path).name}": (PurePath(path), {}) for path in source.digests if path not in known}
+    for what, (file, parameters) in files.items():
+        identity, digest = (found.get(str(file)) or found.get(file.name, "") for found in (guids, digests))
         yield Origin(
-            what,
-            name,
-            guids.get(str(file)) or guids.get(name, ""),
-            digests.get(str(file)) or digests.get(name, ""),
+            what, file.name, identity, digest, tuple(f"{name} = {value}" for name, value in parameters.items())
         )
 
 

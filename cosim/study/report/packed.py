@@ -12,7 +12,7 @@ from cosim.report.packing import Store
 from cosim.report.traces import CAPACITY, traces
 from cosim.study.report.colors import build_colors
 from cosim.study.report.scale import Scale
-from cosim.study.report.sheet import Array, Column, Sheet
+from cosim.study.report.sheet import Array, Column, Doubt, Sheet
 from cosim.study.sensitivity import Sensitivity
 from eightpost.signals import TimeSeries
 
@@ -65,7 +65,6 @@ def _scale(scale: Scale) -> dict[str, Any]:
 
 def _column(store: Store, column: Column) -> dict[str, Any]:
     low, high = column.extremes
-    spread = None if column.spread is None else np.broadcast_to(np.asarray(column.spread, float), column.values.shape)
     return {
         "name": column.name,
         **_scale(column.scale),
@@ -73,7 +72,17 @@ def _column(store: Store, column: Column) -> dict[str, Any]:
         "high": high,
         "better": column.better,
         "at": store.add(column.values),
-        "spread": None if spread is None else store.add(spread),
+        "doubt": column.doubt and _doubt(store, column.doubt),
+    }
+
+
+def _doubt(store: Store, doubt: Doubt) -> dict[str, Any]:
+    return {
+        "spread": store.add(doubt.spread),
+        "best": store.add(doubt.from_best),
+        "baseline": store.add(doubt.from_baseline),
+        "tied": store.add(doubt.tied.astype(float)),
+        "ties": int(doubt.tied.sum()),
     }
 
 

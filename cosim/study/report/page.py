@@ -17,6 +17,7 @@ from cosim.study.report.corner import telling_corner
 from cosim.study.report.packed import packed, shown_columns
 from cosim.study.report.sheet import Column, Sheet
 from cosim.study.report.summary import MATTERS, extremes, fixed, shares, tiles, verdict
+from cosim.study.selection import Selected
 from cosim.study.sensitivity import Sensitivity
 from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries
@@ -40,12 +41,12 @@ class Extras:
     Args:
         traces: Time traces by the setup's number.
         sensitivities: Of the measures, or of some.
-        selection: Numbers of the setups to confirm, by what they were selected for.
+        selection: Setups to confirm on the rig.
     """
 
     traces: Mapping[int, TimeSeries] = field(default_factory=dict)
     sensitivities: Sequence[Sensitivity] = ()
-    selection: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    selection: Sequence[Selected] = ()
 
 
 def page(sheet: Sheet, extras: Extras) -> str:
@@ -96,7 +97,7 @@ def _choices(sheet: Sheet) -> dict[str, Any]:
         "focus": first,
         "against": set(others[:_TRADES]),
         "colored": telling_corner(sheet, columns[first]),
-        "spreads": any(column.spread is not None for column in columns),
+        "spreads": any(column.doubt is not None for column in columns),
     }
 
 
@@ -111,13 +112,15 @@ def _effects(sheet: Sheet, terms: Sequence[Sensitivity]) -> dict[str, Any]:
     }
 
 
-def _groups(sheet: Sheet, selection: Mapping[str, Sequence[int]]) -> list[tuple[str, list[int]]]:
-    """Return the rows of each group of selected setups; those that the study does not have are left out."""
-    found = ((title, [sheet.row(number) for number in numbers]) for title, numbers in selection.items())
-    return [(title, kept) for title, rows in found if (kept := [row for row in rows if row is not None])]
+def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list[int]]]:
+    """Return the rows of the selected setups by what they were selected for."""
+    groups: dict[str, list[int]] = {}
+    for selected in selection:
+        if (row := sheet.row(selected.setup.index)) is not None:
+            groups.setdefault(f"{selected.measure}: {selected.end}", []).append(row)
+    return list(groups.items())
 
 
-def _selected_for(sheet: Sheet, selection: Mapping[str, Sequence[int]]) -> list[Column]:
-    """Return the measures that groups of selected setups are named after; the one that ranks where none is."""
-    named = [column for column in sheet.measures if any(title.startswith(column.name) for title in selection)]
-    return named or [sheet.ranked_by]
+def _selected_for(sheet: Sheet, selection: Sequence[Selected]) -> list[Column]:
+    named = {selected.measure for selected in selection}
+    return [column for column in sheet.measures if column.name in named]

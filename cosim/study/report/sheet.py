@@ -17,6 +17,24 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """How well one measure is known, S setups; NaN where that is not known.
+
+    Args:
+        spread: (S,) two standard deviations of the value [SI].
+        from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; what blurs
+            both alike is not in it.
+        from_baseline: (S,) the same of the difference from the baseline.
+        tied: (S,) whether a setup is not worse, beyond doubt, than the one with the best value.
+    """
+
+    spread: Array
+    from_best: Array
+    from_baseline: Array
+    tied: Flags
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Column:
     """One number of every setup: a measure, or the objective.
 
@@ -25,14 +43,14 @@ class Column:
         scale: Its unit.
         values: (S,) in SI; NaN where the setup has none.
         better: Which end of it is wanted.
-        spread: Two standard deviations of each value [SI], a scalar or (S,); None where they are not known.
+        doubt: How well it is known; None where nothing is said of that.
     """
 
     name: str
     scale: Scale
     values: Array
     better: Literal["low", "high"] = "low"
-    spread: Array | float | None = None
+    doubt: Doubt | None = None
 
     @property
     def extremes(self) -> tuple[float, float]:
@@ -49,12 +67,21 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """A file that the study was made from: what it is, its name, its GUID, its SHA-256 (empty: not known)."""
+    """A file that the study was made from.
+
+    Args:
+        what: What it is.
+        file: Its name.
+        identity: Its GUID; empty for what is no FMU.
+        digest: Its SHA-256; empty where not known.
+        parameters: Values that differ from its own, in its own units.
+    """
 
     what: str
     file: str
     identity: str = ""
     digest: str = ""
+    parameters: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,9 +78,9 @@ def _provenance(workbook: Any, sheet: Sheet) -> None:
     source = sheet.background
     words = [("Study", source.title), ("Objective", source.objective or "none"), *source.facts]
     words += [("Constraint", str(bound)) for bound in source.constraints] + [("Note", text) for text in source.notes]
-    files = [(origin.what, origin.file, origin.identity, origin.digest) for origin in source.origins]
+    files = [(o.what, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
     page = workbook.add_worksheet("Provenance")
-    _table(workbook, page, ["what", "value or file", "GUID", "SHA-256"], [*words, *files])
+    _table(workbook, page, ["what", "value or file", "GUID", "SHA-256", "parameters set"], [*words, *files])
     page.set_column(1, 1, 60)
     page.set_column(2, 3, 68)
 

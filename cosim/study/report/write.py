@@ -8,11 +8,13 @@ from pathlib import Path
 
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import write_figures
-from cosim.study.report.from_result import Bands, sensitivities_of, sheet_of
+from cosim.study.report.from_result import sensitivities_of, sheet_of
 from cosim.study.report.page import Extras, page
 from cosim.study.report.sheet import Sheet
 from cosim.study.report.workbook import write_workbook
 from cosim.study.result import StudyResult
+from cosim.study.robust import Spread
+from cosim.study.selection import Selection
 from cosim.study.sensitivity import Sensitivity
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
@@ -43,8 +45,8 @@ def write_study_report(
     *,
     traces: Mapping[int, TimeSeries] | None = None,
     sensitivities: Sequence[Sensitivity] | None = None,
-    selection: Mapping[str, Sequence[int]] | None = None,
-    bands: Bands | None = None,
+    selection: Selection | None = None,
+    bands: Sequence[Spread] | None = None,
     trace_command: str = "",
 ) -> ReportPaths:
     """Write all files of a study's report; nothing is simulated.
@@ -54,17 +56,13 @@ def write_study_report(
         out_dir: Folder; files of the same name in it are replaced, each only when it is whole.
         traces: Time traces of some setups by their number: of the best, the worst, the baseline, the selected ones.
         sensitivities: Of its measures; where not given, they are drawn from the table.
-        selection: Numbers of the setups to confirm on the rig, by what they were selected for; a title that begins with
-            a measure's name shows that measure.
-        bands: Two standard deviations of measures by name [SI], one for all setups or (S,).
+        selection: Setups to confirm on the rig.
+        bands: Spreads of measures in SI.
         trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
-
-    Raises:
-        ValueError: A band is of no measure of the study.
     """
-    sheet = sheet_of(result, bands=bands, trace_command=trace_command)
+    sheet = sheet_of(result, bands=bands or (), trace_command=trace_command)
     terms = sensitivities_of(result) if sensitivities is None else sensitivities
-    return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection or {}))
+    return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
 
 
 def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:

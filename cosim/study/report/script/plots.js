@@ -34,7 +34,6 @@ function drawTrend(pen, axes, corner, pointOf) {
   const { x, y, box } = axes, lanes = manifest.builds.length, half = Math.max(2, 0.36 * (box.height / lanes));
   write(pen, `${manifest.corners[corner].toUpperCase()} shock`, box.x, 12, { align: "left", color: INK,
     font: "600 13px system-ui, sans-serif" });
-  drawNoise(pen, axes);
   drawAxisX(pen, axes, focus());
   for (const [k, build] of manifest.builds.entries()) {
     const color = state.off[corner].has(k) ? "#b9c1cb" : INK;
@@ -45,6 +44,8 @@ function drawTrend(pen, axes, corner, pointOf) {
   eachDot((row, wanted) => {
     const [level, lane] = pointOf(row);
     pen.globalAlpha = wanted ? 0.55 : 0.5;
+    const near = wanted && focus().doubt?.tied[row];
+    if (near) { pen.fillStyle = "#ffe27a"; pen.fillRect(x(level) - 2.5, y(lane) - half - 2, 5, 2 * half + 4); }
     pen.fillStyle = wanted ? manifest.colors[data.placed[corner][row]] : GREY;
     pen.fillRect(x(level) - 0.75, y(lane) - half, 1.5, 2 * half);
   });
@@ -66,7 +67,6 @@ function tradeView(other) {
 function drawTrade(pen, axes, column, pointOf) {
   const { x, y } = axes, builds = data.placed[state.colored];
   write(pen, column.name + inUnit(column), 6, 12, { align: "left", color: INK, font: "600 12px system-ui, sans-serif" });
-  drawNoise(pen, axes);
   drawAxisX(pen, axes, focus());
   drawAxisY(pen, axes, column);
   eachDot((row, wanted) => {
@@ -108,23 +108,11 @@ function drawFront(pen, { x, y }, points) {
   for (const [a, b] of points) { pen.beginPath(); pen.arc(x(a), y(b), 2.2, 0, 2 * Math.PI); pen.fill(); }
 }
 
-/** Where setups are not told from the best by the chosen measure: within two standard deviations of the difference. */
-function drawNoise(pen, { x, box }) {
-  const column = focus();
-  if (!column.spread) return;
-  const better = (row, least) => wish(column, row) < wish(column, least) || isNaN(column.values[least]);
-  const best = column.values.reduce((least, _, row) => (better(row, least) ? row : least), 0);
-  const reach = (Math.SQRT2 * column.spread[best]) / (column.high - column.low || 1), sign = column.better === "high" ? -1 : 1;
-  const ends = [x(column.levels[best]), x(column.levels[best] + sign * reach)].sort((a, b) => a - b);
-  pen.fillStyle = "#fdf1d0";
-  pen.fillRect(ends[0], box.y, ends[1] - ends[0], box.height);
-}
-
 /** Two standard deviations about the setup that was clicked, and about those that are picked. */
 function drawSpread(pen, { x, y }, column, pointOf) {
   const rows = new Set(state.picked);
   if (state.current !== null) rows.add(state.current);
-  const half = (one, row) => (one.spread ? one.spread[row] / (one.high - one.low || 1) : 0);
+  const half = (one, row) => (one.doubt?.spread[row] || 0) / (one.high - one.low || 1);
   for (const row of rows) {
     const [a, b] = pointOf(row), dx = half(focus(), row), dy = half(column, row);
     if (dx) rule(pen, x(a - dx), y(b), x(a + dx), y(b), INK, 1.2);
@@ -167,10 +155,17 @@ function makeTrades() {
   }
 }
 
+function tellTies() {
+  const place = document.getElementById("ties"), { ties } = focus();
+  place.hidden = ties === undefined;
+  place.textContent = `${ties} setups are not told from the best of this measure (yellow).`;
+}
+
 function focusOn(column) {
   state.focus = column;
   document.getElementById("focus").value = column;
   for (const { band } of panels) band.hidden = true; // the setups in it stay chosen
+  tellTies();
   makeTrades();
   drawSensitivity();
   update();

@@ -28,32 +28,29 @@ function standing(row) {
   return `${place}${limits}.${manifest.marks[row] ? ` Marked: ${manifest.marks[row]}.` : ""}${error}`;
 }
 
-/** Whether two values differ by more than both their spreads; null where those are not known. */
-function differs(column, row, other) {
-  if (!column.spread) return null;
-  return Math.abs(column.values[row] - column.values[other]) > Math.hypot(column.spread[row], column.spread[other]);
-}
-
-function change(column, row, other) {
+/** The change from another setup in percent; `doubts` are two standard deviations of the difference from it. */
+function change(column, row, other, doubts) {
   if (other === null) return "";
   if (other === row) return "itself";
   const base = column.values[other], percent = (100 * (column.values[row] - base)) / Math.abs(base);
   if (!Number.isFinite(percent)) return "";
-  return `${signed(percent, 3)} %${differs(column, row, other) === false ? " (within noise)" : ""}`;
+  const doubtful = doubts && Math.abs(column.values[row] - base) <= doubts[row];
+  return `${signed(percent, 3)} %${doubtful ? " (not told apart)" : ""}`;
 }
 
 function compared(row) {
   const body = document.getElementById("compared").tBodies[0];
   body.replaceChildren();
   for (const column of data.columns) {
-    const line = body.insertRow(), spread = column.spread ? ` ± ${figure(width(column, column.spread[row]), 2)}` : "";
+    const line = body.insertRow(), { doubt } = column, half = doubt?.spread[row];
+    const spread = Number.isFinite(half) ? ` ± ${figure(width(column, half), 2)}` : "";
     cell(line, column.name, "name");
     cell(line, unit(column), "");
     cell(line, figure(convert(column, column.values[row])) + spread, "number");
     cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
     cell(line, `${figure(100 * column.levels[row], 3)} %`, "number");
-    cell(line, change(column, row, manifest.baseline), "number");
-    cell(line, change(column, row, manifest.best), "number");
+    cell(line, change(column, row, manifest.baseline, doubt?.baseline), "number");
+    cell(line, change(column, row, manifest.best, doubt?.best), "number");
   }
 }
 

@@ -11,7 +11,7 @@ const state = {
   sort: { key: "rank", falling: false },
   off: manifest.corners.map(() => new Set()), // builds filtered out, by corner
   words: "",
-  kept: { allowed: false, unmarked: false, picked: false },
+  kept: { allowed: false, unmarked: false, tied: false, picked: false },
   brush: null, // { panel, points: (row) => [x, y], from: [x, y], to: [x, y] }
   picked: new Set(),
   current: null,
@@ -63,6 +63,7 @@ function filtered(row, words) {
   if (state.off.some((builds, corner) => builds.has(data.placed[corner][row]))) return false;
   if (state.kept.allowed && !data.allowed[row]) return false;
   if (state.kept.unmarked && (manifest.marks[row] || manifest.failures[row])) return false;
+  if (state.kept.tied && focus().doubt && !focus().doubt.tied[row]) return false;
   if (state.kept.picked && !state.picked.has(row)) return false;
   return matches(row, words);
 }

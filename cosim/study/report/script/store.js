@@ -29,8 +29,9 @@ function opened(numbers) {
   const doubles = (at, length = count) => new Float64Array(numbers, at, length);
   const columns = manifest.columns.map((column) => {
     const values = doubles(column.at), span = column.high - column.low || 1;
-    const spread = column.spread === null ? null : doubles(column.spread);
-    return { ...column, values, spread, levels: Float64Array.from(values, (value) => (value - column.low) / span) };
+    const { doubt } = column;
+    const known = doubt && Object.fromEntries(["spread", "best", "baseline", "tied"].map((key) => [key, doubles(doubt[key])]));
+    return { ...column, values, doubt: known, ties: doubt?.ties, levels: Float64Array.from(values, (value) => (value - column.low) / span) };
   });
   const placed = manifest.corners.map((_, corner) => Uint8Array.from(doubles(manifest.placed[corner])));
   return { count, columns, placed, numbers: doubles(manifest.numbers), rank: doubles(manifest.rank),

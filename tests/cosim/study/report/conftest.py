@@ -1,5 +1,7 @@
 """A study that was never run: a formula in place of the FMUs, with the trends of chapter 7 and seeded noise."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -42,10 +44,10 @@ def _responses(damping, rng):
 def _study(corners, constraints, objective):
     return Study(
         name="Surrogate of chapter 7 (synthetic)",
-        vehicle=Vehicle("car.fmu"),
-        bank={build: Build(f"bank/{build.replace('/', '_')}.fmu") for build in BUILDS},
+        vehicle=Vehicle(Path("car.fmu")),
+        bank={build: Build(Path("bank", f"{build.replace('/', '_')}.fmu")) for build in BUILDS},
         corners=corners,
-        drives=(Drive("lap", "lap.csv", stop=33.0),),
+        drives=(Drive("lap", Path("lap.csv"), stop=33.0),),
         measures=_MEASURES,
         objective=objective,
         constraints=constraints,

@@ -1,0 +1,237 @@
+"""The study's page in a browser, all 2401 setups: sorted, filtered, brushed, clicked, and it complains of nothing."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cosim.study.report.from_result import sensitivities_of, sheet_of
+from cosim.study.report.page import Extras, page
+from cosim.study.selection import select
+
+FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
+IN, LBF = 0.0254, 4.4482216152605  # exact definitions
+
+_ROWS = "[...document.querySelectorAll('#ranking tbody tr[data-row]')]"
+_HEADS = "[...document.querySelectorAll('#ranking th')]"
+# Two frames: what was changed is drawn in the first of them.
+_DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+# Of a panel, as script/dots.js has them: left, right, top, bottom [px]; room beyond the levels 0 and 1.
+_LEFT, _RIGHT, _TOP, _BOTTOM, _ROOM = 78.0, 12.0, 26.0, 46.0, 0.03
+# Coloured pixels in the right part of the first trade-off, at levels above a half.
+_COLORED = """(() => {
+  const canvas = document.querySelector('#trades canvas'), x = 0.6 * canvas.width;
+  const { data } = canvas.getContext('2d').getImageData(x, 30, canvas.width - x, canvas.height - 80);
+  let count = 0;
+  for (let k = 0; k < data.length; k += 4) {
+    const [red, green, blue] = data.slice(k, k + 3);
+    if (Math.max(red, green, blue) - Math.min(red, green, blue) > 60) count++;
+  }
+  return count;
+})()"""
+_FIND = "{{ const box = document.getElementById('find'); box.value = '{}'; box.dispatchEvent(new Event('input')); }}"
+_AXIS = "document.querySelector('#traces .js-plotly-plot').layout.yaxis.title.text"
+_EFFECTS = "JSON.stringify(document.querySelector('#effects').data.map((line) => [...line.y]))"
+
+
+class _Page:
+    """The page as a reader uses it, on a laptop's screen."""
+
+    def __init__(self, browser, path):
+        self.browser, self.path = browser, path
+        browser.call("Emulation.setDeviceMetricsOverride", width=1366, height=768, deviceScaleFactor=1, mobile=False)
+        browser.call("Page.navigate", url=path.as_uri())
+        browser.until("document.body && document.body.dataset.ready")
+
+    def do(self, code):
+        value = self.browser.evaluate(code)
+        self.browser.evaluate(_DRAWN)
+        return value
+
+    def click(self, selector):
+        self.do(f"document.querySelector('{selector}').click()")
+
+    def text(self, selector):
+        return self.do(f"document.querySelector('{selector}').textContent")
+
+    def rows(self):
+        """The rows that the document holds, cell by cell."""
+        return json.loads(self.do(f"JSON.stringify({_ROWS}.map((r) => [...r.cells].map((c) => c.textContent)))"))
+
+    def column(self, head):
+        heads = json.loads(self.do(f"JSON.stringify({_HEADS}.map((h) => h.textContent))"))
+        return next(k for k, text in enumerate(heads) if text.startswith(head))
+
+    def sort(self, head):
+        self.do(f"{_HEADS}.find((h) => h.textContent.startsWith('{head}')).querySelector('button').click()")
+        return self.rows()
+
+    def shown(self):
+        """How many setups pass, as the page says."""
+        return int(self.text("#shown").split()[0])
+
+    def focus(self, measure):
+        self.do(
+            "{ const box = document.getElementById('focus');"
+            f"box.value = [...box.options].find((o) => o.text === '{measure}').value;"
+            "box.dispatchEvent(new Event('change')); }"
+        )
+
+    def panel(self, selector):
+        """A panel in the middle of the window: from levels to pixels of the window."""
+        self.do(f"document.querySelector('{selector}').scrollIntoView({{block: 'center'}})")
+        frame = json.loads(self.do(f"JSON.stringify(document.querySelector('{selector}').getBoundingClientRect())"))
+        width, height = frame["width"] - _LEFT - _RIGHT, frame["height"] - _TOP - _BOTTOM
+
+        def place(x, y):
+            across, up = ((level + _ROOM) / (1.0 + 2.0 * _ROOM) for level in (x, y))
+            return frame["x"] + _LEFT + across * width, frame["y"] + _TOP + (1.0 - up) * height
+
+        return place
+
+
+@pytest.fixture(scope="session")
+def whole(surrogate):
+    return surrogate()
+
+
+@pytest.fixture(scope="session")
+def written(whole, lap, tmp_path_factory):
+    best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
+    extras = Extras(
+        traces={best: lap(1), baseline: lap(2)},
+        sensitivities=sensitivities_of(whole),
+        selection=select(whole, [FRONT, TIRE, HUB], total=20).chosen,
+    )
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(page(sheet_of(whole, trace_command="eightpost study --trace {setup}"), extras), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def opened(browser, written):
+    """The page; whatever is done with it, it loads nothing and complains of nothing."""
+    page = _Page(browser, written)
+    yield page
+    asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [written.as_uri()]
+    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+    assert [event for event in browser.events if event["method"] in trouble] == []
+
+
+def _levels(values):
+    return (values - np.nanmin(values)) / (np.nanmax(values) - np.nanmin(values))
+
+
+@pytest.mark.slow
+def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, whole):
+    best = int(whole.setups[whole.ranking()[0]])
+    rows = opened.rows()
+    assert [row[1] for row in rows[:3]] == ["1", "2", "3"] and rows[0][2] == str(best)
+    assert opened.shown() == 2401 and len(rows) < 60  # the document holds what the window shows
+    assert opened.text("#pickings") == "20"
+    assert f"Setup {best} has rank 1 of 2400" in opened.text("#standing")
+    assert opened.do("document.documentElement.scrollWidth <= window.innerWidth")
+    assert opened.do("document.getElementById('trouble').hidden")
+
+
+@pytest.mark.slow
+def test_a_click_on_a_head_sorts_all_setups_and_the_failed_one_stays_last(opened, whole):
+    front = whole.values(FRONT)
+    place = opened.column(FRONT)
+    assert opened.sort(FRONT)[0][place] == f"{np.nanmin(front) / IN:.4f}"
+    assert opened.sort(FRONT)[0][place] == f"{np.nanmax(front) / IN:.4f}"
+    opened.do("document.getElementById('ranking-pane').scrollTop = 1e6")
+    last = opened.rows()[-1]
+    assert last[2] == "40" and "discards the step" in last[-1]
+
+
+@pytest.mark.slow
+def test_setups_are_filtered_by_corner_and_build_by_words_by_limits_and_by_being_picked(opened, whole):
+    opened.click('[data-all="0"]')
+    assert opened.shown() == 0
+    opened.click('#builds [data-corner="0"][data-build="6"]')
+    assert opened.shown() == 7**3 and {row[3] for row in opened.rows()} == {"C/C"}
+    opened.do(
+        "{ const box = document.getElementById('find'); box.value = 'B/AA'; box.dispatchEvent(new Event('input')); }"
+    )
+    assert opened.shown() == 7**3 - 6**3  # at one of the other three corners
+    opened.click("#clear")
+    opened.click('#kept [value="allowed"]')
+    assert opened.shown() == whole.feasible.sum()
+    opened.click("#clear")
+    opened.click('#kept [value="picked"]')
+    assert opened.shown() == 20
+    opened.click('#ranking tbody input[type="checkbox"]')
+    assert opened.shown() == 19
+
+
+@pytest.mark.slow
+def test_a_drag_in_one_plot_chooses_setups_in_all_plots_and_in_the_table(opened, whole):
+    front = _levels(whole.values(FRONT))
+    opened.focus(FRONT)
+    place = opened.panel("#trends .panel")
+    before = opened.do(_COLORED)
+    opened.browser.drag(place(-0.02, 0.99), place(0.25, 0.01))
+    # The mouse moves by whole pixels: a setup on the edge may fall on either side.
+    assert np.sum(front <= 0.247) <= opened.shown() <= np.sum(front <= 0.253)
+    assert before > 500 and opened.do(_COLORED) == 0  # nor is what lies to its right coloured in another plot
+    limit = (np.nanmin(whole.values(FRONT)) + 0.253 * np.ptp(whole.values(FRONT)[whole.done])) / IN
+    opened.sort(FRONT)
+    assert all(float(row[opened.column(FRONT)]) <= limit for row in opened.sort(FRONT))
+    opened.do("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
+    assert opened.shown() == 2401
+
+
+@pytest.mark.slow
+def test_a_click_on_a_dot_shows_its_setup_with_traces_or_the_command_that_makes_them(opened, whole):
+    opened.focus(FRONT)
+    row = int(np.nanargmax(whole.values(TIRE)))
+    number = whole.setups[row]
+    dot = opened.panel("#trades .panel")(_levels(whole.values(FRONT))[row], 1.0)
+    opened.browser.drag(dot, dot)
+    assert f"Setup {number} has rank" in opened.text("#standing")
+    assert opened.text("#command") == f"eightpost study --trace {number}"
+    percent = 100.0 * (whole.values(TIRE)[row] / whole.values(TIRE)[whole.baseline_row] - 1.0)
+    assert f"+{percent:.1f} %" in opened.text("#compared")
+
+    opened.do("document.getElementById('ranking-pane').scrollTop = 0")
+    opened.click("#ranking tbody tr[data-row]")  # the best one, which has traces
+    opened.do("document.getElementById('traces').scrollIntoView()")
+    opened.browser.until("document.querySelector('#traces .js-plotly-plot')?.data.length === 4")  # with the baseline's
+    opened.click("#with-baseline")
+    opened.browser.until("document.querySelector('#traces .js-plotly-plot').data.length === 2")
+    opened.click("#whole")
+    opened.browser.until("document.querySelector('#traces .js-plotly-plot').layout.xaxis.range[1] === 10")
+
+
+@pytest.mark.slow
+def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
+    best = int(whole.ranking()[0])
+    opened.do("document.getElementById('traces').scrollIntoView()")
+    opened.browser.until("document.querySelectorAll('#traces .js-plotly-plot').length === 2")
+    assert opened.do(_AXIS) == "velocity [in/s]"
+    assert opened.rows()[0][opened.column(FRONT)] == f"{whole.values(FRONT)[best] / IN:.4f}"
+    opened.click("input[value=metric]")
+    shown = f"{1e3 * whole.values(FRONT)[best]:.3f}"
+    assert opened.rows()[0][opened.column(f"{FRONT} [mm]")] == shown
+    assert shown in opened.text("#compared")
+    opened.browser.until(
+        "document.querySelector('#traces .js-plotly-plot').layout.yaxis.title.text === 'velocity [mm/s]'"
+    )
+    opened.do("document.querySelector('.question').remove()")  # the objective is written in the units of its weights
+    seen = opened.do("document.body.innerText")
+    assert "mm" in seen and "lbf" not in seen and "[in" not in seen
+
+
+@pytest.mark.slow
+def test_sensitivities_follow_the_chosen_measure(opened):
+    opened.do("document.getElementById('sensitivity').scrollIntoView()")
+    opened.browser.until("document.querySelector('#effects.js-plotly-plot')")
+    assert opened.do("document.querySelector('#effects').data.map((line) => line.name).join()") == "LF,RF,LR,RR"
+    opened.focus(HUB)
+    opened.browser.until("document.querySelector('#effects').layout.yaxis.title.text.includes('rf hub')")
+    assert opened.text("#shares tr.current td") == HUB
+    effects = json.loads(opened.do(_EFFECTS))
+    spans = [np.ptp(effect) for effect in effects]
+    assert int(np.argmax(spans)) == 1  # the right front shock, at the right front hub

@@ -1,0 +1,239 @@
+"""A study's report: what it says is what the result says, in files that others read."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import matplotlib.image
+import numpy as np
+import openpyxl
+import pytest
+
+from cosim.study.report import write_study_report
+from cosim.study.report.colors import build_colors
+from cosim.study.report.corner import telling_corner
+from cosim.study.report.csv_tables import write_ranking, write_traces
+from cosim.study.report.figures import front, write_figures
+from cosim.study.report.from_result import sensitivities_of, sheet_of
+from cosim.study.report.page import Extras, page
+from cosim.study.report.scale import Scale
+from cosim.study.report.workbook import write_workbook
+from cosim.study.result import StudyResult
+from cosim.study.robust import Spread
+from cosim.study.selection import select
+from cosim.study.study import Build, Term
+from eightpost.signals.csv_file import read_csv
+
+FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
+FEW = ("AA/AA", "B/B", "C/C")
+IN, LBF, G = 0.0254, 4.4482216152605, 9.80665  # exact definitions
+
+
+@pytest.fixture(scope="session")
+def few(surrogate):
+    return surrogate(FEW)
+
+
+@pytest.fixture(scope="session")
+def sheet(few):
+    return sheet_of(few)
+
+
+@pytest.fixture
+def unranked(few):
+    """Without an objective, without constraints."""
+    return StudyResult(replace(few.study, objective=(), constraints=()), few.table, few.provenance)
+
+
+def _text(html):
+    """What a reader sees, near enough."""
+    shown = html[: html.index('<script type="application/json"')]
+    return re.sub(r"\s+", " ", re.sub(r"<style>.*?</style>|<[^>]*>", " ", shown, flags=re.DOTALL))
+
+
+def _manifest(html):
+    return json.loads(re.search(r'id="manifest">(.*?)</script>', html, re.DOTALL)[1])
+
+
+def test_setups_are_ranked_by_the_objective_within_the_constraints_then_the_others_then_what_failed(sheet, few):
+    tire, front_height, hub = (np.array(few.table[name].to_pylist(), dtype=float) for name in (TIRE, FRONT, HUB))
+    objective = tire / LBF + 900.0 * front_height / IN
+    kept = hub <= 2.45
+    groups = [np.flatnonzero(kept), np.flatnonzero(~kept & np.isfinite(hub)), np.flatnonzero(np.isnan(hub))]
+    assert all(group.size for group in groups)
+    expected = np.concatenate([group[np.argsort(objective[group])] for group in groups])
+    np.testing.assert_array_equal(sheet.order, expected)
+    np.testing.assert_array_equal(sheet.order[: groups[0].size], few.ranking())
+
+
+def test_levels_run_from_the_least_of_all_setups_to_the_greatest(sheet):
+    for column in sheet.measures:
+        levels = column.levels[np.isfinite(column.values)]
+        assert (levels.min(), levels.max()) == (0.0, 1.0)
+        np.testing.assert_array_equal(np.argsort(levels), np.argsort(column.values[np.isfinite(column.values)]))
+
+
+def test_every_unit_is_shown_in_both_systems():
+    height, force, acceleration = Scale.of("m", "in"), Scale.of("N", "lbf"), Scale.of("m/s2", "g")
+    assert (height.us(IN), force.us(LBF), acceleration.us(G)) == pytest.approx((1.0, 1.0, 1.0))
+    assert (height.metric(0.001), height.metric.unit) == (pytest.approx(1.0), "mm")
+    assert (force.metric(5.0), force.metric.unit, acceleration.metric.unit) == (5.0, "N", "m/s2")
+    assert Scale.of("smiles").us.unit == "smiles"  # a measure of one's own may have a unit of its own
+
+
+def test_the_page_says_which_is_best_what_failed_and_where_it_comes_from(few, sheet):
+    html = page(sheet, Extras(sensitivities=sensitivities_of(few)))
+    text = _text(html)
+    best = few.setup(int(few.ranking()[0]))
+    assert f"Best: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
+    assert "80 setups ran, 1 failed, 1 marked" in text
+    assert "the FMU of rf discards the step" in text and "beyond fitted range: lf" in text
+    assert "{guid-of-car}" in text and "ab" * 32 in text and "d1" * 32 in text
+    assert "Settling, left out of every measure 2 s" in text
+    assert "1 × (total tire force, RMS [lbf]) + 900 × (front ride height, RMS [in])" in text
+    assert f"{2.45 / G:.4f}" in text and "2.450" in text  # the limit, in g and in m/s2
+
+
+def test_the_page_asks_for_nothing_and_escapes_names(sheet):
+    html = page(sheet, Extras())
+    assert "default-src 'none'" in html
+    assert "&lt;b&gt;own&lt;/b&gt; &amp; measure" in html and "<b>own</b>" not in html
+    assert not re.findall(r'(?:src|href)="(?!#)', html)
+
+
+def test_the_page_is_written_for_a_study_without_objective_baseline_and_constraints(unranked):
+    bare = StudyResult(replace(unranked.study, baseline={}), unranked.table, unranked.provenance)
+    text = _text(page(sheet_of(bare), Extras()))
+    assert f"{TIRE}, least first; the study has no objective" in text
+    assert "Constraints none" in text
+
+
+def test_the_page_of_a_study_in_which_nothing_ran_says_why(few, tmp_path):
+    table = few.table.to_pydict() | {m.name: [None] * len(few) for m in few.measures}
+    table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
+    broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
+    sheet = sheet_of(broken)
+    text = _text(page(sheet, Extras(sensitivities=sensitivities_of(broken))))
+    assert "No setup ran." in text and "no licence" in text
+    assert write_figures(sheet, tmp_path) == ()
+
+
+def test_an_interrupted_study_says_so(few):
+    part = StudyResult(few.study, few.table.slice(0, 50), few.provenance, partial=True)
+    text = _text(page(sheet_of(part), Extras(sensitivities=sensitivities_of(part))))
+    assert "The study is not complete: 50 of 81 setups were run" in text
+
+
+def test_a_build_that_is_the_same_fmu_with_other_parameters_says_which(few):
+    bank = {name: Build(build.fmu, {"rebound_scale": 1.2}) for name, build in few.study.bank.items()}
+    other = StudyResult(replace(few.study, bank=bank), few.table, few.provenance)
+    assert "rebound_scale = 1.2" in _text(page(sheet_of(other), Extras()))
+
+
+def test_selected_setups_are_shown_by_what_they_were_selected_for_and_picked(few, sheet):
+    chosen = select(few, [FRONT, TIRE], total=8).chosen
+    html = page(sheet, Extras(selection=chosen))
+    assert f"{FRONT}: low" in _text(html) and f"{TIRE}: high" in _text(html)
+    assert _manifest(html)["picked"] == sorted(sheet.row(one.setup.index) for one in chosen)
+
+
+def test_setups_are_called_as_good_as_the_best_where_the_spread_says_so(few):
+    rng = np.random.default_rng(3)
+    values = few.values(FRONT)
+    band = Spread(FRONT, few.setups, values, values * (1.0 + 0.01 * rng.standard_normal((12, values.size))), 2e-5)
+    column = next(column for column in sheet_of(few, bands=[band]).measures if column.name == FRONT)
+    best = int(np.nanargmin(values))
+    tied = np.isfinite(values) & ~band.worse_than(best)
+    assert 1 < tied.sum() < 40
+    np.testing.assert_array_equal(column.doubt.tied, tied)
+    np.testing.assert_allclose(column.doubt.from_baseline, 2.0 * band.difference(few.baseline_row)[1])
+
+
+def test_the_ranking_csv_has_settings_names_units_and_the_results_own_values(sheet, few, tmp_path):
+    with write_ranking(sheet, tmp_path / "ranking.csv").open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    blank = rows.index([])
+    settings, body = dict(row[:2] for row in rows[:blank]), rows[blank + 3 :]
+    names, units = rows[blank + 1 : blank + 3]
+    assert settings["Study"] == few.study.name and settings["Settling, left out of every measure"] == "2 s"
+    assert (names[:6], len(body)) == (["rank", "setup", "lf", "rf", "lr", "rr"], len(few))
+    assert units[names.index(FRONT)] == "in" and units[names.index(TIRE)] == "lbf"
+    for line in body[:-1]:
+        row = few.setups.tolist().index(int(line[1]))
+        assert float(line[names.index(FRONT)]) == pytest.approx(few.values(FRONT)[row] / IN, rel=1e-12)
+        assert line[2:6] == list(few.setup(row).builds.values())
+    assert body[-1][names.index(TIRE)] == "" and body[-1][-1] == "the FMU of rf discards the step"
+
+
+def test_traces_in_csv_are_read_back_in_si(sheet, lap, tmp_path):
+    series = lap(1)
+    path = write_traces(sheet, 12, series, tmp_path / "setup.csv")
+    assert path.read_text(encoding="utf-8").startswith('"Format","MoTeC CSV File"')
+    record = read_csv(path)
+    assert record.names == ("Time", *series.names) and record.units == ("s", *series.units)
+    np.testing.assert_array_equal(np.array(record.columns, dtype=float), np.vstack([series.time, series.values]))
+
+
+def test_the_workbook_holds_ranking_units_and_provenance(few, tmp_path):
+    evil = StudyResult(replace(few.study, name="=1+1"), few.table, few.provenance)
+    sheet = sheet_of(evil)
+    book = openpyxl.load_workbook(write_workbook(sheet, tmp_path / "ranking.xlsx"))
+    assert book.sheetnames == ["Ranking", "Units", "Provenance"]
+    ranking = list(book["Ranking"].values)
+    place = ranking[0].index(f"{FRONT} [in]")
+    row = few.setups.tolist().index(ranking[1][1])
+    assert ranking[1][place] == pytest.approx(few.values(FRONT)[row] / IN, rel=1e-12)
+    assert len(ranking) == 1 + len(few) and book["Ranking"].auto_filter.ref and book["Ranking"].freeze_panes
+    units = {row[0]: row for row in book["Units"].values}
+    assert units[TIRE][1:4] == ("lbf", "N", pytest.approx(1.0 / LBF))
+    cell = next(row[1] for row in book["Provenance"].rows if row[0].value == "Study")
+    assert (cell.value, cell.data_type) == ("=1+1", "s")  # text, no formula
+
+
+def test_figures_for_papers_are_png_and_svg_and_the_same_every_time(surrogate, tmp_path):
+    sheet = sheet_of(surrogate(("AA/AA", "C/C", "B/B"), objective=(Term(FRONT, 1.0, "in"),)))
+    sheet = replace(sheet, measures=sheet.measures[:2])
+    paths = write_figures(sheet, tmp_path / "a")
+    stems = ("front_ride_height_rms", "total_tire_force_rms")
+    kinds = ("levels.png", "levels.svg", "tradeoffs.png", "tradeoffs.svg")
+    assert [path.name for path in paths] == [f"{stem}_{kind}" for stem in stems for kind in kinds]
+    assert matplotlib.image.imread(paths[0]).shape[1] == 1440  # 7.2 in at 200 dots per inch
+    text = " ".join(element.text or "" for element in ElementTree.parse(paths[3]).iter())
+    assert "front ride height, RMS, level [%]" in text and "AA/AA" in text
+    again = write_figures(replace(sheet, measures=sheet.principal[:1]), tmp_path / "b")
+    assert [path.read_bytes() for path in paths[:2]] == [path.read_bytes() for path in again]
+
+
+def test_the_front_holds_the_allowed_setups_that_no_other_betters(sheet):
+    first, second = (next(c for c in sheet.measures if c.name == name) for name in (FRONT, TIRE))
+    points = {row: (first.values[row], second.values[row]) for row in np.flatnonzero(sheet.allowed)}
+    beaten = {
+        a for a, p in points.items() for q in points.values() if q != p and q[0] <= p[0] and q[1] <= p[1]
+    }  # by definition, pair by pair
+    assert set(front(sheet, first, second).tolist()) == set(points) - beaten
+
+
+def test_dots_are_coloured_by_the_corner_that_tells_most(sheet):
+    hub = next(column for column in sheet.measures if column.name == HUB)
+    assert sheet.corners[telling_corner(sheet, hub)] == "rf"
+
+
+def test_every_build_of_a_large_bank_has_a_colour_of_its_own():
+    assert len(set(build_colors(40))) == 40
+
+
+def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
+    whole = surrogate(("AA/AA", "C/C", "B/B"))
+    result = StudyResult(
+        replace(whole.study, measures=whole.measures[:1], objective=(), constraints=()), whole.table, whole.provenance
+    )
+    best = int(result.setups[result.ranking()[0]])
+    paths = write_study_report(result, tmp_path / "out", traces={best: lap(1)}, trace_command="run {setup}")
+    files = [paths.page, paths.workbook, paths.ranking, paths.traces[best], *paths.figures]
+    assert all(path.stat().st_size > 0 for path in files)
+    assert sorted(path for path in (tmp_path / "out").rglob("*") if path.is_file()) == sorted(files)
+    manifest = _manifest(paths.page.read_text(encoding="utf-8"))
+    assert list(manifest["traces"]) == [str(best)] and manifest["trace_command"] == "run {setup}"
+    assert [one["column"] for one in manifest["sensitivities"]] == [0]
