@@ -8,42 +8,43 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
+from rich.progress import Progress
 
 from eightpost import __version__, units
-from eightpost.errors import InputError, ParameterError
-from eightpost.rig import configuration, demo_damper, shim_build
+from eightpost.commands.rig_shocks import per_corner, shocks_named, si
+from eightpost.errors import InputError
 from eightpost.rig.post import (
     NO_DRIFT,
+    PROGRAMS,
     TRUTHS,
-    LinearDamper,
     RigConditions,
     RigSensors,
-    bump_drive,
-    quarter_random,
+    bump_test,
+    program,
     random_drive,
+    random_test,
     run_test,
     sine_drive,
     static_drive,
     track_drive,
 )
-from eightpost.shock.file import read_shock
+from eightpost.rig.post.program import SINGLE, random_length
 
 if TYPE_CHECKING:
-    from eightpost.rig.post import Car, RigTest, Shock
+    from collections.abc import Sequence
+
+    from eightpost.rig.post import Car, PlannedTest, RigTest
     from eightpost.signals import Drivefile
 
 _TESTS = ("random", "single", "sine", "bump", "static", "track")
 
-#: Length of each test that has one to choose [s] (6.1.3).
-_LENGTHS = {"random": 800.0, "single": 100.0, "sine": 20.0, "bump": 50.0, "track": 30.0}
-
 
 @dataclass(frozen=True, slots=True)
 class _Options:
-    """What the drivefile is made of."""
+    """What the drivefile of one test is made of; no duration for the one that the dissertation has."""
 
     test: str
-    duration: float
+    duration: float | None
     only: str
     mode: str
     frequency: float
@@ -51,17 +52,47 @@ class _Options:
     seed: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Rig:
+    """What all tests of a call have in common."""
+
+    car: Car
+    noise: str
+    run: int
+    note: str
+
+    def record(self, drivefile: Drivefile, shocks: Sequence[str], words: str, number: int = 0) -> RigTest:
+        """Run a test; each number is another run, with another drift and noise."""
+        bank = shocks_named(shocks)
+        return run_test(
+            self.car,
+            drivefile,
+            [bank[name] for name in shocks],
+            seed=self.run + number,
+            sensors=RigSensors() if self.noise == "rig" else RigSensors.perfect(),
+            drift=None if self.noise == "rig" else NO_DRIFT,
+            conditions=RigConditions(drivefile=words, shocks=tuple(shocks), synthetic=self.note),
+        )
+
+
 @click.command()
 @click.option("--car", "truth", type=click.Choice(list(TRUTHS)), default="eight_post", show_default=True,
               help="The truth.")  # fmt: skip
 @click.option("--test", "test_name", type=click.Choice(_TESTS), default="random", show_default=True,
-              help="The drivefile of 4.5.1 or 6.1.3.")  # fmt: skip
+              help="One drivefile of 4.5.1 or 6.1.3.")  # fmt: skip
+@click.option("--program", "program_name", type=click.Choice(PROGRAMS),
+              help="Many tests instead, into a folder: identification is the baseline and an alternate at each corner "
+              "(6.1.5), sine Table 6.2, all every one of them.")  # fmt: skip
 @click.option("--shock", "shocks", multiple=True, metavar="SHOCK",
               help="Once for all corners, or four times in the order lf, rf, lr, rr: 'demo:A' to C, 'configuration:1' "
               "to 12, 'build:C/B', '20 lbf.s/in' for a linear damper, or a shock.json. Default demo:A.")  # fmt: skip
-@click.option(
-    "--duration", metavar="TIME", help="Default 800 s random, 100 s single, 50 s bump, 30 s track, 20 s sine."
-)
+@click.option("--alternate", default="demo:C", show_default=True, metavar="SHOCK",
+              help="Of a program: the shock that replaces one after the other.")  # fmt: skip
+@click.option("--draws", type=click.Choice(["same", "other"]), default="same", show_default=True,
+              help="Of a program: whether the alternate tests repeat the baseline's drivefile.")  # fmt: skip
+@click.option("--duration", metavar="TIME",
+              help="Default 800 s random (quarter car 120 s), 100 s single, 50 s bump (quarter car 60 s), 33 s track, "
+              "20 s sine. In a program: of its random tests.")  # fmt: skip
 @click.option("--only", default="", metavar="INPUT", help="The actuator of a single test (or static), as lf.road.")
 @click.option("--mode", default="heave", show_default=True, help="Of sine and static: heave, pitch, roll or warp.")
 @click.option("--frequency", default="2 Hz", show_default=True, help="Of the sine.")
@@ -72,12 +103,17 @@ class _Options:
 @click.option("--noise", type=click.Choice(["rig", "none"]), default="rig", show_default=True,
               help="none: perfect sensors and no drift.")  # fmt: skip
 @click.option("--friction", type=click.Choice(["on", "off"]), default="on", show_default=True)
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True,
-              help="A .parquet or .csv file.")  # fmt: skip
+@click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
+              help="Of a program's files.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
+              help="A .parquet or .csv file; the folder of a program.")  # fmt: skip
 def rig(  # one parameter per option
     truth: str,
     test_name: str,
+    program_name: str | None,
     shocks: tuple[str, ...],
+    alternate: str,
+    draws: str,
     duration: str | None,
     only: str,
     mode: str,
@@ -87,6 +123,7 @@ def rig(  # one parameter per option
     run_seed: int,
     noise: str,
     friction: str,
+    suffix: str,
     output: Path,
 ) -> None:
     """Test a car on the virtual rig; the data are SYNTHETIC.
@@ -95,77 +132,77 @@ def rig(  # one parameter per option
 
     \b
     Examples:
+      eightpost rig --program identification -o rig/
+      eightpost rig --program all --duration '100 s' --shock build:B/B --alternate build:C/C -o rig/
       eightpost rig --test random --duration '100 s' -o baseline.parquet
-      eightpost rig --shock demo:C --shock demo:A --shock demo:A --shock demo:A -o lf_alternate.parquet
       eightpost rig --test single --only lf.road -o lf_road.parquet
-      eightpost rig --car quarter_car --test random --duration '120 s' --shock configuration:1 -o quarter.parquet
+      eightpost rig --car quarter_car --test random --shock configuration:1 -o quarter.parquet
       eightpost rig --test static --mode warp -o warp.csv
     """
-    if output.suffix not in (".parquet", ".csv"):
-        raise InputError(f"{output}: write a .parquet or a .csv file")
     car = TRUTHS[truth]() if friction == "on" else TRUTHS[truth]().without_friction()
-    length = _si(duration, "s", "--duration") if duration else _LENGTHS.get(test_name, 0.0)
-    options = _Options(
-        test_name, length, only, mode, _si(frequency, "Hz", "--frequency"), _si(amplitude, "m", "--amplitude"), seed
-    )
-    names = _per_corner(shocks or ("demo:A",), len(car.corners))
-    drivefile = _drivefile(car, options)
     note = f"SYNTHETIC: eightpost rig {__version__}, {truth}, friction {friction}, noise {noise}, drivefile seed {seed}"
-    test = run_test(
-        car,
-        drivefile,
-        _shocks(names),
-        seed=run_seed,
-        sensors=RigSensors() if noise == "rig" else RigSensors.perfect(),
-        drift=None if noise == "rig" else NO_DRIFT,
-        conditions=RigConditions(drivefile=test_name, shocks=names, synthetic=note),
-    )
+    bench = _Rig(car, noise, run_seed, note)
+    names = per_corner(shocks or ("demo:A",), len(car.corners))
+    shocks_named((*names, alternate))  # one that does not exist is told before the first test
+    length = si(duration, "s", "--duration") if duration else None
+    if program_name is not None:
+        planned = program(program_name, car, seed, duration=length, draws="other" if draws == "other" else "same")
+        _run_program(bench, planned, names, alternate, (output, suffix))
+        return
+    _check_file(output)
+    sine = (si(frequency, "Hz", "--frequency"), si(amplitude, "m", "--amplitude"))
+    test = bench.record(_drivefile(car, _Options(test_name, length, only, mode, *sine, seed)), names, test_name)
     test.write(output)
     _say(Console(), car, test, output)
 
 
-def _per_corner(names: tuple[str, ...], corners: int) -> tuple[str, ...]:
-    if len(names) not in (1, corners):
-        raise InputError(f"give --shock once or {corners} times, not {len(names)} times")
-    return names * corners if len(names) == 1 else names
+def _check_file(output: Path) -> None:
+    if output.suffix not in (".parquet", ".csv"):
+        raise InputError(f"{output}: write a .parquet or a .csv file; a folder takes --program")
 
 
-def _shocks(names: tuple[str, ...]) -> tuple[Shock, ...]:
-    made = {name: _shock(name) for name in dict.fromkeys(names)}
-    return tuple(made[name] for name in names)
+def _run_program(
+    bench: _Rig, planned: Sequence[PlannedTest], baseline: tuple[str, ...], alternate: str, target: tuple[Path, str]
+) -> None:
+    """Run all tests and write each as it is there; a file that stands there already is replaced."""
+    folder, suffix = target
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; a program writes a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    console = Console()
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("tests", total=len(planned))
+        for number, one in enumerate(planned):
+            progress.update(task, description=one.name)
+            names = [alternate if c == one.alternate else s for c, s in zip(bench.car.corners, baseline, strict=True)]
+            _run_planned(bench, one, names, number, folder / f"{one.name}.{suffix}", console)
+            progress.advance(task)
 
 
-def _shock(name: str) -> Shock:
-    kind, _, what = name.partition(":")
-    try:
-        if kind == "demo" and what:
-            return demo_damper(what)
-        if kind == "configuration" and what:
-            return configuration(int(what))
-        if kind == "build" and what:
-            return shim_build(what)
-    except ValueError as error:
-        raise InputError(f"--shock {name}: {error}") from error
-    if Path(name).suffix == ".json":
-        return read_shock(name).law
-    return LinearDamper(_si(name, "N.s/m", "--shock"))
+def _run_planned(
+    bench: _Rig, one: PlannedTest, names: Sequence[str], number: int, output: Path, console: Console
+) -> None:
+    """Run, write and report one test: a record of 800 s is large and must be gone before the next."""
+    test = bench.record(one.draw(), names, one.drivefile, number)
+    test.write(output)
+    _say(console, bench.car, test, output)
 
 
 def _drivefile(car: Car, options: _Options) -> Drivefile:
-    if options.test == "single" and not options.only:
-        raise InputError(f"--test single needs --only, one of {', '.join(car.inputs)}")
-    if options.test == "random" and len(car.corners) == 1:
-        return quarter_random(options.seed, duration=options.duration)
-    if options.test in ("random", "single"):
-        active = (options.only,) if options.only else ()
-        return random_drive(car, options.seed, duration=options.duration, active=active)
+    duration = options.duration
+    if options.test == "single":
+        if not options.only:
+            raise InputError(f"--test single needs --only, one of {', '.join(car.inputs)}")
+        return random_drive(car, options.seed, duration=duration or SINGLE, active=(options.only,))
+    if options.test == "random":
+        return random_test(car, options.seed, duration=duration or random_length(car))
     if options.test == "sine":
-        return sine_drive(car, options.frequency, options.amplitude, mode=options.mode, duration=options.duration)
+        return sine_drive(car, options.frequency, options.amplitude, mode=options.mode, duration=duration or 20.0)
     if options.test == "bump":
-        return bump_drive(car, duration=options.duration)
+        return bump_test(car, duration=duration)
     if options.test == "static":
         return static_drive(car, options.only or options.mode)
-    return track_drive(car, options.seed, duration=options.duration)
+    return track_drive(car, options.seed, duration=duration or 33.0)
 
 
 def _say(console: Console, car: Car, test: RigTest, output: Path) -> None:
@@ -180,15 +217,5 @@ def _say(console: Console, car: Car, test: RigTest, output: Path) -> None:
         highlight=False,
         soft_wrap=True,
         markup=False,
+        emoji=False,  # a ':A:' among the shocks is none
     )
-
-
-def _si(text: str, unit: str, option: str) -> float:
-    try:
-        number, given = units.quantity(text)
-        value = units.convert(number, given, unit)
-    except InputError as error:
-        raise InputError(f"{option} {text!r}: {error}") from error
-    if not value > 0.0:
-        raise ParameterError(f"{option} must be above 0, not {text!r}")
-    return float(value)

@@ -42,3 +42,48 @@ def test_an_unknown_shock_is_named(tmp_path):
     result = rig("--shock", "demo:Z", "-o", str(tmp_path / "x.parquet"))
     assert result.exit_code == 2
     assert "demo:Z" in result.output
+
+
+def test_shocks_are_said_by_their_names(tmp_path):
+    result = rig("--car", "quarter_car", "--test", "bump", "--duration", "4.2 s", "-o", str(tmp_path / "x.csv"))
+    assert "shocks demo:A: 4.2 s" in result.output
+
+
+@pytest.mark.slow
+def test_an_identification_is_a_baseline_and_an_alternate_at_each_corner(tmp_path):
+    folder = tmp_path / "rig"
+    result = rig("--program", "identification", "--duration", "5 s", "--shock", "20 lbf.s/in",
+                 "--alternate", "9 lbf.s/in", "-o", str(folder))  # fmt: skip
+    assert result.exit_code == 0, result.output
+    names = ["alternate_lf", "alternate_lr", "alternate_rf", "alternate_rr", "baseline"]
+    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.parquet" for name in names]
+    tests = {path.stem: read_rig_test(path) for path in folder.iterdir()}
+    assert tests["alternate_rf"].conditions.shocks == ("20 lbf.s/in", "9 lbf.s/in", "20 lbf.s/in", "20 lbf.s/in")
+    commands = [tests[name].series["lr.road_command"] for name in ("baseline", "alternate_lf")]
+    assert (commands[0] == commands[1]).all()
+    # Noise and drift are each test's own.
+    seeds = {test.conditions.seed for test in tests.values()}
+    assert len(seeds) == len(tests)
+
+
+def test_a_program_does_not_begin_with_a_shock_that_does_not_exist(tmp_path):
+    folder = tmp_path / "rig"
+    result = rig("--program", "identification", "--alternate", "demo:Z", "-o", str(folder))
+    assert result.exit_code == 2
+    assert "demo:Z" in result.output
+    assert not folder.exists()
+
+
+def test_a_program_does_not_take_a_files_place(tmp_path):
+    path = tmp_path / "rig"
+    path.write_text("mine")
+    result = rig("--program", "bump", "-o", str(path))
+    assert result.exit_code == 2
+    assert "is a file" in result.output
+    assert path.read_text() == "mine"
+
+
+def test_one_test_wants_a_files_name(tmp_path):
+    result = rig("--test", "bump", "-o", str(tmp_path / "rig"))
+    assert result.exit_code == 2
+    assert "--program" in result.output

@@ -115,6 +115,16 @@ def test_a_track_lap_gives_the_aeroloaders_the_laps_downforce():
         track_drive(quarter_truth(), 1)
 
 
+def test_a_lap_is_quieter_than_the_identification_about_the_same_mean():
+    lap, random = track_drive(CAR, 1).series, random_drive(CAR, 1, duration=30.0).series
+    roads = np.stack([lap[name] for name in CAR.named("road")])
+    assert np.sqrt(np.mean(roads**2)) == pytest.approx(0.07 * INCH)
+    assert lap.duration == pytest.approx(33.0)
+    for name in CAR.named("aero"):
+        assert lap[name][0] == pytest.approx(random[name].mean(), rel=0.02)
+        assert lap[name].std() < 0.75 * random[name].std()
+
+
 def test_heave_pitch_and_roll_of_the_mounts_are_found_again():
     g = CAR.geometry
     rows = [

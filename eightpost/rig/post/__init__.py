@@ -13,6 +13,14 @@ from eightpost.rig.post.drivefiles import (
 )
 from eightpost.rig.post.elements import Friction, Springs, Tires
 from eightpost.rig.post.lap import track_drive
+from eightpost.rig.post.program import (
+    PROGRAMS,
+    PlannedTest,
+    bump_test,
+    identification_program,
+    program,
+    random_test,
+)
 from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
 from eightpost.rig.post.run_test import run_test
@@ -22,6 +30,7 @@ from eightpost.rig.post.truths import TRUTHS, quarter_truth, seven_dof_truth, st
 
 __all__ = [
     "NO_DRIFT",
+    "PROGRAMS",
     "TRUTHS",
     "Actuators",
     "Car",
@@ -31,6 +40,7 @@ __all__ = [
     "LinearDamper",
     "MismatchedRateError",
     "Motion",
+    "PlannedTest",
     "RigConditions",
     "RigSensors",
     "RigTest",
@@ -40,9 +50,13 @@ __all__ = [
     "SwappedCornersError",
     "Tires",
     "bump_drive",
+    "bump_test",
+    "identification_program",
+    "program",
     "quarter_random",
     "quarter_truth",
     "random_drive",
+    "random_test",
     "read_rig_test",
     "run_test",
     "seven_dof_truth",

@@ -1,0 +1,57 @@
+"""Shocks on the virtual rig, as the command line names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eightpost import units
+from eightpost.errors import InputError, ParameterError
+from eightpost.rig import configuration, demo_damper, shim_build
+from eightpost.rig.post import LinearDamper
+from eightpost.shock.file import read_shock
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from eightpost.rig.post import Shock
+
+
+def per_corner(names: tuple[str, ...], corners: int) -> tuple[str, ...]:
+    """Return one name per corner, from one for all or one for each."""
+    if len(names) not in (1, corners):
+        raise InputError(f"give --shock once or {corners} times, not {len(names)} times")
+    return names * corners if len(names) == 1 else names
+
+
+def shocks_named(names: Iterable[str]) -> dict[str, Shock]:
+    """Return each shock once by its name: 'demo:A', 'configuration:1', 'build:C/B', a damping, or a shock.json."""
+    return {name: _shock(name) for name in dict.fromkeys(names)}
+
+
+def _shock(name: str) -> Shock:
+    kind, _, what = name.partition(":")
+    try:
+        if kind == "demo" and what:
+            return demo_damper(what)
+        if kind == "configuration" and what:
+            return configuration(int(what))
+        if kind == "build" and what:
+            return shim_build(what)
+    except ValueError as error:
+        raise InputError(f"--shock {name}: {error}") from error
+    if Path(name).suffix == ".json":
+        return read_shock(name).law
+    return LinearDamper(si(name, "N.s/m", "--shock"))
+
+
+def si(text: str, unit: str, option: str) -> float:
+    """Return a quantity above zero in an SI unit, from what was given to an option."""
+    try:
+        number, given = units.quantity(text)
+        value = units.convert(number, given, unit)
+    except InputError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error
+    if not value > 0.0:
+        raise ParameterError(f"{option} must be above 0, not {text!r}")
+    return float(value)
