@@ -64,7 +64,7 @@ class Measure:
         for what, pair in (("band", self.band), ("section", self.section)):
             if pair is not None and not 0.0 <= pair[0] < pair[1]:
                 raise InputError(
-                    f"measure {self.name!r}: its {what} must go from a lower to a higher value, not {pair}"
+                    f"measure {self.name!r}: its {what} must go from low to high, not {pair}"
                 )
         try:
             options = options_for(self.statistic, self.options)

@@ -167,9 +167,8 @@ class Study:
         found = {measure.name: measure for measure in self.measures}
         if name not in found:
             close = get_close_matches(name, found, n=1)
-            raise InputError(
-                f"there is no measure {name!r}; " + (f"did you mean {close[0]!r}?" if close else f"only {list(found)}")
-            )
+            advice = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(found)}"
+            raise InputError(f"there is no measure {name!r}; {advice}")
         return found[name]
 
     def measures_of(self, drive: Drive) -> tuple[Measure, ...]:

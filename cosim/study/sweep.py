@@ -94,7 +94,8 @@ class Sweep:
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:
-        settings = {"coupling": asdict(coupling), "settling": self.study.settling, "accuracy": self.study.accuracy}
+        kept = asdict(coupling) | {"notes": list(coupling.notes)}
+        settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
         return Provenance(self.digest, self._guids, self._digests, settings, self._units)
 
 

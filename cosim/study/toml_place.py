@@ -27,9 +27,13 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
 
 
 def line_with(text: str, message: str) -> int | None:
-    """Return the one-based line of the first name in quotes that a message has and the file too."""
-    for name in re.findall(r"'([^']+)'", message):
-        for number, line in enumerate(text.splitlines(), start=1):
+    """Return the one-based line of what a message is about: its last name in quotes that the file has too.
+
+    What comes after a semicolon is advice.
+    """
+    lines = text.splitlines()
+    for name in reversed(re.findall(r"'([^']+)'", message.partition(";")[0])):
+        for number, line in enumerate(lines, start=1):
             if f'"{name}"' in line or f"'{name}'" in line:
                 return number
     return None

@@ -1,0 +1,66 @@
+"""Small studies on the seven-DOF car."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from cosim.study import Build, Drive, Measure, Study, Vehicle, work
+
+CORNERS = ("lf", "rf", "lr", "rr")
+TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
+
+TIRES = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
+MEASURES = (
+    Measure("front ride height, RMS", ("car.front.ride_height",), "rms", "in"),
+    Measure("total tire force, RMS", TIRES, "rms", "lbf"),
+)
+
+
+@dataclass
+class WorkersHere:
+    """Runs setups in this process; notes which."""
+
+    count: int = 1
+    ran: list[int] = field(default_factory=list)
+
+    def choose(self, study):
+        return work.choose(study.to_json())
+
+    def rows(self, study, coupling, chunks: Sequence, stop: Callable[[], bool]):
+        for chunk in chunks:
+            if stop():
+                return
+            rows = work.rows(study.to_json(), coupling, chunk.indices)
+            self.ran += chunk.indices
+            yield chunk, rows
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def here() -> WorkersHere:
+    return WorkersHere()
+
+
+@pytest.fixture
+def small_study(fmus) -> Callable[..., Study]:
+    """Two builds at four corners, four seconds of track; small_study(**what differs)."""
+
+    def make(**changes) -> Study:
+        builds = {"soft": {"compression_scale": 0.5, "rebound_scale": 0.5}, "stiff": {}}
+        options = {
+            "name": "two builds",
+            "vehicle": Vehicle(fmus["seven_dof"]),
+            "bank": {name: Build(fmus["lpnl2"], values) for name, values in builds.items()},
+            "corners": dict.fromkeys(CORNERS, tuple(builds)),
+            "drives": (Drive("track", TRACK, stop=4.0),),
+            "measures": MEASURES,
+            "settling": 1.0,
+            "record_step": 4e-3,
+        }
+        return Study(**(options | changes))
+
+    return make

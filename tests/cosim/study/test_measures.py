@@ -1,0 +1,173 @@
+"""Measures, against numbers that are known without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.study import Measure
+from cosim.study.families import FAMILIES, Car, family
+from eightpost.errors import InputError, MissingChannelError
+from eightpost.signals import TimeSeries
+
+TIME = np.arange(0.0, 20.0, 0.002)
+SLOW, FAST = 2.0, 22.0
+
+
+def run(**channels) -> TimeSeries:
+    return TimeSeries.from_channels(TIME, {name: ("N", values) for name, values in channels.items()})
+
+
+def sine(amplitude, frequency):
+    return amplitude * np.sin(2.0 * np.pi * frequency * TIME)
+
+
+@pytest.fixture
+def two_tones() -> TimeSeries:
+    """3 N at 2 Hz and 1 N at 22 Hz about 100 N: 104 N at the start, 96 N a quarter of a second later."""
+    return run(x=100.0 + 3.0 * np.cos(2.0 * np.pi * SLOW * TIME) + np.cos(2.0 * np.pi * FAST * TIME))
+
+
+@pytest.mark.parametrize(
+    ("statistic", "options", "expected"),
+    [
+        ("rms", {}, np.sqrt((9.0 + 1.0) / 2.0)),
+        ("rms_with_mean", {}, np.sqrt(100.0**2 + 5.0)),
+        ("mean", {}, 100.0),
+        ("percentile", {"percent": 50.0}, 100.0),
+        ("variation", {}, np.sqrt(5.0) / 100.0),
+        ("maximum", {}, 104.0),
+        ("minimum", {}, 96.0),
+        ("range", {}, 8.0),
+        ("peak", {}, 4.0),
+        ("share", {"from": 100.0}, 0.5),
+    ],
+)
+def test_a_statistic_of_two_tones_is_what_they_add_up_to(two_tones, statistic, options, expected):
+    found = Measure("m", ("x",), statistic, options=options).of(two_tones)
+    # Neither 22 Hz on a 2 ms grid nor half of the time above the mean is met to the last digit.
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+def test_a_band_keeps_its_tone_and_the_other_is_gone(two_tones):
+    # Away from the ends of the record, where any filter rings.
+    slow = Measure("slow", ("x",), band=(0.5, 6.0), section=(4.0, 16.0)).of(two_tones)
+    fast = Measure("fast", ("x",), band=(8.0, 60.0), section=(4.0, 16.0)).of(two_tones)
+    assert (slow, fast) == pytest.approx((3.0 / np.sqrt(2.0), 1.0 / np.sqrt(2.0)), rel=2e-3)
+
+
+def test_a_band_that_is_open_below_keeps_the_mean(two_tones):
+    assert Measure("m", ("x",), "mean", band=(0.0, 6.0)).of(two_tones) == pytest.approx(100.0, rel=1e-4)
+
+
+def test_a_section_of_the_lap_is_all_that_is_looked_at():
+    series = run(x=np.where(TIME < 10.0, 1.0, 5.0))
+    assert Measure("m", ("x",), "mean", section=(12.0, 15.0)).of(series) == 5.0
+    assert Measure("m", ("x",), "mean", section=(2.0, 5.0)).of(series) == 1.0
+
+
+def test_settling_is_left_out():
+    series = run(x=np.where(TIME < 2.0, 1000.0, 0.0))
+    assert Measure("m", ("x",), "peak").of(series, start=2.0) == 0.0
+
+
+def test_channels_add_up_with_their_weights():
+    series = run(a=sine(1.0, SLOW), b=sine(1.0, SLOW))
+    assert Measure("heave", ("a", "b")).of(series) == pytest.approx(2.0 / np.sqrt(2.0), rel=1e-3)
+    assert Measure("roll", ("a", "b"), weights=(1.0, -1.0)).of(series) == 0.0
+
+
+def test_the_joint_rms_is_the_quadratic_mean():
+    series = run(front=sine(3.0, SLOW), rear=sine(4.0, FAST))
+    assert Measure("aero", ("front", "rear"), "joint_rms").of(series) == pytest.approx(2.5, rel=1e-3)
+
+
+def test_the_work_of_a_linear_damper_is_half_c_v_squared_t():
+    velocity, damping = sine(0.2, SLOW), 3000.0
+    series = TimeSeries.from_channels(TIME, {"F": ("N", damping * velocity), "v": ("m/s", velocity)})
+    measure = Measure("energy", ("F", "v"), "work")
+    assert measure.of(series) == pytest.approx(0.5 * damping * 0.2**2 * 20.0, rel=1e-3)
+    assert measure.unit(series) == "J"
+
+
+def test_the_four_bins_of_a_velocity_histogram_hold_all_of_the_time():
+    car = Car("car", ("lf",), {"car.lf.velocity"})
+    series = TimeSeries.from_channels(TIME, {"car.lf.velocity": ("m/s", sine(0.1, SLOW))})
+    shares = {m.name: m.of(series) for m in family("velocities", car)}
+    assert sum(shares.values()) == pytest.approx(1.0)
+    # A sine of amplitude a is within +-b for 2/pi asin(b/a) of the time.
+    low = shares["lf time in low-speed bump"] + shares["lf time in low-speed rebound"]
+    assert low == pytest.approx(2.0 / np.pi * np.arcsin(0.0508 / 0.1), abs=0.01)
+
+
+def test_every_tire_mode_sees_its_own_motion_only():
+    car = Car("car", ("lf", "rf", "lr", "rr"), {f"car.{c}.tire_force" for c in ("lf", "rf", "lr", "rr")})
+    signs = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
+    # Away from the ends of the record, where any filter rings.
+    measures = [replace(m, section=(4.0, 16.0)) for m in family("tire_modes", car) if "chassis" in m.name]
+    for mode, sign in signs.items():
+        series = run(**{c: s * sine(1.0, SLOW) for c, s in zip(sorted(car.channels, key=_order), sign, strict=True)})
+        seen = {m.name.split()[2].rstrip(","): m.of(series) for m in measures}
+        assert seen.pop(mode) == pytest.approx(4.0 / np.sqrt(2.0), rel=1e-3)
+        assert max(seen.values()) < 1e-9
+
+
+def _order(name: str) -> int:
+    return ("lf", "rf", "lr", "rr").index(name.split(".")[1])
+
+
+def test_a_measure_of_ones_own_is_a_few_lines(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def crest(response):\n    x = response.total\n    return abs(x).max() / x.std()\n"
+    )
+    measure = Measure("crest factor", ("x",), function=f"{tmp_path}/mine.py:crest", function_unit="1")
+    assert measure.of(run(x=sine(3.0, SLOW))) == pytest.approx(np.sqrt(2.0), rel=1e-3)
+    assert measure.unit(run(x=sine(3.0, SLOW))) == "1"
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("{}/none.py:f", "there is no Python file"),
+        ("{}/mine.py:g", "has no function 'g'"),
+        ("{}/mine.py", "FILE.py:FUNCTION"),
+        ("{}/broken.py:f", "cannot be run: ZeroDivisionError"),
+    ],
+)
+def test_a_measure_of_ones_own_that_is_not_there_is_refused(tmp_path, entry, said):
+    (tmp_path / "mine.py").write_text("def f(response):\n    return 0.0\n")
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    with pytest.raises(InputError, match=said):
+        Measure("m", ("x",), function=entry.format(tmp_path)).of(run(x=sine(1.0, SLOW)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"statistic": "median"}, "no statistic 'median'"),
+        ({"statistic": "percentile"}, "needs the option 'percent'"),
+        ({"options": {"percent": 1.0}}, "takes no option 'percent'"),
+        ({"band": (5.0, 1.0)}, "band must go from low to high"),
+        ({"section": (5.0, 5.0)}, "section must go from low to high"),
+        ({"weights": (1.0, 2.0)}, "as many weights"),
+        ({"statistic": "work"}, "two channels"),
+    ],
+)
+def test_a_measure_that_makes_no_sense_is_refused(arguments, said):
+    with pytest.raises(InputError, match=said):
+        Measure("m", ("x",), **arguments)
+
+
+def test_what_a_run_cannot_give_is_refused(two_tones):
+    with pytest.raises(InputError, match="smaller record_step"):
+        Measure("m", ("x",), band=(1.0, 300.0)).of(two_tones)
+    with pytest.raises(InputError, match="no two samples"):
+        Measure("m", ("x",), section=(30.0, 40.0)).of(two_tones)
+    with pytest.raises(MissingChannelError, match="no such channel"):
+        Measure("m", ("y",)).of(two_tones)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_family_says_so_where_a_vehicle_has_none_of_its_channels(name):
+    with pytest.raises(InputError, match="has none of its channels"):
+        family(name, Car("car", ("lf", "rf", "lr", "rr"), ()))

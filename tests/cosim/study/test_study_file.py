@@ -1,0 +1,157 @@
+"""A study file says what a study is, and what is wrong with it, by line."""
+
+from pathlib import Path
+
+import pytest
+
+from cosim.study import Constraint, Setup, Term
+from cosim.study.study_file import read_study, source_files
+from eightpost.errors import InputError
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+
+TEXT = """
+schema = 1
+name = "small"
+families = ["numbers", "travel"]
+settling = "1500 ms"
+record_step = 0.002
+baseline = "B"
+alike = [["lf", "rf"]]
+
+[vehicle]
+fmu = "{car}"
+means = "trusted"
+
+[bank]
+A = "{shock}"
+B = {{ fmu = "{shock}", parameters = {{ gas_preload = "50 lbf", compression_scale = 0.8 }} }}
+
+[corners]
+lf = ["A", "B"]
+rf = ["A", "B"]
+lr = ["B"]
+rr = ["B"]
+
+[[drive]]
+file = "{track}"
+stop = "4 s"
+
+[[measure]]
+name = "slow rebound"
+channels = ["car.lf.velocity"]
+statistic = "share"
+options = {{ from = "-2 in/s", to = 0.0 }}
+band = ["0.5 Hz", "20 Hz"]
+section = [2.0, "3 s"]
+
+[[objective]]
+measure = "grip number"
+weight = 2.0
+
+[[constraint]]
+measure = "aero number"
+at_most = "0.5 in"
+"""
+
+
+@pytest.fixture
+def write(tmp_path, fmus):
+    """write(old, new): the file with something in it replaced."""
+
+    def make(old: str = "", new: str = "", text: str = TEXT) -> Path:
+        filled = text.format(car=fmus["seven_dof"], shock=fmus["lpnl2"], track=EXAMPLES / "data" / "track.parquet")
+        assert old in filled
+        path = tmp_path / "study.toml"
+        path.write_text(filled.replace(old, new, 1) if old else filled)
+        return path
+
+    return make
+
+
+def test_a_file_is_read_as_it_says(write):
+    study = read_study(write())
+    assert study.space.radices == (2, 2, 1, 1) and len(study.space) == 2
+    assert study.baseline_setup == Setup(3, dict.fromkeys(("lf", "rf", "lr", "rr"), "B"))
+    assert (study.settling, study.record_step, study.drives[0].stop) == (1.5, 0.002, 4.0)
+    assert study.bank["B"].parameters == {
+        "gas_preload": pytest.approx(50.0 * 4.4482216152605),
+        "compression_scale": 0.8,
+    }
+    assert study.objective == (Term("grip number", 2.0, "lbf"),)
+    assert study.constraints == (Constraint("aero number", at_most=pytest.approx(0.0127)),)
+
+
+def test_values_with_units_become_si_and_families_their_measures(write):
+    study = read_study(write())
+    own = study.measure("slow rebound")
+    assert own.options == {"from": pytest.approx(-0.0508), "to": 0.0}
+    assert (own.band, own.section) == ((0.5, 20.0), (2.0, 3.0))
+    assert [m.name for m in study.measures][:4] == [
+        "grip number", "aero number", "lf suspension travel, RMS", "lf suspension travel, range",
+    ]  # fmt: skip
+
+
+def test_without_corners_every_build_may_go_wherever_the_vehicle_has_a_port(write):
+    text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
+    assert read_study(write(text=text)).corners == dict.fromkeys(("lf", "rf", "lr", "rr"), ("A", "B"))
+
+
+def test_a_quarter_car_has_one_corner(write):
+    text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") : TEXT.index("[[objective]]")]
+    for old, new in (('alike = [["lf", "rf"]]', ""), ('"numbers", ', ""), ("car.lf.", "car.")):
+        text = text.replace(old, new)
+    study = read_study(write("seven_dof", "quarter_car", text=text))
+    assert study.corners == {"corner": ("A", "B")}
+    assert study.measures[0].name == "corner suspension travel, RMS"
+
+
+def test_a_measure_is_of_each_drive_where_there_are_several(write):
+    second = '[[drive]]\nname = "again"\nfile = "{track}"\nstop = 3.0\nstart = 10.0\n\n[[measure]]'
+    text = TEXT.replace("[[measure]]", second, 1)
+    for drive, name in (("again", "grip number"), ("track", "aero number")):
+        text = text.replace(f'"{name}"', f'"{drive}: {name}"')
+    study = read_study(write(text=text))
+    assert "again: grip number" in {m.name for m in study.measures_of(study.drives[1])}
+    assert not any(m.name.startswith("again") for m in study.measures_of(study.drives[0]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("settling =", "setling =", "line 5: setling: is no entry of a study file"),
+        ('name = "slow rebound"', "", r"measure.0.name: is missing"),
+        ("band = [", "bands = [", "line 33: measure.0.bands: is no entry"),
+        ("[vehicle]", "[vehicle", "line 10"),
+        ('lr = ["B"]', 'lr = ["C"]', "line 21: corners: lr may have 'C', which is no build of the bank"),
+        ('lr = ["B"]', "lr = []", "lr has no shock"),
+        ('"numbers"', '"nombers"', "line 4: there is no family of measures 'nombers'"),
+        ('"share"', '"sharp"', "line 31: .*no statistic 'sharp'"),
+        ('"-2 in/s"', '"-2 inch per s"', "unknown unit"),
+        (
+            'measure = "grip number"',
+            'measure = "grip numbr"',
+            "line 37: there is no measure 'grip numbr'; did you mean 'grip number'",
+        ),
+        ("compression_scale =", "compresion_scale =", "has no variable 'compresion_scale'"),
+        ('baseline = "B"', 'baseline = "C"', "lf cannot have the build 'C'"),
+        ('settling = "1500 ms"', "settling = 5.0", "settling must be shorter"),
+        ("schema = 1", "schema = 2", "this version reads 1"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(write, old, new, said):
+    with pytest.raises(InputError, match=said):
+        read_study(write(old, new))
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_study(tmp_path / "none.toml")
+
+
+def test_the_shipped_study_is_that_of_table_7_3(fmus):
+    path = EXAMPLES / "study.toml"
+    assert len(source_files(path)) == 8 and all(source.is_file() for source in source_files(path))
+    study = read_study(path, lambda source: fmus["seven_dof" if source.suffix == ".toml" else "lpnl2"])
+    assert len(study.space) == 2401 and study.vehicle.means_trusted
+    assert study.baseline_setup.builds == dict.fromkeys(("lf", "rf", "lr", "rr"), "B/B")

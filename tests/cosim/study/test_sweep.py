@@ -1,0 +1,191 @@
+"""The exhaustive study: the master's own numbers, however often it was stopped and whoever ran it."""
+
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.study import Build, Constraint, Measure, StudyResult, Term
+from cosim.study.evaluator import Evaluator
+from cosim.study.sweep import Sweep, run_study
+from cosim.study.trace import coupling_of, traces
+from cosim.study.workers import ProcessWorkers
+from eightpost.errors import FileFormatError
+from eightpost.signals import Drivefile
+
+CORNERS = ("lf", "rf", "lr", "rr")
+
+#: What may differ between two runs of the same study.
+CLOCK = "seconds"
+
+
+def table(result: StudyResult):
+    return result.table.drop_columns([CLOCK])
+
+
+@pytest.fixture
+def finished(small_study, here, tmp_path):
+    """A study that ran from beginning to end."""
+    return run_study(small_study(), tmp_path / "whole", here)
+
+
+def test_every_setup_has_a_row_with_all_that_was_promised(finished):
+    columns = ["setup", *CORNERS, "front ride height, RMS", "total tire force, RMS", "status", "message",
+               "coupling_error_percent", "marks", "seconds"]  # fmt: skip
+    assert finished.table.column_names == columns
+    assert finished.setups.tolist() == list(range(16)) and finished.done.all() and not finished.partial
+    assert finished.table.schema.field("front ride height, RMS").metadata == {
+        b"unit": b"m", b"display": b"in", b"label": b"front ride height, RMS"
+    }  # fmt: skip
+
+
+def test_a_row_is_what_the_master_gives_for_that_setup(finished, fmus):
+    study, row = finished.study, 0b0110
+    builds = finished.setup(row).builds
+    assert builds == {"lf": "soft", "rf": "stiff", "lr": "stiff", "rr": "soft"}
+    system = cosim.System.load(
+        {"car": fmus["seven_dof"], **dict.fromkeys(CORNERS, fmus["lpnl2"])},
+        [cosim.Bond.between(f"car.{corner}", corner) for corner in CORNERS],
+        parameters={corner: study.bank[build].parameters for corner, build in builds.items()},
+    )
+    scenario = cosim.Scenario(4.0, Drivefile.read(study.drives[0].file), record_step=4e-3, settling=1.0)
+    coupling = finished.provenance.settings["coupling"]
+    run = cosim.run(system, scenario, algorithm=cosim.GaussSeidel(values="parabolic"), step=coupling["step"])
+    assert finished.values("front ride height, RMS")[row] == np.std(run.settled()["car.front.ride_height"])
+    trace = traces(finished, [row])[row]
+    assert (trace["car.front.ride_height"] == run.series["car.front.ride_height"]).all()
+
+
+def test_the_coupling_error_that_rows_state_bounds_the_one_found_at_an_eighth_of_the_step(finished):
+    """Of the measures: what the table is read for."""
+    study, space = finished.study, finished.study.space
+
+    coupling, evaluator = coupling_of(finished), Evaluator(study)
+    for row in (0, 5, 15):
+        fine = evaluator.row(space.setup(row), replace(coupling, step=coupling.step / 8))
+        for measure in study.measures:
+            found = finished.values(measure.name)[row]
+            assert abs(found / fine[measure.name] - 1.0) < 0.01 * study.accuracy
+
+
+def test_a_study_that_was_killed_goes_on_and_ends_alike(small_study, here, finished, tmp_path):
+    sweep = Sweep(small_study(), tmp_path / "killed")
+    coupling = sweep.coupling(here)
+
+    def kill(done, _total):
+        if done == 5:
+            raise RuntimeError("the machine went down")
+
+    here.ran.clear()
+    with pytest.raises(RuntimeError):
+        sweep.run(here, coupling, kill)
+    assert not sweep.path.exists() and sweep.left == 11
+    again = run_study(small_study(), tmp_path / "killed", here)
+    assert sorted(here.ran) == list(range(16)), "nothing is lost, nothing is done twice"
+    assert table(again).equals(table(finished))
+
+
+def test_ctrl_c_leaves_what_is_there_marked_partial(small_study, here, finished, tmp_path):
+    def press(done, _total):
+        if done == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    partial = run_study(small_study(), tmp_path / "stopped", here, press)
+    assert partial.partial and len(partial) == 3
+    assert StudyResult.load(tmp_path / "stopped" / "results.parquet").partial
+    whole = run_study(small_study(), tmp_path / "stopped", here)
+    assert not whole.partial and table(whole).equals(table(finished))
+
+
+def test_objective_and_constraints_may_change_without_a_new_run(small_study, here, finished, tmp_path):
+    here.ran.clear()
+    bound = float(np.median(finished.values("total tire force, RMS")))
+    other = small_study(
+        name="another name",
+        objective=(Term("front ride height, RMS", 2.0, "in"), Term("total tire force, RMS", 0.01, "lbf")),
+        constraints=(Constraint("total tire force, RMS", at_most=bound),),
+    )
+    result = run_study(other, tmp_path / "whole", here)
+    assert here.ran == []
+    expected = 2.0 * finished.values("front ride height, RMS") / 0.0254
+    expected += 0.01 * finished.values("total tire force, RMS") / 4.4482216152605
+    assert result.objective == pytest.approx(expected)
+    ranked = result.ranking()
+    assert (result.values("total tire force, RMS")[ranked] <= bound).all() and 0 < ranked.size < 16
+    assert (np.diff(result.objective[ranked]) >= 0.0).all()
+
+
+def test_a_study_that_differs_is_run_anew(small_study, here, tmp_path, finished):
+    here.ran.clear()
+    run_study(small_study(settling=1.5), tmp_path / "whole", here)
+    assert len(here.ran) == 16
+
+
+def test_setups_that_fail_are_listed_and_the_rest_is_kept(small_study, here, fmus, tmp_path, finished):
+    study = small_study()
+    bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
+    study = small_study(bank={**study.bank, "bad": bad}, corners=study.corners | {"rr": ("soft", "stiff", "bad")})
+    result = run_study(study, tmp_path / "failing", here)
+    failed = ~result.done
+    assert failed.sum() == 8 and all(b == "bad" for b in np.array(result.builds("rr"))[failed])
+    assert all("lag_zero_force" in text for text in np.array(result.table["message"].to_pylist())[failed])
+    assert np.isnan(result.values("total tire force, RMS")[failed]).all()
+    assert not set(result.ranking()) & set(np.flatnonzero(failed))
+
+
+def test_setups_beyond_a_shocks_fitted_range_are_marked(small_study, here, fmus, tmp_path):
+    study = small_study()
+    narrow = Build(fmus["lpnl2"], {"curve.compression_speed": 0.05, "curve.rebound_speed": 0.05})
+    corners = dict.fromkeys(CORNERS, ("stiff",)) | {"lf": ("stiff", "narrow")}
+    result = run_study(small_study(bank={**study.bank, "narrow": narrow}, corners=corners), tmp_path, here)
+    plain, marked = result.table["marks"].to_pylist()
+    assert "lf beyond its fitted velocities" in marked and "lf beyond" not in plain
+
+
+def test_several_processes_and_one_that_is_killed_give_the_same_table(small_study, here, tmp_path):
+    """The worker is killed by a measure: whatever dies in a process, dies like this."""
+    (tmp_path / "mine.py").write_text(
+        "import os, pathlib\n"
+        "HERE = pathlib.Path(__file__).parent\n"
+        "def rms(response):\n"
+        "    if (HERE / 'armed').exists():\n"
+        "        (HERE / 'armed').unlink()\n"
+        "        os._exit(1)\n"
+        "    return response.total.std()\n"
+    )
+    own = Measure("own", ("car.rear.ride_height",), function=f"{tmp_path}/mine.py:rms")
+    study = small_study(
+        measures=(own,), corners=dict.fromkeys(CORNERS[:2], ("soft", "stiff")) | {"lr": ("soft",), "rr": ("soft",)}
+    )
+    alone = run_study(study, tmp_path / "alone", here)
+    (tmp_path / "armed").touch()
+    workers = ProcessWorkers(2)
+    try:
+        sweep = Sweep(study, tmp_path / "pool")
+        several = sweep.run(workers, here.choose(study))
+    finally:
+        workers.close()
+    assert not (tmp_path / "armed").exists()
+    assert several.done.all() and table(several).equals(table(alone))
+
+
+def test_a_result_comes_back_from_its_file_as_it_was(finished, tmp_path):
+    path = tmp_path / "whole" / "results.parquet"
+    loaded = StudyResult.load(path)
+    assert loaded.table.equals(finished.table) and loaded.study == finished.study
+    assert loaded.provenance == finished.provenance
+    guids = set(loaded.provenance.guids.values())
+    assert len(guids) == 2 and all(guid.startswith("{") for guid in guids)
+    assert all(len(digest) == 64 for digest in loaded.provenance.digests.values())
+
+
+def test_a_file_that_is_no_result_is_refused(finished, tmp_path):
+    with pytest.raises(FileFormatError, match="no such file"):
+        StudyResult.load(tmp_path / "none.parquet")
+    with pytest.raises(FileFormatError, match="no header of ours"):
+        StudyResult.load(next((tmp_path / "whole").glob("chunks/*/*.parquet")))
+    (tmp_path / "text.parquet").write_text("text")
+    with pytest.raises(FileFormatError, match="not a Parquet file"):
+        StudyResult.load(tmp_path / "text.parquet")
