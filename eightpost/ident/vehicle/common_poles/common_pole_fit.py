@@ -45,7 +45,7 @@ class CommonPoleFit:
     Attributes:
         order: Number of states, even, lags of the roads not counted; None takes the suggested one.
         low: Lowest frequency of the fit [Hz].
-        high: Highest [Hz].
+        high: Highest [Hz]. Beyond, a rig's drive fades and the forces' noise biases the estimate.
         floor: Deviation of a response value at least, of its output's size [1].
         most_states: Highest order that is suggested.
         refinement: How the likelihood is maximised.
@@ -53,7 +53,7 @@ class CommonPoleFit:
 
     order: int | None = None
     low: float = 0.1
-    high: float = 22.0
+    high: float = 16.0
     floor: float = 2e-3
     most_states: int = 28
     refinement: Refinement = field(default_factory=Refinement)

@@ -3,8 +3,8 @@
     min over w, zeta, B of  sum_ijk |H_ij(s_k) - C_i (s_k I - A)^-1 B_j - D_ij|^2 / deviation_ijk^2
 
 For Gaussian errors of the response this is the maximum-likelihood estimate. C, D and lags are linear and follow from
-the rest (variable projection), with Kaufman's Jacobian; steps are damped (Levenberg, Marquardt). w and zeta are sought by
-their logarithms, so that every model on the way is stable.
+the rest (variable projection), with Kaufman's Jacobian; steps are damped (Levenberg, Marquardt). w and zeta are sought
+by their logarithms, so that every model on the way is stable.
 
 The curvature is summed in Gram form: the Jacobian of a car has 10^5 rows and 200 columns, the sums a hundredth of the
 work of its factors. The gradient does not pass through it, so that the minimum is found to rounding all the same.
