@@ -1,0 +1,153 @@
+"""Identified vehicles against cars whose truth is known: how well response measures of unseen setups are predicted.
+
+    python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N]
+
+Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
+eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3 as laws that the model knows),
+eight_post_fitted (the same with physical dampers, of which the model knows fits only), eight_post_close (laws within
+10 % of each other). --quick: the same records, 100 setups. Prints Markdown; --json leaves rows {case, method, setups,
+all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS measures and setups,
+the lowest rank correlations over the measures, and the processor time of the identification. quarter_car adds
+mode_frequency_percent, mode_damping_points (the worse of two modes) and tire_force_rms_lbf (RMS over the shocks of the
+deviation of the tire force's standard deviation). Seeds are in benchmarks/identification_cases.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads only get into each other's way
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, Case, records_of, truths
+from benchmarks.identification_measures import agreement, measures_of
+from benchmarks.identification_methods import Method, methods
+from eightpost.errors import EightpostError
+from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.rational_fit import RationalFit
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.signals import TimeSeries
+from eightpost.units import convert
+from eightpost.vehicle import read_vehicle, shipped
+
+Row = dict[str, Any]
+Measures = list[dict[str, float]]
+
+#: Outputs are kept at every fifth sample of 1250 Hz, and so many setups are held at once.
+_EVERY, _TOGETHER = 5, 20
+
+
+def main() -> None:
+    """Run one case."""
+    options = _options()
+    case = CASES[options.case]
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True) as progress:
+        rows = run(case, options, progress)
+    text = markdown(rows)
+    print(text)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row]:
+    """Return a row per method; the truths are computed once."""
+    task = progress.add_task(f"{case.name}: rig tests (drive {DRIVE}, noise from {NOISE}, lap {LAP})", total=None)
+    records, experiment = records_of(case)
+    lap, setups = case.lap(), case.chosen(100 if options.quick else options.setups)
+    progress.update(task, description=f"{case.name}: {len(setups)} truths", total=len(setups), completed=0)
+    true: Measures = []
+    for row in truths(case, lap, setups):
+        true.append(row)
+        progress.advance(task)
+    rows = []
+    chosen = methods()
+    for name in options.methods.split(";") if options.methods else chosen:
+        progress.update(task, description=f"{case.name}: {name}", completed=0)
+        rows.append(_row(case, name, true, lambda n=name: _judged(case, chosen[n], records, experiment, lap, setups)))
+        print(_line(rows[-1]), file=sys.stderr, flush=True)
+    return rows
+
+
+def _judged(case: Case, method: Method, records: Any, experiment: Any, lap: TimeSeries, setups: Any) -> Any:
+    started = process_time()
+    fit = method.recipe.identify(records, experiment)
+    seconds = process_time() - started
+    simulation = ManySetups(fit.vehicle, case.laws(), lap, _EVERY, method.friction(fit))
+    names, rate = fit.vehicle.state_space.output_names, lap.sample_rate / _EVERY
+    found: Measures = []
+    for k in range(0, len(setups), _TOGETHER):
+        found += [measures_of(names, y, rate) for y in simulation.run(setups[k : k + _TOGETHER])]
+    return fit, found, seconds
+
+
+def _row(case: Case, name: str, true: Measures, judged: Any) -> Row:
+    row: Row = {"case": case.name, "method": name, "setups": len(true)}
+    keys = ("all_percent", "max_percent", "spearman_min", "kendall_min")
+    try:
+        fit, found, seconds = judged()
+    except EightpostError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return row | dict.fromkeys(keys) | {"seconds": None}
+    row |= dict(zip(keys, agreement(true, found), strict=True)) | {"seconds": round(seconds, 2)}
+    return row | (_quarter(fit, true, found) if case.name == "quarter_car" else {})
+
+
+def _quarter(fit: VehicleFit, true: Measures, found: Measures) -> Row:
+    wrong = [convert(p["tire_force"] - t["tire_force"], "N", "lbf") for t, p in zip(true, found, strict=True)]
+    car = read_vehicle(shipped("quarter_car")).with_damper()
+    modes = sorted({(round(m.frequency_hz, 9), m.damping_ratio) for m in car.modes()})
+    pairs = list(zip(modes_of(fit), modes, strict=True))
+    return {
+        "mode_frequency_percent": max(100.0 * abs(m[0] / t[0] - 1.0) for m, t in pairs),
+        "mode_damping_points": max(100.0 * abs(m[1] - t[1]) for m, t in pairs),
+        "tire_force_rms_lbf": float(np.sqrt(np.mean(np.square(wrong)))),
+    }
+
+
+def modes_of(fit: VehicleFit) -> list[tuple[float, float]]:
+    """Return frequency [Hz] and damping ratio of both modes: of a fourth-order fit of velocity over road."""
+    frequency = np.arange(0.5, 25.0, 0.05)
+    model = fit.vehicle.state_space.select(inputs=["road"], outputs=["velocity"])
+    path = RationalFit(4, 3).fit(frequency, model.frequency_response(frequency)[0, 0], np.ones_like(frequency))
+    return sorted({(round(m.frequency_hz, 9), m.damping_ratio) for m in path.modes()})
+
+
+def markdown(rows: list[Row]) -> str:
+    """Return the rows as a table."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [f"| {' | '.join(keys)} |", f"|{'---|' * len(keys)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(_cell(row.get(key)) for key in keys)} |" for row in rows)])
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4f}" if 0.9 < abs(value) < 1.0 else f"{value:.3g}"
+    return "-" if value is None else str(value)
+
+
+def _line(row: Row) -> str:
+    return ", ".join(f"{key} {_cell(value)}" for key, value in row.items())
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", choices=tuple(CASES), required=True)
+    parser.add_argument("--quick", action="store_true", help="100 setups")
+    parser.add_argument("--setups", type=int, help="at most so many setups, chosen at random")
+    parser.add_argument("--methods", default="", help="only these, separated by semicolons")
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
