@@ -8,7 +8,7 @@ One setup is better than another where their difference exceeds two standard dev
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +89,11 @@ class Spread:
             found.append(left[~worse])
             left = left[worse]
         return tuple(found)
+
+    def only(self, setups: Sequence[int]) -> Spread:
+        """Return the spread of some of the setups, by number."""
+        kept = np.isin(self.setups, setups)
+        return replace(self, setups=self.setups[kept], values=self.values[kept], draws=self.draws[:, kept])
 
     @property
     def _noise(self) -> float:

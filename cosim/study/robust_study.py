@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,6 @@ from cosim.study.trace import coupling_of
 from cosim.study.workers import Workers
 
 Integers = NDArray[np.int64]
-
-#: Told how many draws are done, and of how many.
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +50,9 @@ def leading(result: StudyResult, count: int, measure: str | None = None) -> Inte
 
 
 def run_draws(
-    result: StudyResult,
-    folder: str | Path,
-    workers: Workers,
-    draws: Draws,
-    setups: Sequence[int],
-    progress: Progress = lambda _done, _all: None,
-) -> tuple[StudyResult, ...]:
-    """Run setups of a study once per draw, coupled as the study was; runs that are in the folder are not done again.
+    result: StudyResult, folder: str | Path, workers: Workers, draws: Draws, setups: Sequence[int]
+) -> Iterator[StudyResult]:
+    """Run setups of a study, draw after draw, coupled as the study was; runs that are in the folder are not done again.
 
     Args:
         result: Of the study.
@@ -68,15 +60,15 @@ def run_draws(
         workers: Who runs the setups.
         draws: What is drawn.
         setups: Numbers of the setups.
-        progress: Called after every draw.
+
+    Yields:
+        The setups' rows in each draw; nothing where nothing is uncertain.
 
     Raises:
         InputError: A part is not in the study, or an FMU has no such parameter.
     """
     if not draws.any:
-        return ()
-    coupling, found = coupling_of(result), list[StudyResult]()
+        return
+    coupling = coupling_of(result)
     for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
-        found.append(Requested(study, folder).request(workers, coupling, setups))
-        progress(len(found), draws.count)
-    return tuple(found)
+        yield Requested(study, folder).request(workers, coupling, setups)

@@ -100,19 +100,18 @@ def select(
     """
     wanted = share if share is not None else _shares(result, measures, total)
     rows = np.flatnonzero(result.feasible)
-    marks: list[str] = result.table["marks"].to_pylist()
     if (asked := 2 * sum(wanted.values())) > rows.size:
         raise InputError(f"{asked} setups cannot be selected from {rows.size} that ran and keep the constraints")
     levels = levels_of(result.study.space, result.setups)
-    chosen: list[Selected] = []
+    orders = {(name, end): _order(rows, result.values(name) * sign) for name in wanted for end, sign in ENDS.items()}
+    found: dict[tuple[str, End], list[int]] = {key: [] for key in orders if wanted[key[0]]}
     taken: list[int] = []
-    for name, count in wanted.items():
-        values = result.values(name)
-        for end in ENDS:
-            order = rows[np.lexsort((rows, values[rows] * ENDS[end]))]
-            for row in _spread(order, levels, taken, count, pool):
-                rank = int(np.flatnonzero(order == row)[0]) + 1
-                chosen.append(Selected(result.setup(row), name, end, float(values[row]), rank, marks[row]))
+    for key, own in found.items():
+        own.append(int(orders[key][~np.isin(orders[key], taken)][0]))
+        taken.append(own[0])
+    for key, extreme in found.items():
+        extreme.extend(_spread(orders[key], levels, taken, wanted[key[0]] - 1, pool))
+    chosen = [_selected(result, key, row, orders[key]) for key, group in found.items() for row in group]
     return selection_of(result, chosen)
 
 
@@ -138,16 +137,26 @@ def _shares(result: StudyResult, measures: Sequence[str], total: int) -> dict[st
     return {name: each + (place < left) for place, name in enumerate(names)}
 
 
+def _order(rows: Integers, values: Array) -> Integers:
+    """Return rows with the least value first."""
+    return rows[np.lexsort((rows, values[rows]))]
+
+
 def _spread(order: Integers, levels: Integers, taken: list[int], count: int, pool: float) -> list[int]:
-    """Take `count` rows, the extreme one first, each next as far as can be from all that are taken."""
+    """Take `count` rows more from the first ones of an order, each as far as can be from all that are taken."""
     free = order[~np.isin(order, taken)]
-    candidates = free[: max(round(pool * order.size), _CANDIDATES * count)]
-    own = [int(candidates[0])] if count else []
-    taken.extend(own)
+    candidates, own = free[: max(round(pool * order.size), _CANDIDATES * count)], list[int]()
     while len(own) < count:
         candidates = candidates[~np.isin(candidates, taken)]
         apart = (levels[candidates][:, None, :] != levels[taken][None, :, :]).sum(axis=2)
-        best = np.lexsort((np.arange(candidates.size), -apart.sum(axis=1), -apart.min(axis=1)))[0]
-        own.append(int(candidates[best]))
-        taken.append(own[-1])
+        best = int(candidates[np.lexsort((-apart.sum(axis=1), -apart.min(axis=1)))[0]])
+        own.append(best)
+        taken.append(best)
     return own
+
+
+def _selected(result: StudyResult, key: tuple[str, End], row: int, order: Integers) -> Selected:
+    name, end = key
+    rank = int(np.flatnonzero(order == row)[0]) + 1
+    marks: str = result.table["marks"][row].as_py()
+    return Selected(result.setup(row), name, end, float(result.values(name)[row]), rank, marks)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from cosim.study.result import StudyResult
 from cosim.study.selection import POOL, TOTAL, Selection
@@ -44,7 +44,9 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     names, share = _asked(measures)
     selection = choose(result, names, total=total, share=share, pool=pool)
     console.print(selection_table(selection, result))
-    console.print(f"any two differ at {selection.closest} places or more", highlight=False)
+    if marked := sum(bool(selected.marks) for selected in selection.chosen):
+        console.print(f"* {marked} predictions carry a mark: see the list's column marks", highlight=False)
+    console.print(f"any two differ at {selection.closest} or more places", highlight=False)
     write_selection(selection, result, folder / SELECTION)
     repeats = f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
     console.print(
@@ -64,12 +66,13 @@ def _asked(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] |
 
 
 def selection_table(selection: Selection, result: StudyResult) -> Table:
-    """Return the selected setups in the manner of Table 7.5."""
-    table = Table("", "measure", "", *result.study.corners, "predicted", "", "place", "marks")
+    """Return the selected setups in the manner of Table 7.5; an asterisk: the prediction carries a mark."""
+    table = Table("", "measure", "", *(Column(corner, no_wrap=True) for corner in result.study.corners), "predicted",
+                  Column("place", justify="right"))  # fmt: skip
     for number, selected in enumerate(selection.chosen, start=1):
         name = selected.measure
         value = units.convert(selected.value, result.unit(name), result.display(name))
-        place = f"{selected.rank} from the {'lowest' if selected.end == 'low' else 'highest'}"
-        shown = (f"{value:.4g}", result.display(name), place, escape(selected.marks))
-        table.add_row(str(number), escape(name), selected.end, *selected.setup.builds.values(), *shown)
+        shown = f"{value:.4g} {result.display(name)}{'*' if selected.marks else ''}"
+        builds = selected.setup.builds.values()
+        table.add_row(str(number), escape(name), selected.end, *builds, shown, str(selected.rank))
     return table

@@ -1,0 +1,138 @@
+"""`eightpost robust`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import track
+from rich.table import Table
+
+from cosim.study.result import StudyResult
+from cosim.study.robust import OBJECTIVE, REACH, Spread, spreads_of
+from cosim.study.robust_file import Uncertainty, read_uncertainty
+from cosim.study.robust_study import Draws, leading, run_draws
+from cosim.study.robust_table import write_spreads
+from cosim.study.workers import ProcessWorkers
+from eightpost import units
+from eightpost.commands.shock_uncertainty import uncertainty_of
+from eightpost.commands.study_page import RESULTS, SPREADS, write_page
+from eightpost.errors import InputError
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("uncertain", metavar="UNCERTAIN", type=click.Path(path_type=Path))
+@click.option("--top", type=click.IntRange(min=2), default=20, show_default=True,
+              help="Setups to look at: the best so many, and the baseline.")  # fmt: skip
+@click.option("--rank", metavar="MEASURE", help="Best in this measure, least first; default the study's objective.")
+@click.option("--draws", type=click.IntRange(min=2), default=32, show_default=True,
+              help="Studies with drawn parameters.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+def robust(
+    folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
+) -> None:
+    """Say which of a study's best setups are better than others beyond doubt.
+
+    STUDY is a folder that `eightpost study` wrote, UNCERTAIN a TOML file that says what is not known exactly: fitted
+    shocks, parameters, other vehicles, and how much two runs on the rig differ (docs/study_choice.md). Every draw is
+    run for every setup, so that what setups have in common cancels. Those whose difference is within two standard
+    deviations are a tie. The study's page is written anew with the spreads in it.
+
+    \b
+    Example:
+      eightpost robust out/ uncertain.toml --top 20
+    """
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    known = read_uncertainty(uncertain, result)
+    plan = _plan(console, known, draws, seed)
+    setups = leading(result, top, rank).tolist()
+    if not plan.any and not any(known.run_to_run.values()):
+        raise InputError(f"{uncertain}: nothing is uncertain; name fits, parameters, vehicles or run_to_run")
+    found = spreads_of(result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs)
+    kept = tuple(spread.only(setups) for spread in found)
+    first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
+    shown = next(spread for spread in kept if spread.measure == first)
+    console.print(spread_table(shown, result))
+    show_verdict(console, shown, result)
+    write_spreads(kept, folder / SPREADS)
+    console.print(f"wrote {folder / SPREADS}", highlight=False, soft_wrap=True)
+    console.print(f"page: {write_page(result, folder)}", highlight=False, soft_wrap=True)
+
+
+def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
+    """Add what the fits say to what is given, and print what is drawn."""
+    parts = list(known.parts)
+    for build, path in known.fits.items():
+        part, held = uncertainty_of(path, build)
+        parts.append(part)
+        for note in held:
+            console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    for part in parts:
+        spread = zip(part.names, part.values, part.covariance.diagonal() ** 0.5, strict=True)
+        said = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)
+        console.print(f"{escape(part.part)}: {said}", highlight=False, soft_wrap=True)
+    for vehicle in known.vehicles:
+        console.print(f"vehicle in turn: {vehicle}", highlight=False, soft_wrap=True)
+    return Draws(tuple(parts), draws, seed, known.vehicles)
+
+
+def _run(
+    console: Console, result: StudyResult, folder: Path, plan: Draws, setups: list[int], workers: int | None
+) -> tuple[StudyResult, ...]:
+    if not plan.any:
+        return ()
+    pool = ProcessWorkers(workers or os.cpu_count() or 1)
+    try:
+        drawn = run_draws(result, folder, pool, plan, setups)
+        return tuple(track(drawn, "draws", total=plan.count, console=console, transient=True))
+    finally:
+        pool.close()
+
+
+def spread_table(spread: Spread, result: StudyResult) -> Table:
+    """Return setups in groups of which no member is worse than the first beyond doubt, best first."""
+    unit, factor = _shown(spread.measure, result)
+    table = Table("group", "setup", *result.study.corners, escape(f"{spread.measure} [{unit}]"), f"± {REACH:g} sigma",
+                  "behind the group's first", f"± {REACH:g} sigma")  # fmt: skip
+    for number, group in enumerate(spread.groups(), start=1):
+        behind, doubt = spread.difference(int(group[0]))
+        for row in group.tolist():
+            setup = result.study.space.setup(int(spread.setups[row]))
+            numbers = (spread.values[row], REACH * spread.deviation[row], behind[row], REACH * doubt[row])
+            cells = [f"{factor * number:.4g}" for number in numbers]
+            table.add_row(str(number), str(setup.index), *setup.builds.values(), *cells)
+        table.add_section()
+    return table
+
+
+def show_verdict(console: Console, spread: Spread, result: StudyResult) -> None:
+    """Print whether there is a best setup, and whether it is better than the baseline."""
+    group = spread.groups()[0]
+    best = result.study.space.setup(int(spread.setups[group[0]]))
+    if group.size == 1:
+        console.print(f"best beyond doubt: setup {best.index} ({best})", highlight=False, soft_wrap=True)
+    else:
+        console.print(
+            f"{group.size} setups cannot be told apart at the top; the least is setup {best.index} ({best})",
+            highlight=False,
+            soft_wrap=True,
+        )
+    baseline = result.study.baseline_setup
+    rows = [] if baseline is None else [row for row, n in enumerate(spread.setups.tolist()) if n == baseline.index]
+    for row in rows:
+        worse = "better than" if spread.worse_than(int(group[0]))[row] else "not beyond doubt better than"
+        console.print(f"it is {worse} the baseline", highlight=False)
+
+
+def _shown(measure: str, result: StudyResult) -> tuple[str, float]:
+    """Return the unit that a measure is shown in, and what a value [SI] is multiplied by."""
+    if measure == OBJECTIVE:
+        return "1", 1.0
+    unit = result.display(measure)
+    return unit, units.conversion(result.unit(measure), unit)[0]
