@@ -35,14 +35,15 @@ class DaskWorkers:
 
     Args:
         address: Of the scheduler, `tcp://host:8786`.
+        patience: How long to wait for its answer [s].
 
     Raises:
         InputError: There is no scheduler, or it has no workers.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, patience: float = 10.0) -> None:
         try:
-            self._client = Client(address, timeout="10s", set_as_default=False)
+            self._client = Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {address}: no Dask scheduler answers: {error}") from error
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -105,18 +106,17 @@ class DaskWorkers:
         if text not in self._parcels:
             digests = file_digests(study)
             contents = {digest: Path(path).read_bytes() for path, digest in digests.items()}
-            names = {path: f"{digest}{Path(path).suffix}" for path, digest in digests.items()}
             scattered = self._client.scatter(contents, broadcast=True)
-            self._parcels[text] = (_moved(study, names).to_json(), scattered)
+            self._parcels[text] = (by_digest(study, digests).to_json(), scattered)
         return self._parcels[text]
 
 
 def _choose(study: str, files: Mapping[str, bytes]) -> Coupling:
-    return work.choose(_unpacked(study, files))
+    return work.choose(unpacked(study, files))
 
 
 def _rows(study: str, files: Mapping[str, bytes], coupling: Coupling, indices: Sequence[int]) -> list[Row]:
-    return work.rows(_unpacked(study, files), coupling, indices)
+    return work.rows(unpacked(study, files), coupling, indices)
 
 
 @cache
@@ -128,8 +128,13 @@ def _folder() -> Path:
         return Path(tempfile.mkdtemp(prefix="eightpost_"))
 
 
-def _unpacked(study: str, files: Mapping[str, bytes]) -> str:
-    """The study with paths of this machine, on which its files are written where they are not yet."""
+def by_digest(study: Study, digests: Mapping[str, str]) -> Study:
+    """Return the study with every file called by its digest."""
+    return _moved(study, {path: f"{digest}{Path(path).suffix}" for path, digest in digests.items()})
+
+
+def unpacked(study: str, files: Mapping[str, bytes]) -> str:
+    """Return the study with paths of this machine, on which its files are written where they are not yet."""
     read, folder = Study.from_json(study), _folder()
     names = [str(path) for path in file_paths(read)]
     for name in names:

@@ -99,9 +99,9 @@ class ProcessWorkers:
             for future in finished:
                 yield running.pop(future), future.result()
 
-    def close(self) -> None:
-        """End the workers, those that are busy too."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+    def close(self, *, wait: bool = False) -> None:
+        """End the workers once what they do is done; `wait` until they have."""
+        self._pool.shutdown(wait=wait, cancel_futures=True)
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.count, mp_context=get_context("spawn"), initializer=work.begin_worker)
