@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from builder.interface import Interface, shock_interface, vehicle_interface
 from eightpost.errors import FmuError
 from eightpost.shock import Shock
-from eightpost.vehicle import StateSpace, Vehicle
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Vehicle
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
         raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
     _refuse_direct_velocity(model)
     interface = _with_static(vehicle_interface(model), vehicle.static)
+    if isinstance(vehicle, IdentifiedVehicle):
+        interface = _with_friction(interface, vehicle.friction)
     return Product(identifier, f"{interface.description}: {vehicle.name}", interface, vehicle)
 
 
@@ -61,5 +63,15 @@ def _refuse_direct_velocity(model: StateSpace) -> None:
 def _with_static(interface: Interface, static: Mapping[str, float]) -> Interface:
     """Give the static offsets their start values; `static` has them by output."""
     starts = {v.offset: static.get(v.name, 0.0) for v in interface.variables if v.offset}
+    variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
+    return replace(interface, variables=variables)
+
+
+def _with_friction(interface: Interface, friction: Mapping[str, Friction]) -> Interface:
+    """Give the friction its start values; `friction` has it by port."""
+    starts: dict[str, float] = {}
+    for port, law in friction.items():
+        prefix = f"{port}." if port else ""
+        starts |= {f"{prefix}friction_force": law.force, f"{prefix}friction_velocity": law.velocity}
     variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
     return replace(interface, variables=variables)

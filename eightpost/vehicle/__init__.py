@@ -8,12 +8,13 @@ from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 from eightpost.vehicle.storage import read_vehicle, shipped, write_vehicle
-from eightpost.vehicle.vehicles import IdentifiedVehicle, StructuralVehicle, Vehicle
+from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle, StructuralVehicle, Vehicle
 
 __all__ = [
     "CORNERS",
     "Channel",
     "Corners",
+    "Friction",
     "IdentifiedVehicle",
     "LinearStepper",
     "Mode",

@@ -13,13 +13,13 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.files import atomic_path
 from eightpost.vehicle.parameters import check_schema
 from eightpost.vehicle.statespace import Channel, StateSpace
-from eightpost.vehicle.vehicles import IdentifiedVehicle
+from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle
 
 #: The newest layout of these files that is understood.
 SCHEMA = 1
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
-_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources")
+_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction")
 
 
 def read_json(path: str | Path) -> IdentifiedVehicle:
@@ -78,8 +78,15 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
         "outputs": [{"name": channel.name, "unit": channel.unit} for channel in model.outputs],
         "baseline_damping": dict(vehicle.baseline_damping),
         "static": dict(vehicle.static),
+        **_friction(vehicle),
         **{field: getattr(model, field).tolist() for field in ("A", "B", "C", "D")},
     }
+
+
+def _friction(vehicle: IdentifiedVehicle) -> dict[str, Any]:
+    """Return the entry of the friction, none where there is none: a version before it reads such a file too."""
+    entries = {port: {"force": law.force, "velocity": law.velocity} for port, law in vehicle.friction.items()}
+    return {"friction": entries} if entries else {}
 
 
 def _rows_on_lines(content: dict[str, Any]) -> str:
@@ -139,6 +146,7 @@ def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
         content.get("baseline_damping", {}),
         content.get("static", {}),
         content.get("sources", {}),
+        {port: Friction(law["force"], law["velocity"]) for port, law in content.get("friction", {}).items()},
     )
 
 

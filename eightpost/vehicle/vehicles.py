@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from math import isfinite
+from typing import Literal, NamedTuple
 
 from eightpost.errors import ParameterError
 from eightpost.vehicle import quarter_car, seven_dof
@@ -54,6 +55,18 @@ class StructuralVehicle:
         return seven_dof.with_damper(self.parameters)
 
 
+class Friction(NamedTuple):
+    """Suspension friction at a port, `F_f tanh(v / v_f)`, added to the shock's force.
+
+    Attributes:
+        force: F_f [N], not below zero.
+        velocity: v_f [m/s], above zero: over which it turns its sign.
+    """
+
+    force: float
+    velocity: float
+
+
 @dataclass(frozen=True, slots=True)
 class IdentifiedVehicle:
     """A vehicle that is known by a linear model, as the identification gives it.
@@ -66,6 +79,7 @@ class IdentifiedVehicle:
             port that is missing has none: its input is the whole force already.
         static: As in `StructuralVehicle`.
         sources: SHA-256 digests of the files it was identified from, by name.
+        friction: By port; the model was identified with it in its shock forces. A port that is missing has none.
     """
 
     name: str
@@ -73,6 +87,7 @@ class IdentifiedVehicle:
     baseline_damping: Mapping[str, float] = field(default_factory=dict)
     static: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
+    friction: Mapping[str, Friction] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the static state and the ports against the model's channels."""
@@ -80,13 +95,25 @@ class IdentifiedVehicle:
         object.__setattr__(self, "static", check_static(self.static, names, self.name))
         object.__setattr__(self, "baseline_damping", {k: float(v) for k, v in self.baseline_damping.items()})
         object.__setattr__(self, "sources", dict(self.sources))
-        ports = [name.removesuffix("force").rstrip(".") for name in self.state_space.input_names]
-        for port in self.baseline_damping:
+        friction = {k: Friction(float(v.force), float(v.velocity)) for k, v in self.friction.items()}
+        object.__setattr__(self, "friction", friction)
+        self._check_ports("baseline damping", self.baseline_damping)
+        self._check_ports("friction", self.friction)
+        for port, law in friction.items():
+            if not (isfinite(law.force) and law.force >= 0.0 and isfinite(law.velocity) and law.velocity > 0.0):
+                raise ParameterError(
+                    f"{self.name}: the friction of the port {port!r} is {law.force!r} N over {law.velocity!r} m/s; "
+                    "give a force not below zero and a velocity above zero"
+                )
+
+    def _check_ports(self, what: str, given: Iterable[str]) -> None:
+        inputs = self.state_space.input_names
+        ports = [name.removesuffix("force").rstrip(".") for name in inputs]
+        for port in given:
             if port not in ports:
                 raise ParameterError(
-                    f"{self.name}: baseline damping is given for the port {port!r}, which has no force "
-                    "input; the "
-                    f"inputs are {', '.join(self.state_space.input_names)}"
+                    f"{self.name}: {what} is given for the port {port!r}, which has no force input; the inputs are "
+                    f"{', '.join(inputs)}"
                 )
 
     @property

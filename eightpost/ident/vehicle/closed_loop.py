@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.discrete import discretise_by_parts
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.vehicle.vehicles import Friction
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +31,8 @@ _CLOSE = 1e-6
 def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> TimeSeries:
     """Simulate a vehicle as identified with shocks at its ports.
 
-    Each shock gives F at the port velocity v; the vehicle, which has the baseline damper c in it, takes F - c v. A
+    Each shock gives F at the port velocity v; the vehicle, which has the baseline damper c in it, takes F - c v and the
+    friction of its port. A
     continuous model is stepped exactly, inputs linear between the drive's samples and the force at the end of a step
     found by iteration; a discrete one takes the force of the sample before, as its difference equation does.
 
@@ -63,6 +65,7 @@ class _Loop:
     forces: list[int]
     velocities: list[int]
     displacements: list[int | None]
+    friction: tuple[Array, Array]
 
     @classmethod
     def of(cls, vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> _Loop:
@@ -81,7 +84,14 @@ class _Loop:
             )
         at = [_optional(model.output_names, _channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at)
+        rubbing = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
+        friction = np.array([law.force for law in rubbing]), np.array([law.velocity for law in rubbing])
+        return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
+
+    def _change(self, force: Array, v: Array) -> Array:
+        """Return what shocks and friction are more than the baseline dampers (ports,) [N]."""
+        rubbed = self.friction[0] * np.tanh(v / self.friction[1])
+        return np.asarray(force + rubbed - self.damping * v)
 
     def run(self, drive: TimeSeries) -> tuple[Array, Array]:
         """Return the outputs (p, N) and the shock forces (ports, N)."""
@@ -103,7 +113,7 @@ class _Loop:
             y = C @ x + model.D @ u[k]
             state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
             v = y[self.velocities]
-            u[k, self.forces] = forces[k] - self.damping * v
+            u[k, self.forces] = self._change(forces[k], v)
             outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
             x = A @ x + B @ u[k]
         return outputs.T, forces.T
@@ -124,7 +134,7 @@ class _Loop:
             for _ in range(_MOST_ITERATIONS):
                 y = y_free + sensitivity @ change
                 following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
-                previous, change = change, force - self.damping * y[self.velocities]
+                previous, change = change, self._change(force, y[self.velocities])
                 if np.abs(change - previous).max(initial=0.0) <= _CLOSE:
                     break
             else:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.signals import TimeSeries
-    from eightpost.vehicle import IdentifiedVehicle, StateSpace
+    from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
 
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
@@ -50,7 +50,7 @@ class ManySetups:
         bank: The laws that setups are made of.
         drive: Inputs of the rig by name, evenly sampled; missing ones are zero. Its rate is the simulation's.
         every: Outputs are kept at every so many-th sample.
-        friction: At the ports, over what the model has, by port.
+        friction: By port, instead of the vehicle's own.
     """
 
     vehicle: IdentifiedVehicle
@@ -76,7 +76,8 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"a setup names one shock for each of {', '.join(plant.ports) or 'one port'}")
-        friction = [self.friction.get(port, Rubbing(0.0, 1.0)) for port in plant.ports]
+        rubbing = {**self.vehicle.friction, **self.friction}
+        friction = [rubbing.get(port, Rubbing(0.0, 1.0)) for port in plant.ports]
         return plant.march(_Shocks(self.bank, friction, plant.step), chosen, self.every)
 
 
@@ -156,7 +157,7 @@ class _Plant:
 class _Shocks:
     """A bank as the loop takes it: static forces from fine tables, and what else a law has."""
 
-    def __init__(self, bank: Sequence[Law], friction: Sequence[Rubbing], step: float) -> None:
+    def __init__(self, bank: Sequence[Law], friction: Sequence[Rubbing | Friction], step: float) -> None:
         """Lay the tables out."""
         count = round(FASTEST / SPACING)
         velocities = (SPACING * np.arange(-count, count + 1)).tolist()

@@ -16,8 +16,9 @@ import numpy as np
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction.bands import bands
-from eightpost.ident.vehicle.friction.law import Friction, with_directions
+from eightpost.ident.vehicle.friction.law import with_directions
 from eightpost.ident.vehicle.friction.projection import Found, found_in
+from eightpost.vehicle import Friction
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,7 +9,7 @@ It adds to the shock's force at the port, so that the force difference which dri
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import resample
@@ -23,23 +23,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.signals import TimeSeries
+    from eightpost.vehicle import Friction
 
     Array = NDArray[np.float64]
 
 #: Rate [Hz] at which the law is taken: a tanh has harmonics far beyond the records' band, which would fold back.
 _RATE = 1000.0
-
-
-class Friction(NamedTuple):
-    """Friction at a port.
-
-    Attributes:
-        force: F_f [N], not below zero.
-        velocity: v_f [m/s], above zero: over which it turns its sign.
-    """
-
-    force: float
-    velocity: float
 
 
 def direction(velocity: Array, rate: float, width: float) -> Array:
