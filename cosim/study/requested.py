@@ -60,6 +60,11 @@ class Requested(Sweep):
             self._rows |= {int(row["setup"]): row for row in found}
         return self._table(coupling, (self._rows[int(index)] for index in set(indices)))
 
+    def everything(self, coupling: Coupling) -> StudyResult:
+        """Return all rows that there are, those of an exhaustive run included."""
+        return self._table(coupling, self._rows.values())
+
     def _table(self, coupling: Coupling, rows: Iterable[Row]) -> StudyResult:
         table = result_table(list(rows), self._schema)
-        return StudyResult(self.study, table, self._provenance(coupling), partial=True)
+        partial = table.num_rows < len(self.study.space)
+        return StudyResult(self.study, table, self._provenance(coupling), partial)

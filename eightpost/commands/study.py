@@ -70,14 +70,14 @@ def study(
     """
     console = Console()
     check_output_folder(output)
-    described = _read(console, study_file, output)
+    described = read_with_fmus(console, study_file, output)
     if rank is not None:
         described.measure(rank)
     for index in traced:
         described.space.setup(index)
     sweep = Sweep(described, output)
     show_study(console, sweep)
-    with _running(workers, scheduler) as pool:
+    with running_workers(workers, scheduler) as pool:
         result = run_with_progress(console, sweep, pool)
     show_result(console, result, rank=rank, top=top)
     page = write_report(result, output, study_file)
@@ -88,7 +88,7 @@ def study(
     ctx.exit(0 if not result.partial and result.done.all() else 1)
 
 
-def _read(console: Console, path: Path, output: Path) -> Study:
+def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
     """Read a study; build the FMUs of its shock and vehicle files first."""
     sources = source_files(path)
     folder = output / "fmus"
@@ -102,7 +102,7 @@ def _read(console: Console, path: Path, output: Path) -> Study:
 
 
 @contextmanager
-def _running(count: int | None, scheduler: str | None) -> Iterator[Workers]:
+def running_workers(count: int | None, scheduler: str | None) -> Iterator[Workers]:
     """The workers that were asked for, ended at last."""
     if scheduler is not None:
         from cosim.study.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra

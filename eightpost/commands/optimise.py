@@ -1,0 +1,99 @@
+"""`eightpost optimise`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+from cosim.study.optimise import Optimum
+from cosim.study.optimise_study import Search, objectives_in_words, search_study
+from cosim.study.requested import Requested
+from cosim.study.result import StudyResult
+from cosim.study.workers import Workers
+from eightpost.commands.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
+from eightpost.commands.study_page import RESULTS, write_page
+from eightpost.files import check_output_folder
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+              help="Folder for results.parquet, the page, and what is done so far.")  # fmt: skip
+@click.option("--for", "objectives", multiple=True, metavar="MEASURE",
+              help="A measure to minimise; several for their trade-offs. Default: the study's objective.")  # fmt: skip
+@click.option("--evaluations", type=click.IntRange(min=2), default=400, show_default=True,
+              help="Most setups to try.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run the setups on a Dask cluster: tcp://host:8786.")
+@click.pass_context
+def optimise(
+    ctx: click.Context,
+    /,
+    study_file: Path,
+    output: Path,
+    objectives: tuple[str, ...],
+    evaluations: int,
+    seed: int,
+    workers: int | None,
+    scheduler: str | None,
+) -> None:
+    """Search the best setups of a study whose bank is too large to run them all.
+
+    STUDY is the TOML file of `eightpost study`. Setups are tried in generations, none twice; the same seed takes the
+    same way, and a search that was stopped goes on where it was left, also with more evaluations. Needs pymoo
+    (eightpost[optimise]). Exits 1 if no setup that was tried keeps the constraints.
+
+    \b
+    Example:
+      eightpost optimise examples/study.toml -o out/
+      eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
+    """
+    console = Console()
+    check_output_folder(output)
+    described = read_with_fmus(console, study_file, output)
+    for name in objectives:
+        described.measure(name)
+    requested, search = Requested(described, output), Search(objectives, evaluations, seed)
+    show_study(console, requested)
+    console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
+    with running_workers(workers, scheduler) as pool:
+        result, found = _search(console, requested, pool, search)
+        everything = requested.everything(requested.coupling(pool))
+    everything.save(output / RESULTS)
+    show_result(console, result, rank=objectives[0] if objectives else None)
+    if len(objectives) > 1:
+        console.print(front_table(result, found, objectives))
+    console.print(f"{escape(found.status)}; {len(described.space)} there are", highlight=False)
+    console.print(f"table: {output / RESULTS}", f"page: {write_page(everything, output)}", sep="\n", highlight=False)
+    ctx.exit(0 if found.best is not None else 1)
+
+
+def _search(console: Console, requested: Requested, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
+    with console.status("choosing the coupling step"):
+        coupling = requested.coupling(pool)
+    show_coupling(console, coupling, requested.study)
+    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=search.evaluations)
+        return search_study(
+            requested, pool, coupling, search, lambda tried, most: bar.update(task, completed=tried, total=most)
+        )
+
+
+def front_table(result: StudyResult, found: Optimum, objectives: tuple[str, ...]) -> Table:
+    """Return the setups that no other beats in every measure, by the first measure."""
+    titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
+    corners = Column(" ".join(result.study.corners), no_wrap=True)
+    table = Table("setup", corners, *titles, title="no other setup is better in all of these")
+    rows = np.searchsorted(result.setups, found.front)
+    for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
+        values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
+        table.add_row(str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
+    return table
