@@ -9,15 +9,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from eightpost.commands.show_rig import is_rig, show_rig_test
 from eightpost.rig import DynoTest, PeakVelocityTable, read_dyno_tests, split_runs, temperature_effect
 from eightpost.rig.dyno_notes import temperature_drift
 from eightpost.rig.peak_velocity_file import is_peak_velocity, read_peak_velocity
+from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap, read_records
 from eightpost.signals.raw_record import RawRecord
 
 
 @click.command()
-@click.argument("dyno_file", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @click.option(
     "--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT", help="For a channel whose header has none."
 )
@@ -25,30 +27,36 @@ from eightpost.signals.raw_record import RawRecord
 @click.option("--flip", multiple=True, metavar="CHANNEL", help="Turn a channel that is positive the other way.")
 @click.pass_context
 def inspect(
-    ctx: click.Context, dyno_file: Path, unit_words: tuple[str, ...], map_file: Path | None, flip: tuple[str, ...]
+    ctx: click.Context, path: Path, unit_words: tuple[str, ...], map_file: Path | None, flip: tuple[str, ...]
 ) -> None:
-    """Show what is in a dynamometer file, and what is suspicious in it.
+    """Show what is in a dynamometer or rig file, and what is suspicious in it.
 
-    Columns, units and preamble as they stand; then, as `fit` would read them, channels, ranges, runs, temperature and
-    notes. FILE is .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf, or a peak-velocity table. Exits 0 if nothing is
-    suspicious, 1 if there are notes, 2 if the file cannot be used as it is.
+    Columns, units and preamble as they stand; then, as `fit` would read a dynamometer file, channels, ranges, runs,
+    temperature and notes; or, as `identify` would read a rig file (with wheelloaders, `lf.road` or `road`, by its own
+    names or by a map), channels, ranges and what is out of step. FILE is .csv, .txt, .tsv, .parquet, .mat, .mf4 or
+    .mdf, or a peak-velocity table. Exits 0 if nothing is suspicious, 1 if something is, 2 if the file cannot be used
+    as it is.
 
     \b
     Examples:
       eightpost inspect run7.csv
       eightpost inspect run7.mf4 --units force=lbf --flip force
+      eightpost inspect rig.csv --map rig_map.toml
     """
     console = Console(soft_wrap=True, highlight=False)
-    records = read_records(dyno_file)
+    records = read_records(path)
     for record in records:
         show_record(console, record)
     units = dict(_pair(word) for word in unit_words)
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    if is_rig(records[0], channel_map):
+        rig_test = read_rig_test(path, channel_map=channel_map, units=units, flip=flip)
+        ctx.exit(int(show_rig_test(console, rig_test)))
     if is_peak_velocity(records[0]):
-        for table in read_peak_velocity(dyno_file, units=units):
+        for table in read_peak_velocity(path, units=units):
             show_table(console, table)
         return
-    channel_map = ChannelMap.read(map_file) if map_file else None
-    tests = read_dyno_tests(dyno_file, channel_map=channel_map, units=units, flip=flip)
+    tests = read_dyno_tests(path, channel_map=channel_map, units=units, flip=flip)
     runs = [run for test in tests for run in split_runs(test)]
     for test in tests:
         show_test(console, test)

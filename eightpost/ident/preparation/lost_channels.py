@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import ConstantChannelError
-from eightpost.signals.origin import IN_MEMORY, Origin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -26,13 +26,13 @@ MOVING = 0.5
 _RESPONSES = ("tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
 
 
-def check_lives(series: TimeSeries, corners: Sequence[str], *, origin: Origin = IN_MEMORY) -> None:
+def check_lives(series: TimeSeries, corners: Sequence[str], *, path: Path | None = None) -> None:
     """Raise ConstantChannelError where a channel stops while the others go on.
 
     Args:
         series: A rig record.
         corners: Its corners; one empty name for a quarter car.
-        origin: Where it came from.
+        path: Its file, for messages.
     """
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
     there = [name for name in names if name in series]
@@ -46,7 +46,7 @@ def check_lives(series: TimeSeries, corners: Sequence[str], *, origin: Origin = 
             f"it stays at {series[name][start]:.6g} (SI) {where} ({span:.3g} s) while the other channels move: a cable "
             "or a logger failed there; use the record without that part, or leave the channel out of the map"
         )
-        raise origin.fault(ConstantChannelError, what, channel=name, sample=start)
+        raise ConstantChannelError(what, path=path, channel=name)
 
 
 def _longest_hold(values: Array) -> tuple[int, int]:

@@ -104,7 +104,7 @@ def _called(test: RigTest, number: int) -> str:
 
 def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None) -> _Single:
     corners = test.corners
-    check_lives(test.series, corners)
+    check_lives(test.series, corners, path=test.source)
     series = shifted(test.series, how.delays)
     changes = drifts(series, corners)
     full = series.select([how.same_start]) if how.same_start and first is None else None
@@ -120,7 +120,10 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         series, added = with_modes(series, how.geometry)
         steps += added
     series = _settled(series, how.settling, name)
-    record, means = _decimated(series, how.decimation)
+    try:
+        record, means = _decimated(series, how.decimation)
+    except ParameterError as error:
+        raise ParameterError(f"{name}: {error}") from error
     return _Single(name, corners, record, means, tuple(lags), changes, steps, test.sha256, full)
 
 

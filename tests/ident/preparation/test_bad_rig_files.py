@@ -1,0 +1,149 @@
+"""What is wrong with a rig file is said by `eightpost inspect` and `eightpost identify`, with where and what to do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from eightpost.__main__ import main
+from eightpost.ident.preparation import prepare, shifted
+from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
+
+from ..linear_rig import record
+
+Array = NDArray[np.float64]
+Change = Callable[[dict[str, Array]], None]
+
+
+def run(*words: object) -> tuple[int, str]:
+    done = CliRunner().invoke(main, [str(word) for word in words], env={"COLUMNS": "250"})
+    return done.exit_code, " ".join(done.output.split())
+
+
+@pytest.fixture(scope="module")
+def good() -> TimeSeries:
+    return record("seven_dof", seconds=6.0).series
+
+
+def written(series: TimeSeries, path: Path, change: Change | None = None, keep: object = slice(None)) -> Path:
+    rows = dict(zip(series.names, series.values.copy(), strict=True))
+    if change is not None:
+        change(rows)
+    values = np.stack([row[keep] for row in rows.values()])
+    RigTest(TimeSeries(series.time[keep], values, series.names, series.units)).write(path)
+    return path
+
+
+def dead(rows: dict[str, Array]) -> None:
+    rows["rf.force"][:] = 12.0
+
+
+def dies(rows: dict[str, Array]) -> None:
+    rows["rf.hub_acceleration"][3000:] = rows["rf.hub_acceleration"][3000]
+
+
+def swapped(rows: dict[str, Array]) -> None:
+    rows["lf.force"], rows["rf.force"] = rows["rf.force"], rows["lf.force"]
+
+
+def reversed_(rows: dict[str, Array]) -> None:
+    rows["lr.displacement"] *= -1.0
+
+
+def clipped(rows: dict[str, Array]) -> None:
+    rows["rr.tire_force"] = np.minimum(rows["rr.tire_force"], np.quantile(rows["rr.tire_force"], 0.95))
+
+
+def held(rows: dict[str, Array]) -> None:
+    rows["lf.tire_force"] = np.repeat(rows["lf.tire_force"][::10], 10)[: rows["lf.road"].size]
+
+
+FAULTS = {
+    "a dead channel": (dead, slice(None), ("'rf.force'", "is 12", "cable")),
+    "a channel that dies": (dies, slice(None), ("'rf.hub_acceleration'", "from 2.4 s to 5.999 s", "cable or a logger")),
+    "swapped corners": (swapped, slice(None), ("'lf.force'", "goes with rf.velocity", "exchange the columns")),
+    "a wrong sign": (reversed_, slice(None), ("'lr.", "positive the other way", "--flip")),
+    "a clipped load cell": (clipped, slice(None), ("'rr.tire_force'", "highest value", "larger range")),
+    "dropped samples": (None, np.delete(np.arange(7500), np.arange(900, 907)), ("gap of 0.0064 s", "fill it")),
+    "mismatched rates": (held, slice(None), ("'lf.tire_force'", "every 10 samples", "125 Hz", "export both")),
+    "too short a record": (None, slice(0, 2500), ("over 1.999 s", "record longer")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_inspect_refuses_the_file_and_says_where_and_what_to_do(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+    change, keep, words = FAULTS[fault]
+    path = written(good, tmp_path / "rig.parquet", change, keep)
+    code, said = run("inspect", path)
+    assert code == 2, said
+    for word in (f"error: {path}", *words):
+        assert word in said
+
+
+def test_in_a_csv_the_line_is_named(good: TimeSeries, tmp_path: Path) -> None:
+    path = written(good, tmp_path / "rig.csv", keep=FAULTS["dropped samples"][1])
+    code, said = run("inspect", path)
+    assert code == 2
+    first = next(i for i, line in enumerate(path.read_text().splitlines()) if not line.startswith("#"))
+    assert f"error: {path}, line {first + 1 + 901}" in said
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_identify_refuses_the_same_files(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+    change, keep, words = FAULTS[fault]
+    fine, bad = written(good, tmp_path / "good.parquet"), written(good, tmp_path / "bad.parquet", change, keep)
+    code, said = run("identify", fine, bad, "-o", tmp_path / "car.json")
+    assert code == 2, said
+    for word in (f"error: {bad}", *words):
+        assert word in said
+    assert not (tmp_path / "car.json").exists()
+
+
+def test_a_good_file_is_shown_with_ranges_and_found_in_step(good: TimeSeries, tmp_path: Path) -> None:
+    code, said = run("inspect", written(good, tmp_path / "rig.parquet"))
+    assert code == 0, said
+    assert "5.999 s at 1250 Hz, corners lf rf lr rr" in said
+    assert re.search(r"tire_force comes 0\.0\d ms (before|after) the accelerometers", said)
+    assert "warning" not in said
+
+
+def test_a_late_logger_is_a_warning(good: TimeSeries, tmp_path: Path) -> None:
+    names = [name for name in good.names if name.endswith("acceleration")]
+    late = shifted(good, dict.fromkeys(names, -0.02))
+    code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
+    assert code == 1, said
+    assert re.search(r"warning lf\.displacement comes (20\.0|19\.9)\d ms before the accelerometers", said)
+    assert "delays (docs/rig_data.md)" in said
+
+
+def test_a_teams_file_is_known_as_a_rigs_by_its_map(good: TimeSeries, tmp_path: Path) -> None:
+    names = {name: name.replace(".", "_").upper() for name in good.names}
+    RigTest(TimeSeries(good.time, good.values, tuple(names.values()), good.units)).write(tmp_path / "team.parquet")
+    lines = [f'[channels."{ours}"]\nsource = "{theirs}"' for ours, theirs in names.items()]
+    (tmp_path / "map.toml").write_text("\n".join(lines))
+    code, said = run("inspect", tmp_path / "team.parquet", "--map", tmp_path / "map.toml")
+    assert code == 0, said
+    assert "corners lf rf lr rr" in said
+
+
+def test_records_of_two_rates_are_brought_to_one(good: TimeSeries) -> None:
+    slow = TimeSeries(good.time[::2], good.values[:, ::2], good.names, good.units)
+    first, second = prepare([RigTest(good), RigTest(slow)]).records
+    inside = slice(50, -50)
+    wrong = first["lf.tire_force"][inside] - second["lf.tire_force"][inside]
+    assert wrong.std() < 0.01 * first["lf.tire_force"].std()
+
+
+def test_a_rate_that_does_not_divide_is_refused_with_the_files_name(good: TimeSeries, tmp_path: Path) -> None:
+    slow = written(good, tmp_path / "slow.parquet", keep=slice(None, None, 2))
+    fine = written(good, tmp_path / "fine.parquet")
+    code, said = run("identify", fine, slow, "--rate", "250 Hz", "-o", tmp_path / "car.json")
+    assert code == 2
+    assert "slow.parquet: a record of 625 Hz cannot be decimated to 250 Hz" in said
