@@ -177,6 +177,18 @@ def test_the_compiled_integration_takes_the_reference_steps(kind, shocks):
         assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max(), name
 
 
+@pytest.mark.parametrize("kind", ["linear", "demonstration"])
+def test_the_integration_is_of_second_order(kind):
+    """With twice the steps the error of the measures falls by four."""
+    car = seven_dof_truth()
+    damper = LinearDamper(20 * DAMPING_UNIT) if kind == "linear" else demo_damper("A")
+    run = Run(drive_of(car, 1.0), (damper,) * 4)
+    coarse, middle, fine, truth = (simulate(car, [run], lead=0.2, steps=k)[0].tire_force for k in (2, 4, 8, 64))
+    errors = [np.abs(found - truth).max() for found in (coarse, middle, fine)]
+    assert 3.0 < errors[0] / errors[1] < 5.0
+    assert 3.0 < errors[1] / errors[2] < 5.0
+
+
 def test_a_law_that_is_not_compiled_is_stepped_by_the_reference(shocks):
     car, law = quarter_truth(), shocks["maxwell"].law
     run = Run(drive_of(car, 0.05), (law,))

@@ -1,4 +1,4 @@
-"""The reference integration: velocity Verlet at a fixed step of 0.2 ms, all runs side by side, in numpy.
+"""The reference integration: velocity Verlet at a fixed step, all runs side by side, in numpy.
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.rig.post.drive import RATE, STEPS
+from eightpost.rig.post.drive import RATE
 from eightpost.rig.post.shocks import ShockSet
 
 if TYPE_CHECKING:
@@ -34,14 +34,14 @@ def reference_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives)
         shocks: The corners' shocks of each run.
         drives: Of the runs.
     """
-    runs = len(drives.values)
-    stepper = _Stepper(car, ShockSet(shocks), 1.0 / (RATE * STEPS), runs)
+    runs, steps = len(drives.values), drives.weights.shape[1]
+    stepper = _Stepper(car, ShockSet(shocks), 1.0 / (RATE * steps), runs)
     records = np.empty((drives.samples, 3 * car.mass.size + 3 * len(car.corners), runs))
     for sample in range(-drives.lead, drives.samples):
         if sample >= 0:
             records[sample] = stepper.record()
         values, slopes = drives.between(sample)
-        for k in range(STEPS):
+        for k in range(steps):
             stepper.step(values[k], slopes[k])
     return [records[: len(values), :, i] for i, values in enumerate(drives.values)]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.post.compiled import can_compile, compiled_march, left_all_bounds
-from eightpost.rig.post.drive import LEAD, RATE, Drives
+from eightpost.rig.post.drive import LEAD, RATE, STEPS, Drives
 from eightpost.rig.post.reference import reference_march
 from eightpost.rig.post.shocks import Shock
 from eightpost.signals.timeseries import TimeSeries
@@ -68,7 +68,9 @@ class Motion:
     tire_force: Array
 
 
-def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, engine: Engine = "compiled") -> list[Motion]:
+def simulate(
+    car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS, engine: Engine = "compiled"
+) -> list[Motion]:
     """Return what the car does in every run.
 
     Each run starts at rest; during `lead` before the record its first samples' roads and loads are brought in and held.
@@ -77,6 +79,7 @@ def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, engine: Engin
         car: The truth.
         runs: Drives and shocks.
         lead: [s].
+        steps: Of the integration per sample; 4, which is 5 kHz.
         engine: `compiled`, on all cores (a law that it does not know is stepped by the reference), or `reference`:
             the same steps in numpy, slower, equal to rounding.
 
@@ -87,7 +90,7 @@ def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, engine: Engin
     for run in runs:
         _check(car, run)
     inputs = {id(run.drive): _inputs(car, run.drive) for run in runs}
-    drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE))
+    drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE), steps)
     shocks = [run.shocks for run in runs]
     march = compiled_march if engine == "compiled" and can_compile(shocks) else reference_march
     with np.errstate(over="ignore", invalid="ignore"):
@@ -96,7 +99,7 @@ def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, engine: Engin
 
 
 def simulate_setups(
-    car: Car, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD
+    car: Car, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD, steps: int = STEPS
 ) -> Iterator[Motion]:
     """Yield what the car does with each setup on one drive, in their order.
 
@@ -107,6 +110,7 @@ def simulate_setups(
         drive: What the actuators do, at `RATE`.
         setups: One shock per corner each; use the same shock objects again and again.
         lead: As of `simulate` [s].
+        steps: As of `simulate`; 2 (2.5 kHz) cost half as much and change RMS measures by under 0.1 %.
 
     Raises:
         ParameterError: As of `simulate`.
@@ -114,7 +118,7 @@ def simulate_setups(
     """
     rest = iter(setups)
     while some := list(islice(rest, _TOGETHER)):
-        yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in some], lead=lead)
+        yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in some], lead=lead, steps=steps)
 
 
 def _check(car: Car, run: Run) -> None:
