@@ -13,6 +13,7 @@ from rich.table import Table
 from cosim.plots import plot_measures
 from cosim.study.measures import DISPLAY, Measure, available, channel_measures, ride_measures
 from eightpost import units
+from eightpost.commands.compare_study import Wanted, compare_study
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import TimeSeries, read_series
 
@@ -20,20 +21,40 @@ from eightpost.signals import TimeSeries, read_series
 @click.command()
 @click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--vehicle", default="car", show_default=True, help="The vehicle's component, for the ride measures.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Picture of the changes (.png).")
-def compare(folders: tuple[Path, ...], vehicle: str, output: Path | None) -> None:
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="Picture of the changes (.png); with --measured a folder, default compared/ in the study's.",
+)  # fmt: skip
+@click.option("--measured", type=click.Path(path_type=Path), metavar="LIST",
+              help="Compare a study with rig runs: a CSV that says which record is of which setup, such as the "
+              "selection.csv of `eightpost select`, or the folder that it is in.")  # fmt: skip
+@click.option("--measure", "measures", multiple=True, metavar="MEASURE", help="With --measured: only this one.")
+@click.option("--channel-map", type=click.Path(path_type=Path), help="With --measured: channels of the rig's files.")
+@click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True,
+              help="With --measured: least rank correlation (Spearman) that is acceptable.")  # fmt: skip
+@click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
+              help="With --measured: largest acceptable RMS error of the levels; default any.")  # fmt: skip
+@click.pass_context
+def compare(
+    ctx: click.Context, /, folders: tuple[Path, ...], vehicle: str, output: Path | None, **options: Any
+) -> None:
     """Compare runs: response measures side by side, and the change from the first run to the last.
 
     RUN is a folder that `eightpost run` wrote. Settling is left out as each run was told. Runs without the channels
     of the ride measures are compared channel by channel.
 
+    With --measured, RUN is the folder of a study, and its prediction is compared with what the rig measured: trend,
+    rank correlations, best-fit line and bands, as Fig 7.7. Exits 1 if a measure does not meet --rank or --level.
+
     \b
     Example:
       eightpost compare out out/swapped -o out/changes.png
+      eightpost compare out/ --measured rig_day/selection.csv
     """
+    console = Console()
+    if (measured := options.pop("measured")) is not None:
+        ctx.exit(0 if _with_rig(console, folders, measured, output, **options) else 1)
     if len(folders) < 2:
         raise InputError("compare takes two runs or more; the first is the baseline")
-    console = Console()
     runs = {str(folder): _read(folder) for folder in folders}
     for folder in folders:
         console.print(f"{folder}: {_what(folder)}", highlight=False, soft_wrap=True)
@@ -45,6 +66,22 @@ def compare(folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Non
     if output:
         plot_measures(runs, measures, output)
         console.print(f"wrote {output}", highlight=False)
+
+
+def _with_rig(
+    console: Console,
+    folders: tuple[Path, ...],
+    measured: Path,
+    output: Path | None,
+    *,
+    measures: tuple[str, ...],
+    channel_map: Path | None,
+    rank: float,
+    level: float | None,
+) -> bool:
+    if len(folders) != 1:
+        raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)}")
+    return compare_study(console, folders[0], measured, output, Wanted(measures, rank, level, channel_map))
 
 
 def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:

@@ -1,0 +1,56 @@
+"""Comparisons as a file for other programs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim.study.compare import Comparison
+from eightpost import __version__
+from eightpost.files import atomic_path
+
+#: Version of the file that is written.
+SCHEMA = 1
+
+
+def write_comparisons(comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path) -> None:
+    """Write comparisons as JSON, levels in SI.
+
+    Args:
+        comparisons: Of the measures.
+        units: SI unit by measure.
+        path: The file.
+    """
+    document = {
+        "schema": SCHEMA,
+        "kind": "comparison",
+        "tool": f"eightpost {__version__}",
+        "measures": [_entry(found, units[found.measure]) for found in comparisons],
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _entry(found: Comparison, unit: str) -> dict[str, Any]:
+    return {
+        "measure": found.measure,
+        "unit": unit,
+        "setups": found.setups.tolist(),
+        "runs": found.runs.tolist(),
+        "predicted": found.predicted.tolist(),
+        "measured": found.measured.tolist(),
+        "run_to_run": found.run_to_run,
+        "spearman": found.spearman,
+        "spearman_attainable": found.attainable,
+        "kendall": found.kendall,
+        "slope": found.line.slope,
+        "slope_interval_95": list(found.line.interval()),
+        "intercept": found.line.intercept,
+        "scatter": found.line.scatter,
+        "band": found.band,
+        "within_band": int(found.within.sum()),
+        "level_error_percent": found.level_error,
+        "bias_percent": found.bias,
+    }

@@ -1,0 +1,135 @@
+"""Measured setups against a study's prediction: the second half of `eightpost compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+from cosim.study.compare import Comparison
+from cosim.study.compare_file import write_comparisons
+from cosim.study.compare_plot import plot_comparisons
+from cosim.study.compare_runs import MeasuredRun, comparisons, measured_runs, read_run_list
+from cosim.study.result import StudyResult
+from cosim.study.selection_file import read_selection
+from eightpost import units
+from eightpost.commands.study_page import RESULTS, SELECTION
+from eightpost.errors import InputError
+from eightpost.rig.post import read_rig_test
+from eightpost.signals import ChannelMap, TimeSeries
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is compared, and what is acceptable.
+
+    Attributes:
+        measures: Names; empty: all that were measured.
+        rank: Least rank correlation (Spearman) of every measure.
+        level: Largest level error of every measure [%]; None where levels do not matter.
+        channel_map: Of the rig's files.
+    """
+
+    measures: tuple[str, ...]
+    rank: float
+    level: float | None
+    channel_map: Path | None
+
+
+def compare_study(console: Console, folder: Path, measured: Path, output: Path | None, wanted: Wanted) -> bool:
+    """Compare a study with measured runs, print what was found, and write it.
+
+    Returns:
+        Whether every measure is acceptable.
+    """
+    result = StudyResult.load(folder / RESULTS)
+    for name in wanted.measures:
+        result.study.measure(name)
+    path = measured / SELECTION if measured.is_dir() else measured
+    runs = _present(console, read_run_list(path, result.study), path)
+    mapping = ChannelMap.read(wanted.channel_map) if wanted.channel_map else None
+
+    def read(file: Path) -> TimeSeries:
+        return read_rig_test(file, channel_map=mapping).series
+
+    drawn = measured_runs(runs, result.study, read)
+    for name, channels in drawn.missing.items():
+        console.print(f"[yellow]note[/] {escape(name)}: the rig has no {channels}", highlight=False, soft_wrap=True)
+    found = [one for one in comparisons(result, drawn) if not wanted.measures or one.measure in wanted.measures]
+    if not found:
+        raise InputError(f"{path}: none of the study's measures could be drawn from these records")
+    console.print(f"{len(runs)} runs of {found[0].setups.size} setups", highlight=False)
+    console.print(comparison_table(found, result))
+    _write(console, found, result, output or folder / "compared", folder)
+    return show_verdicts(console, found, wanted)
+
+
+def _present(console: Console, runs: Sequence[MeasuredRun], path: Path) -> list[MeasuredRun]:
+    """Return the runs whose records are there; the others are named."""
+    there = [run for run in runs if run.file.is_file()]
+    missing = [run.file.name for run in runs if not run.file.is_file()]
+    if not there:
+        raise InputError(f"{path}: none of its {len(runs)} records is there; {runs[0].file if runs else 'it is empty'}")
+    if missing:
+        console.print(f"[yellow]note[/] not measured: {', '.join(missing)}", highlight=False, soft_wrap=True)
+    return there
+
+
+def comparison_table(found: Sequence[Comparison], result: StudyResult) -> Table:
+    """Return how well each measure was predicted."""
+    table = Table("measure", *(Column(name, justify="right") for name in (
+        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
+    )))  # fmt: skip
+    for one in found:
+        low, high = one.line.interval()
+        unit = result.display(one.measure)
+        sigma = f"{units.conversion(result.unit(one.measure), unit)[0] * one.run_to_run:.2g} {unit}"
+        table.add_row(
+            escape(one.measure),
+            f"{one.spearman:.3f}",
+            f"{one.attainable:.3f}" if one.run_to_run else "",
+            f"{one.kendall:.3f}",
+            f"{one.line.slope:.2f} ({low:.2f} to {high:.2f})",
+            f"{one.level_error:.1f} %",
+            f"{one.bias:+.1f} %",
+            sigma if one.run_to_run else "not known",
+            f"{int(one.within.sum())} of {one.within.size}",
+        )
+    return table
+
+
+def show_verdicts(console: Console, found: Sequence[Comparison], wanted: Wanted) -> bool:
+    """Print what is not acceptable; return whether all is."""
+    wrong = []
+    for one in found:
+        if one.spearman < wanted.rank:
+            reason = " (run-to-run noise alone could take it so low)" if one.spearman >= one.attainable else ""
+            wrong.append(f"{one.measure}: Spearman {one.spearman:.3f} is below {wanted.rank:g}{reason}")
+        if wanted.level is not None and one.level_error > wanted.level:
+            wrong.append(f"{one.measure}: level error {one.level_error:.1f} % is above {wanted.level:g} %")
+    for line in wrong:
+        console.print(f"[red]not acceptable[/] {escape(line)}", highlight=False, soft_wrap=True)
+    if not wrong:
+        levels = "" if wanted.level is None else f", level errors up to {wanted.level:g} %"
+        console.print(
+            f"[green]acceptable[/]: Spearman {wanted.rank:g} or more in every measure{levels}", highlight=False
+        )
+    return not wrong
+
+
+def _write(console: Console, found: Sequence[Comparison], result: StudyResult, output: Path, folder: Path) -> None:
+    names = [one.measure for one in found]
+    chosen = read_selection(folder / SELECTION, result) if (folder / SELECTION).is_file() else None
+    selected = {name: {s.setup.index for s in chosen.of(name)} for name in names} if chosen else {}
+    write_comparisons(found, result.provenance.measure_units, output / "comparison.json")
+    plot_comparisons(
+        found,
+        output / "comparison.png",
+        shown={name: (result.unit(name), result.display(name)) for name in names},
+        selected={name: own for name, own in selected.items() if own},
+    )
+    console.print(f"wrote {output / 'comparison.png'} and comparison.json beside it", highlight=False, soft_wrap=True)
