@@ -77,10 +77,7 @@ class Preconditioning:
         if response.variance is not None:
             good &= np.isfinite(response.variance[i, j])
         if response.partial_coherence is not None and self.coherence > 0.0:
-            spacing = float(np.mean(np.diff(response.frequency)))
-            width = max(1, round(_POINTS_APART / spacing))
-            level = np.convolve(response.partial_coherence[i, j], np.full(width, 1.0 / width), "same")
-            good &= level >= self.coherence
+            good &= _known(response.partial_coherence[i, j], response.frequency, self.coherence)
         last = int(np.flatnonzero(good)[-1]) + 1 if good.any() else 0
         return max(last, int(np.searchsorted(response.frequency, _LOWEST_END)))
 
@@ -96,6 +93,15 @@ class Preconditioning:
         if self.zeroed:
             notes.append(f"{len(self.zeroed)} of {paths} paths are zeroed")
         return tuple(notes)
+
+
+def _known(coherence: Array, frequency: Array, least: float) -> NDArray[np.bool_]:
+    """Say where a path is known (K,): its coherence stays above `least` for a residual fit's width around it."""
+    half = max(1, round(0.5 * _POINTS_APART / float(np.mean(np.diff(frequency)))))
+    padded = np.pad(coherence, half, mode="edge")
+    level = np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    poor = np.pad(level < least, half, mode="edge")
+    return np.asarray(~np.array([poor[k : k + 2 * half + 1].any() for k in range(coherence.size)]))
 
 
 def _continued(frequency: Array, path: Complex, end: int) -> Complex:

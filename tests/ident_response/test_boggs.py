@@ -1,0 +1,151 @@
+"""The dissertation's chain from records to a vehicle, against the car that was tested."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.ident.response import contribution_error, response_of
+from eightpost.ident.vehicle.baseline import find_baseline
+from eightpost.ident.vehicle.experiment import Experiment, experiment_of
+from eightpost.ident.vehicle.recipes import recipe, recipe_names
+from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
+from eightpost.ident.vehicle.stability import closed_loop_stability
+from eightpost.ident.vehicle.summary import damping_sentence, residual_table
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, story_path, write_fit
+from eightpost.vehicle import IdentifiedVehicle
+
+from .rig_tests import BASELINE, Rig
+
+CORNERS = ("lf", "rf", "lr", "rr")
+
+
+def _experiment(rig: Rig) -> Experiment:
+    return Experiment("car", rig.rig, rig.forces, rig.outputs, rig.damping, sources={"base.parquet": "0" * 64})
+
+
+@pytest.fixture(scope="module")
+def fit(quarter_car: Rig) -> VehicleFit:
+    return recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
+
+
+def test_the_chain_finds_the_quarter_car_within_what_leakage_leaves(quarter_car: Rig, fit: VehicleFit) -> None:
+    frequency = np.arange(0.5, 18.0, 0.05)
+    truth, found = (response_of(model, frequency) for model in (quarter_car.truth, fit.vehicle.state_space))
+    errors = contribution_error(found, truth, quarter_car.input_power(frequency))
+    assert errors.max() < 0.1  # the estimate of 9.5 s blocks is that far off; local polynomials are within 0.001
+
+
+def test_the_loop_with_other_dampers_is_stable_and_said_to_be(fit: VehicleFit) -> None:
+    assert fit.stable
+    assert any("the loop is stable with all 7 sets" in note for note in fit.notes)
+
+
+def test_shock_velocities_have_no_direct_term_so_that_an_fmu_can_be_built(fit: VehicleFit) -> None:
+    assert not fit.vehicle.state_space.select(outputs=["velocity"]).D.any()
+    assert "force" in fit.vehicle.coupled().input_names
+
+
+def test_the_reduction_changes_no_output_by_more_than_it_was_allowed(quarter_car: Rig) -> None:
+    fits = [Boggs(reduction=part).identify(quarter_car.records, _experiment(quarter_car)) for part in (None, 0.003)]
+    whole, reduced = (response_of(one.vehicle.state_space, one.response.frequency) for one in fits)
+    assert fits[1].states < fits[0].states
+    power = quarter_car.input_power(whole.frequency)
+    assert contribution_error(reduced, whole, power).max() < 0.02  # another measure of the inputs than the recipe's
+
+
+def test_each_kind_of_car_has_its_chapter() -> None:
+    inputs = [f"{c}.{q}" for q in ("road", "force", "velocity", "displacement", "tire_force") for c in CORNERS]
+    damping = dict.fromkeys(CORNERS, 1.0)
+    seven = experiment_of([*inputs, "heave_force", "roll_moment", "pitch_moment"], damping)
+    eight = experiment_of([*inputs, *(f"{c}.aero" for c in CORNERS)], damping)
+    quarter = experiment_of(["road", "force", "velocity", "aero_force"], {"": 1.0})
+    assert [chapter_of(one) for one in (quarter, seven, eight)] == [CHAPTER_4, CHAPTER_5, CHAPTER_6]
+    assert eight.rig[4:] == tuple(f"{c}.aero" for c in CORNERS)
+    assert eight.inputs[-4:] == tuple(f"{c}.force" for c in CORNERS)
+
+
+def test_an_experiment_without_a_ports_velocity_or_damping_is_refused() -> None:
+    with pytest.raises(ParameterError, match="velocity must be an output"):
+        Experiment("car", ("road",), ("force",), ("tire_force",), {"": 1.0})
+    with pytest.raises(ParameterError, match="no baseline damping"):
+        Experiment("car", ("road",), ("force",), ("velocity",), {})
+    with pytest.raises(ParameterError, match="no output spin"):
+        Experiment("car", ("road",), ("force",), ("velocity",), {"": 1.0}).of("spin")
+
+
+def test_an_unknown_recipe_is_refused_with_those_that_there_are() -> None:
+    assert "boggs" in recipe_names()
+    with pytest.raises(ParameterError, match="boggs"):
+        recipe("guess")
+
+
+def test_the_baseline_is_the_test_whose_shocks_most_tests_have(seven_dof: Rig) -> None:
+    shuffled = [seven_dof.records[k] for k in (3, 1, 0, 4, 2)]
+    found = find_baseline(shuffled, CORNERS)
+    assert found.test == 2
+    assert found.order == (2, 1, 4, 0, 3)
+    assert found.damping["lf"] == pytest.approx(BASELINE, rel=1e-6)
+    assert not found.notes()
+
+
+def test_of_two_tests_the_baseline_has_more_damping(quarter_car: Rig) -> None:
+    assert find_baseline(quarter_car.records[::-1], ("",)).test == 1
+
+
+def test_tests_without_another_shock_are_refused(quarter_car: Rig) -> None:
+    with pytest.raises(InputError, match="no test has another shock"):
+        find_baseline([quarter_car.records[0]] * 2, ("",))
+
+
+def test_an_unstable_loop_is_found_and_the_dampers_are_named(fit: VehicleFit) -> None:
+    model = fit.vehicle.state_space
+    force = model.input_names.index("force")
+    pushed = replace(model, B=np.where(np.arange(model.B.shape[1]) == force, -4.0, 1.0) * model.B)
+    found = closed_loop_stability(IdentifiedVehicle("pushed", pushed, fit.vehicle.baseline_damping))
+    assert not found.stable
+    assert found.growth > 0.0
+    assert "UNSTABLE" in found.said()
+
+
+def test_a_fit_is_read_back_as_it_was_written(fit: VehicleFit, tmp_path: Path) -> None:
+    files = write_fit(tmp_path / "car.json", fit)
+    assert sorted(file.name for file in files) == ["car.fit.json", "car.json", "car.response.npz"]
+    found = read_fit(tmp_path / "car.json")
+    assert (found.recipe, found.residual, found.notes, found.stable) == ("boggs", fit.residual, fit.notes, True)
+    assert found.vehicle.state_space == fit.vehicle.state_space
+    assert found.sources == {"base.parquet": "0" * 64}
+    np.testing.assert_array_equal(found.response.H, fit.response.H)
+
+
+def test_a_fit_beside_another_vehicle_is_refused(fit: VehicleFit, tmp_path: Path) -> None:
+    car = tmp_path / "car.json"
+    write_fit(car, fit)
+    car.write_text(car.read_text(encoding="utf-8").replace('"name": "car"', '"name": "cab"'), encoding="utf-8")
+    with pytest.raises(FileFormatError, match="another vehicle"):
+        read_fit(car)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [({"schema": 99}, "update eightpost"), ({"kind": "shock"}, "no fit of ours")]
+)
+def test_a_fit_that_is_newer_or_none_is_refused(
+    fit: VehicleFit, tmp_path: Path, change: dict[str, object], said: str
+) -> None:
+    car = tmp_path / "car.json"
+    write_fit(car, fit)
+    story = json.loads(story_path(car).read_text(encoding="utf-8"))
+    story_path(car).write_text(json.dumps(story | change), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=said):
+        read_fit(car)
+
+
+def test_the_summary_names_every_output(fit: VehicleFit) -> None:
+    table = residual_table(fit)
+    assert table.row_count == len(fit.residual)
+    assert "N.s/m" in damping_sentence(fit)

@@ -1,0 +1,156 @@
+"""Fewer states, and many setups at once, each against an independent construction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.errors import InputError, ParameterError
+from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.response.preconditioning import Preconditioning
+from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
+from eightpost.ident.vehicle.balanced import balanced
+from eightpost.ident.vehicle.many_setups import ManySetups, Rubbing
+from eightpost.ident.vehicle.transfer_function import TransferFunction
+from eightpost.shock import Lpf1, Lpnl2
+from eightpost.shock.file import read_shock
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+
+from .rig_tests import BASELINE, noise
+
+RATE = 1250.0
+BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
+
+
+def _copies(count: int) -> dict[tuple[str, str], TransferFunction]:
+    """One mode, seen at several outputs as if each had its own."""
+    poles = np.array([-2.0 + 20.0j, -2.0 - 20.0j])
+    return {(f"y{k}", "u"): TransferFunction(poles, (k + 1.0) * np.array([1 - 2j, 1 + 2j]), 0.1) for k in range(count)}
+
+
+def test_copies_of_one_mode_are_one_mode_again() -> None:
+    outputs = [Channel(f"y{k}", "m") for k in range(5)]
+    model = parallel_model(_copies(5), [Channel("u", "N")], outputs)
+    found = balanced(model, np.array([1e3]), np.full(5, 1e-6))
+    assert len(model.A) == 10
+    assert (found.hankel[2:] < 1e-6 * found.hankel[0]).all()
+    frequency = np.geomspace(0.1, 50.0, 60)
+    reduced = found.truncated(2)
+    np.testing.assert_allclose(
+        reduced.frequency_response(frequency), model.frequency_response(frequency), rtol=1e-6, atol=1e-9
+    )
+    assert (reduced.poles().real < 0.0).all()
+
+
+def test_a_truncation_errs_by_less_than_twice_the_hankel_values_left_out() -> None:
+    generator = np.random.default_rng(2)
+    paths = {}
+    for k in range(6):
+        pole = complex(-generator.uniform(0.5, 5.0), generator.uniform(5.0, 60.0))
+        residue = complex(*generator.normal(size=2))
+        poles, residues = (np.array([z, z.conjugate()]) for z in (pole, residue))
+        paths[f"y{k}", "u"] = TransferFunction(poles, residues, 0.0)
+    model = parallel_model(paths, [Channel("u", "N")], [Channel(f"y{k}", "m") for k in range(6)])
+    found = balanced(model, np.ones(1), np.ones(6))
+    frequency = np.geomspace(0.01, 100.0, 400)
+    for states in (2, 4, 8):
+        wrong = found.truncated(states).frequency_response(frequency) - model.frequency_response(frequency)
+        bound = 2.0 * found.hankel[states:].sum()
+        assert np.linalg.norm(wrong[:, 0], axis=0).max() <= bound * (1.0 + 1e-6)
+
+
+def test_a_path_whose_coherence_is_lost_is_continued_downwards() -> None:
+    frequency = np.arange(1, 400) * 0.05
+    H = 100.0 / (2.0 + 2j * np.pi * frequency) ** 2
+    generator = np.random.default_rng(1)
+    lost = frequency > 8.0
+    noisy = np.where(lost, 3.0 * np.exp(2j * np.pi * generator.random(frequency.size)), H)
+    coherence = np.where(lost, 0.02, 0.99)
+    response = FrequencyResponse(
+        frequency, noisy[None, None], (Channel("u", "N"),), (Channel("y", "m"),), None, coherence[None, None]
+    )
+    found, notes = Preconditioning().apply(response)
+    path = found.between("y", "u")
+    beyond = frequency > 9.0
+    assert np.abs(path[beyond] / H[beyond]).max() < 3.0
+    assert np.abs(path[~lost] / H[~lost] - 1.0).max() < 0.3
+    assert "continued" in notes[0]
+
+
+def test_paths_are_zeroed_on_request() -> None:
+    response = response_of(read_vehicle(shipped("quarter_car")).coupled(), np.arange(1, 300) * 0.1)
+    found, notes = Preconditioning(zeroed=(("velocity", "aero_force"),)).apply(response)
+    assert not found.between("velocity", "aero_force").any()
+    assert "1 of" in notes[-1]
+
+
+@pytest.fixture(scope="module")
+def car() -> IdentifiedVehicle:
+    model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
+    return IdentifiedVehicle("car", model, {"": BASELINE})
+
+
+@pytest.fixture(scope="module")
+def drive() -> TimeSeries:
+    road = 0.004 * noise(np.random.default_rng(8), 1500, RATE, 20.0)
+    return TimeSeries.from_channels(np.arange(road.size) / RATE, {"road": ("m", road - road.mean())})
+
+
+@pytest.fixture(scope="module")
+def bank() -> list[Lpf1 | Lpnl2]:
+    """Two shipped builds, one of them with a gas spring and without the fading of its lag."""
+    first, second = (read_shock(BANK / f"{name}.json").law for name in ("AA_AA", "C_B"))
+    assert isinstance(first, Lpnl2)
+    assert isinstance(second, Lpnl2)
+    return [
+        first,
+        Lpf1(curve=second.curve, port=replace(second.port, gas_stiffness=700.0), time_constant=second.time_constant),
+    ]
+
+
+def test_a_setup_among_many_answers_as_it_does_alone(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    together = ManySetups(car, bank, drive).run([[0], [1], [0]])
+    np.testing.assert_array_equal(together[0], together[2])
+    for place, law in enumerate(bank):
+        alone = simulate_with_shocks(car, {"": law}, drive)
+        for row, name in enumerate(car.state_space.output_names):
+            if name != "hub_acceleration":  # its direct term shows the tables' corners sample by sample
+                assert np.std(together[place, row] - alone[name]) < 1e-3 * alone[name].std(), name
+            assert together[place, row].std() == pytest.approx(alone[name].std(), rel=1e-3)
+
+
+def test_outputs_are_kept_at_every_so_many_samples(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    every, fifth = (ManySetups(car, bank, drive, step).run([[0]]) for step in (1, 5))
+    np.testing.assert_array_equal(fifth, every[..., ::5])
+
+
+def test_friction_adds_its_damping_where_it_is_smooth(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    # A smoothing velocity far above the motion's makes friction a linear damper F_c / v_f.
+    rubbed = ManySetups(car, bank, drive, 1, {"": Rubbing(50_000.0, 100.0)}).run([[0]])[0]
+    softer = IdentifiedVehicle("softer", add_port_damping(car.state_space, {"": 500.0}), {"": BASELINE})
+    expected = ManySetups(softer, bank, drive).run([[0]])[0]
+    # The first takes the force as linear over each step, the second has it in the model.
+    np.testing.assert_allclose(rubbed.std(axis=1), expected.std(axis=1), rtol=2e-3)
+
+
+def test_what_cannot_be_simulated_together_is_refused(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    with pytest.raises(InputError, match="names one shock for each"):
+        ManySetups(car, bank, drive).run([[0, 1]])
+    wrong = TimeSeries.from_channels(drive.time, {"lf.road": ("m", drive["road"])})
+    with pytest.raises(InputError, match=r"lf\.road"):
+        ManySetups(car, bank, wrong).run([[0]])
+    stepped = IdentifiedVehicle("stepped", discretise(car.state_space, 0.001), {})
+    with pytest.raises(ParameterError, match="discrete"):
+        ManySetups(stepped, bank, drive).run([[0]])
