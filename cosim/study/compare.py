@@ -126,9 +126,8 @@ class Comparison:
             return 1.0
         line = self.line.at(self.predicted)
         noise = np.random.default_rng(0).normal(size=(_DAYS, line.size)) * self.run_to_run / np.sqrt(self.runs)
-        own = stats.rankdata(line)
-        correlation = [np.corrcoef(own, day)[0, 1] for day in stats.rankdata(line + noise, axis=1)]
-        return float(np.quantile(correlation, 1.0 - _BETTER))
+        own, days = (_standard(stats.rankdata(levels, axis=-1)) for levels in (line, line + noise))
+        return float(np.quantile(days @ own, 1.0 - _BETTER))
 
     @property
     def band(self) -> float:
@@ -149,3 +148,9 @@ class Comparison:
     def bias(self) -> float:
         """Mean of predicted over measured less 1 [%]."""
         return float(100.0 * np.mean(self.predicted / self.measured - 1.0))
+
+
+def _standard(ranks: Array) -> Array:
+    """Return rows (..., K) less their mean, of length 1: their products are correlations."""
+    centered = ranks - ranks.mean(axis=-1, keepdims=True)
+    return np.asarray(centered / np.linalg.norm(centered, axis=-1, keepdims=True), dtype=np.float64)

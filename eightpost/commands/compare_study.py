@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -13,7 +13,7 @@ from rich.table import Column, Table
 from cosim.study.compare import Comparison
 from cosim.study.compare_file import write_comparisons
 from cosim.study.compare_plot import plot_comparisons
-from cosim.study.compare_runs import MeasuredRun, comparisons, measured_runs, read_run_list
+from cosim.study.compare_runs import Measured, MeasuredRun, comparisons, measured_runs, read_run_list
 from cosim.study.result import StudyResult
 from cosim.study.selection_file import read_selection
 from eightpost import units
@@ -28,7 +28,7 @@ class Wanted:
     """What is compared, and what is acceptable.
 
     Attributes:
-        measures: Names; empty: all that were measured.
+        measures: Names; empty: all that were measured and do not hang on a mean.
         rank: Least rank correlation (Spearman) of every measure.
         level: Largest level error of every measure [%]; None where levels do not matter.
         channel_map: Of the rig's files.
@@ -59,13 +59,25 @@ def compare_study(console: Console, folder: Path, measured: Path, output: Path |
     drawn = measured_runs(runs, result.study, read)
     for name, channels in drawn.missing.items():
         console.print(f"[yellow]note[/] {escape(name)}: the rig has no {channels}", highlight=False, soft_wrap=True)
-    found = [one for one in comparisons(result, drawn) if not wanted.measures or one.measure in wanted.measures]
+    names = _names(console, result, drawn, wanted)
+    found = comparisons(result, replace(drawn, values={name: drawn.values[name] for name in names}))
     if not found:
         raise InputError(f"{path}: none of the study's measures could be drawn from these records")
     console.print(f"{len(runs)} runs of {found[0].setups.size} setups", highlight=False)
     console.print(comparison_table(found, result))
-    _write(console, found, result, output or folder / "compared", folder)
+    _write(console, found, result, output or folder / "compared", _selected(folder, result))
     return show_verdicts(console, found, wanted)
+
+
+def _names(console: Console, result: StudyResult, drawn: Measured, wanted: Wanted) -> list[str]:
+    """Return the measures to compare; a mean only if it is named, because the rig has a zero of its own."""
+    if wanted.measures:
+        return [name for name in wanted.measures if name in drawn.values]
+    means = [name for name in drawn.values if result.study.measure(name).absolute]
+    if means:
+        what = f"left out, because the rig has a zero of its own: {', '.join(means)}; --measure takes one all the same"
+        console.print(f"[yellow]note[/] {escape(what)}", highlight=False, soft_wrap=True)
+    return [name for name in drawn.values if name not in means]
 
 
 def _present(console: Console, runs: Sequence[MeasuredRun], path: Path) -> list[MeasuredRun]:
@@ -121,15 +133,24 @@ def show_verdicts(console: Console, found: Sequence[Comparison], wanted: Wanted)
     return not wrong
 
 
-def _write(console: Console, found: Sequence[Comparison], result: StudyResult, output: Path, folder: Path) -> None:
-    names = [one.measure for one in found]
-    chosen = read_selection(folder / SELECTION, result) if (folder / SELECTION).is_file() else None
-    selected = {name: {s.setup.index for s in chosen.of(name)} for name in names} if chosen else {}
+def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
+    """Return which setups were selected for which measure, where the study's folder has a selection."""
+    path = folder / SELECTION
+    selection = read_selection(path, result) if path.is_file() else None
+    found: dict[str, set[int]] = {}
+    for selected in selection.chosen if selection else ():
+        found.setdefault(selected.measure, set()).add(selected.setup.index)
+    return found
+
+
+def _write(
+    console: Console, found: Sequence[Comparison], result: StudyResult, output: Path, selected: dict[str, set[int]]
+) -> None:
+    """Write all comparisons, and a picture of the measures that setups were selected for, else of the objective."""
     write_comparisons(found, result.provenance.measure_units, output / "comparison.json")
-    plot_comparisons(
-        found,
-        output / "comparison.png",
-        shown={name: (result.unit(name), result.display(name)) for name in names},
-        selected={name: own for name, own in selected.items() if own},
-    )
+    names = [one.measure for one in found]
+    first = selected or dict.fromkeys(term.measure for term in result.study.objective)
+    drawn = [one for one in found if one.measure in first] or list(found)
+    shown = {name: (result.unit(name), result.display(name)) for name in names}
+    plot_comparisons(drawn, output / "comparison.png", shown=shown, selected=selected)
     console.print(f"wrote {output / 'comparison.png'} and comparison.json beside it", highlight=False, soft_wrap=True)
