@@ -34,7 +34,11 @@ VERBS = {
     "run": "Run a system of coupled FMUs.",
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "study": "Run every setup of shocks that a study allows, and rank them.",
-    "compare": "Compare runs: response measures side by side.",
+    "optimise": "Search the best setups of a study whose bank is too large to run them all.",
+    "sensitivity": "Show which corner matters for which measure of a study.",
+    "robust": "Say which of a study's best setups are better than others beyond doubt.",
+    "select": "Select setups of a study to confirm on the rig.",
+    "compare": "Compare runs, or a study's prediction with what the rig measured.",
     "demo": "Run the whole line on shipped data.",
 }
 
