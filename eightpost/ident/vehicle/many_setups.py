@@ -76,7 +76,7 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"a setup names one shock for each of {', '.join(plant.ports) or 'one port'}")
-        rubbing = {**self.vehicle.friction, **self.friction}
+        rubbing: dict[str, Rubbing | Friction] = {**self.vehicle.friction, **self.friction}
         friction = [rubbing.get(port, Rubbing(0.0, 1.0)) for port in plant.ports]
         return plant.march(_Shocks(self.bank, friction, plant.step), chosen, self.every)
 

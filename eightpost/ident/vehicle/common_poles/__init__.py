@@ -1,6 +1,23 @@
 """Minimal vehicle models whose paths share their poles."""
 
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel
+from eightpost.ident.vehicle.common_poles.order import OrderStudy
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
+from eightpost.ident.vehicle.common_poles.swapping import Swapping, swapping
+from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
+from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
 
-__all__ = ["CommonPoleFit", "CommonPoleModel", "Refinement"]
+__all__ = [
+    "CommonPoleFit",
+    "CommonPoleModel",
+    "OrderStudy",
+    "Ranges",
+    "Refinement",
+    "Swapping",
+    "ranges_of",
+    "response_deviation",
+    "sampled_models",
+    "spread",
+    "swapping",
+    "unmodelled",
+]

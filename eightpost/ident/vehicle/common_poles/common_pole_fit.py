@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from eightpost.vehicle.statespace import Channel
 
     Array = NDArray[np.float64]
+    Channels = tuple[Channel, ...]
 
 #: A misfit of fewer deviations is noise [1].
 _EXPLAINED = 1.1
@@ -120,8 +121,10 @@ class CommonPoleModel:
         excess: By output, RMS of the misfit in deviations of the estimate; 1 where noise explains all.
         refined: The model in the fit's own scaled channels.
         points: What was fitted.
-        fitted: The channels of `points`.
+        inputs: The inputs of `points`.
+        fitted: The outputs of `points`.
         start: What the subspace gave.
+        band: Lowest and highest frequency that were fitted [Hz].
     """
 
     model: StateSpace
@@ -129,8 +132,10 @@ class CommonPoleModel:
     excess: Mapping[str, float]
     refined: Refined
     points: Points
-    fitted: tuple[Channel, ...]
+    inputs: Channels
+    fitted: Channels
     start: Start
+    band: tuple[float, float]
 
     @property
     def order(self) -> int:
@@ -158,7 +163,7 @@ class CommonPoleModel:
 
 
 def state_space(
-    solution: Solution, points: Points, fitted: FrequencyResponse, outputs: tuple[Channel, ...]
+    solution: Solution, points: Points, inputs: Channels, fitted: Channels, outputs: Channels
 ) -> StateSpace:
     """Return a solution in the response's own units, with all `outputs`."""
     u, y, rate = points.input_size, points.output_size, solution.through.rate
@@ -169,8 +174,8 @@ def state_space(
         np.vstack((solution.blocks.input_matrix, rate * np.eye(lagged.size)[lagged])) / u,
         np.hstack((solution.C, solution.lagged[:, lagged])) * y[:, None],
         solution.D * y[:, None] / u,
-        fitted.inputs,
-        fitted.outputs,
+        inputs,
+        fitted,
         None,
         "common_poles",
     )
@@ -186,11 +191,13 @@ def _model(
     excess = np.sqrt(misfit.sum(axis=(1, 2)) / known)
     names = joined.output_names
     return CommonPoleModel(
-        state_space(refined.solution, points, joined, response.outputs),
+        state_space(refined.solution, points, joined.inputs, joined.outputs, response.outputs),
         dict(zip(names, residual.tolist(), strict=True)),
         dict(zip(names, excess.tolist(), strict=True)),
         refined,
         points,
+        joined.inputs,
         joined.outputs,
         begun,
+        (float(joined.frequency[1]), float(joined.frequency[-1])),
     )

@@ -1,0 +1,129 @@
+"""How far an identified car is to be trusted: what its tests covered, and what no linear car with friction explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.ident.response import FrequencyResponse
+    from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel
+    from eightpost.ident.vehicle.experiment import Experiment
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: A misfit of so many deviations of the estimate is no noise [1].
+EXCESS = 1.5
+
+#: What an output's own noise may reach of it where its coherence is fine [1].
+_NOISY, _FINE = 0.05, 0.95
+
+#: A channel may go this much beyond the tests.
+_MARGIN = 1.1
+
+#: A tire at this part of its mean load or less has lifted.
+_LIFTED = 0.01
+
+_RANGED = ("velocity", "displacement", "force", "tire_force")
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """What the tests covered.
+
+    Attributes:
+        frequency: Of the fit [Hz].
+        channels: Smallest and largest value by channel, SI.
+    """
+
+    frequency: tuple[float, float]
+    channels: Mapping[str, tuple[float, float]]
+
+    def beyond(self, series: TimeSeries) -> tuple[str, ...]:
+        """Return where a simulation left what the tests covered, a sentence each."""
+        notes = []
+        for name, (low, high) in self.channels.items():
+            if name not in series:
+                continue
+            largest, covered = float(np.abs(series[name]).max()), max(abs(low), abs(high))
+            if largest > _MARGIN * covered:
+                notes.append(
+                    f"{name} reaches {largest:.4g} {series.unit(name)}, the tests reached {covered:.4g}: extrapolated."
+                )
+        return (*notes, *self._beyond_frequency(series))
+
+    def _beyond_frequency(self, series: TimeSeries) -> tuple[str, ...]:
+        lines = np.fft.rfftfreq(len(series), 1.0 / series.sample_rate)
+        notes = []
+        for name in series.names:
+            if name.rpartition(".")[2] not in ("velocity", "tire_force"):
+                continue
+            power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
+            share = float(np.sqrt(power[lines > self.frequency[1]].sum() / max(float(power.sum()), 1e-300)))
+            if share > 0.1:
+                part = f"{100.0 * share:.0f} % of {name} (RMS) lies above {self.frequency[1]:g} Hz"
+                notes.append(f"{part}, where the model was not fitted: extrapolated.")
+        return tuple(notes)
+
+
+def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
+    """Return what the tests covered."""
+    names = [name for name in (*experiment.forces, *experiment.outputs) if name.rpartition(".")[2] in _RANGED]
+    low = {name: min(float(test[name].min()) for test in tests) for name in names}
+    high = {name: max(float(test[name].max()) for test in tests) for name in names}
+    return Ranges(frequency, {name: (low[name], high[name]) for name in names})
+
+
+def unmodelled(response: FrequencyResponse, found: CommonPoleModel, tests: Sequence[TimeSeries]) -> tuple[str, ...]:
+    """Return what hints at something that is not in the model, a sentence each."""
+    return (*_misfits(found), *_lifted(tests), *_coherence(response, found))
+
+
+def _misfits(found: CommonPoleModel) -> list[str]:
+    bad = {name: value for name, value in found.excess.items() if value > EXCESS}
+    if not bad:
+        return []
+    listed = ", ".join(f"{name} {value:.1f}" for name, value in bad.items())
+    return [f"The misfit is more than noise (in deviations: {listed}): states or direct terms are missing."]
+
+
+def _lifted(tests: Sequence[TimeSeries]) -> list[str]:
+    names = [name for name in tests[0].names if name.rpartition(".")[2] == "tire_force"]
+    lifted = {
+        name
+        for name in names
+        for test in tests
+        if float(test[name].mean()) > 0.5 * float(test[name].max() - test[name].min()) * _LIFTED
+        and float(test[name].min()) <= _LIFTED * float(test[name].mean())
+    }
+    if not lifted:
+        return []
+    return [f"Tires leave the ground ({', '.join(sorted(lifted))}): no linear car does; lower the road's peak."]
+
+
+def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> list[str]:
+    """Say it where outputs are noisy though coherent: friction and springs do that and coherence hides it."""
+    if response.coherence is None:
+        return []
+    low, high = found.band
+    inside = (response.frequency >= low) & (response.frequency <= high)
+    left = np.sqrt(1.0 - np.median(response.coherence[:, inside], axis=1))
+    names = [
+        f"{name} {100.0 * share:.0f} %"
+        for name, share in zip(response.output_names, left, strict=True)
+        if _NOISY < share < np.sqrt(1.0 - _FINE**2)
+    ]
+    if not names:
+        return []
+    return [
+        f"Not explained by any linear response, though coherence is fine: {', '.join(names)} of the output; where the "
+        "sensors are better than that, friction or springs are at work."
+    ]
