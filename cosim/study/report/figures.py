@@ -35,7 +35,7 @@ def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
     if not sheet.done.any():
         return ()
     files: list[Path] = []
-    for measure in sheet.principal[:_DRAWN]:
+    for measure in sheet.measures[:_DRAWN]:
         files += _save(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
         if len(sheet.measures) > 1:
             files += _save(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
@@ -65,7 +65,7 @@ def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
 
     Colours are the builds at the corner whose build says most of the measure.
     """
-    others = [column for column in sheet.principal if column is not measure][:_AGAINST]
+    others = [column for column in sheet.measures if column is not measure][:_AGAINST]
     rows = (len(others) + 1) // 2
     figure = Figure(figsize=(7.2, 2.7 * rows + 0.9), layout="constrained")
     panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()

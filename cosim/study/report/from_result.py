@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from cosim.study.factor import factors_of, levels_of, varied
+from cosim.study.measures import Measure
 from cosim.study.report.doubt import better_end, doubt_of
 from cosim.study.report.scale import Scale
 from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
@@ -36,7 +37,9 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         builds=builds,
         numbers=result.setups,
         placed=_placed(result, builds),
-        measures=tuple(_column(result, measure.name, doubts.get(measure.name)) for measure in result.measures),
+        measures=tuple(
+            _column(result, measure.name, doubts.get(measure.name)) for measure in _by_interest(result.study)
+        ),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
         objective=_objective(result),
@@ -58,15 +61,8 @@ def background(result: StudyResult, trace_command: str) -> Background:
         notes=tuple(_notes(result)),
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
-        named=_named(study),
         trace_command=trace_command,
     )
-
-
-def _named(study: Study) -> tuple[str, ...]:
-    """Return the measures of the objective, then those of the constraints."""
-    terms, constraints = (term.measure for term in study.objective), (c.measure for c in study.constraints)
-    return tuple(dict.fromkeys((*terms, *constraints)))
 
 
 def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
@@ -88,6 +84,14 @@ def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:
     places = {build: k for k, build in enumerate(builds)}
     columns = [[places[build] for build in result.builds(corner)] for corner in result.study.corners]
     return np.array(columns, dtype=np.int64).T.reshape(len(result), len(columns))
+
+
+def _by_interest(study: Study) -> list[Measure]:
+    """Return the measures of the objective, of the constraints, the others, and last those that hang on a mean."""
+    names = (*(term.measure for term in study.objective), *(bound.measure for bound in study.constraints))
+    named = [study.measure(name) for name in dict.fromkeys(names)]
+    others = [measure for measure in study.measures if measure not in named]
+    return [*named, *sorted(others, key=lambda measure: measure.absolute)]
 
 
 def _column(result: StudyResult, name: str, doubt: Doubt | None) -> Column:
@@ -154,7 +158,8 @@ def _settings(settings: Mapping[str, Any], within: str = "") -> Iterator[tuple[s
         if isinstance(value, Mapping):
             yield from _settings(value, f"{words}: ")
         else:
-            yield words.capitalize(), ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+            values = value if isinstance(value, list | tuple) else (value,)
+            yield words.capitalize(), "; ".join(f"{one:.6g}" if isinstance(one, float) else str(one) for one in values)
 
 
 def _origins(result: StudyResult) -> Iterator[Origin]:

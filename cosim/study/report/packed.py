@@ -101,6 +101,8 @@ def _traces(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple[
                 "count": kept.time.size,
                 "from": float(kept.time[0]),
                 "to": float(kept.time[-1]),
+                "samples": kept.samples,
+                "interval": kept.interval,
                 "channels": channels,
             },
         )

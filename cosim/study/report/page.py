@@ -30,6 +30,9 @@ _SCRIPTS = ("store", "state", "table", "dots", "plots", "setup", "sensitivity", 
 #: Trade-offs that are drawn at first.
 _TRADES = 6
 
+#: Columns of the ranking at first, the objective among them; the others can be had.
+_TABLED = 7
+
 #: Failed and marked setups that are listed on their own; the table has them all.
 _DOUBTFUL = 200
 
@@ -89,12 +92,13 @@ def _words(sheet: Sheet) -> dict[str, Any]:
 def _choices(sheet: Sheet) -> dict[str, Any]:
     """Return what may be chosen, and what is chosen at first: what the study is about, against what follows."""
     columns = shown_columns(sheet)
-    first, *others = (columns.index(column) for column in sheet.principal)
+    first, *others = (columns.index(column) for column in sheet.measures)
     return {
         "columns": columns,
         "colors": build_colors(len(sheet.builds)),
         "present": [set(column.tolist()) for column in sheet.placed.T],
         "focus": first,
+        "tabled": set(range(_TABLED)),
         "against": set(others[:_TRADES]),
         "colored": telling_corner(sheet, columns[first]),
         "spreads": any(column.doubt is not None for column in columns),

@@ -109,7 +109,6 @@ class Background:
         notes: What a reader must know before the numbers are used.
         facts: Settings and versions: what, and how much.
         origins: The files.
-        named: Measures that the objective and the constraints name: what the study is about.
         trace_command: That computes the traces of a setup, with `{setup}` in place of its number; empty for none.
     """
 
@@ -119,7 +118,6 @@ class Background:
     notes: tuple[str, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     origins: tuple[Origin, ...] = ()
-    named: tuple[str, ...] = ()
     trace_command: str = ""
 
 
@@ -132,7 +130,7 @@ class Sheet:
         builds: Names of all builds of the bank.
         numbers: (S,) numbers of the setups, each once.
         placed: (S, C) which build each setup has at each corner.
-        measures: Columns, in the order in which they are shown.
+        measures: Columns, in the order in which they are shown: what the study is about first.
         objective: What setups are ranked by; the first measure where None.
         allowed: (S,) whether a setup meets every constraint.
         failures: What went wrong, by row.
@@ -182,12 +180,6 @@ class Sheet:
         """(S,) rows from the best to the worst: those that keep the constraints, the others, those that failed."""
         wanted = self.ranked_by.values * (1.0 if self.ranked_by.better == "low" else -1.0)
         return np.lexsort((self.numbers, wanted, ~self.allowed, ~self.done)).astype(np.int64)
-
-    @property
-    def principal(self) -> tuple[Column, ...]:
-        """All measures, those that the study is about first."""
-        named = self.background.named
-        return tuple(sorted(self.measures, key=lambda m: named.index(m.name) if m.name in named else len(named)))
 
     def row(self, number: int) -> int | None:
         """Return the row of a setup by its number; None where the study does not have it."""

@@ -28,7 +28,7 @@ class ReportPaths:
         page: The page.
         workbook: Ranking, units and provenance as a workbook.
         ranking: The ranking as CSV.
-        traces: Traces as CSV, by the setup's number.
+        traces: Traces of the best setup and the baseline as CSV, by the number, where they were given.
         figures: Figures for papers, as PNG and SVG.
     """
 
@@ -75,6 +75,7 @@ def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPath
         traces={
             number: write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
             for number, series in extras.traces.items()
+            if sheet.row(number) in (sheet.order[0], sheet.baseline)
         },
         figures=write_figures(sheet, folder / "figures"),
     )

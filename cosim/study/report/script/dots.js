@@ -57,8 +57,8 @@ function scales(panel) {
 function drawPanel(panel) {
   const { place, canvas } = panel, sharp = Math.max(window.devicePixelRatio || 1, printing ? 2 : 1);
   if (!place.clientWidth) return;
-  canvas.width = place.clientWidth * sharp;
-  canvas.height = place.clientHeight * sharp;
+  const width = Math.round(place.clientWidth * sharp), height = Math.round(place.clientHeight * sharp);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const pen = canvas.getContext("2d");
   pen.setTransform(sharp, 0, 0, sharp, 0, 0);
   pen.clearRect(0, 0, place.clientWidth, place.clientHeight);

@@ -67,9 +67,15 @@ function listenFilters() {
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") unbrush(); });
 }
 
+function showColumn(column, wanted) {
+  if (wanted) state.tabled.add(column); else state.tabled.delete(column);
+  document.querySelector(`#tabled input[value="${column}"]`).checked = wanted;
+}
+
 function listenViews() {
   on("focus", "change", (event) => focusOn(Number(event.target.value)));
   on("colored", "change", (event) => { state.colored = Number(event.target.value); update(); });
+  on("tabled", "change", ({ target }) => { showColumn(Number(target.value), target.checked); update(); });
   on("against", "change", () => { makeTrades(); update(); });
   on("pick-current", "change", (event) => pick(state.current, event.target.checked));
   on("with-baseline", "change", redrawTraces);
@@ -106,6 +112,7 @@ try {
   for (const row of manifest.picked) state.picked.add(row);
   state.focus = Number(document.getElementById("focus").value);
   state.current = manifest.best;
+  for (const box of document.querySelectorAll("#tabled input:checked")) state.tabled.add(Number(box.value));
   listenTable();
   listenFilters();
   listenViews();

@@ -165,6 +165,7 @@ function focusOn(column) {
   state.focus = column;
   document.getElementById("focus").value = column;
   for (const { band } of panels) band.hidden = true; // the setups in it stay chosen
+  showColumn(column, true);
   tellTies();
   makeTrades();
   drawSensitivity();

@@ -32,10 +32,10 @@ function standing(row) {
 function change(column, row, other, doubts) {
   if (other === null) return "";
   if (other === row) return "itself";
-  const base = column.values[other], percent = (100 * (column.values[row] - base)) / Math.abs(base);
-  if (!Number.isFinite(percent)) return "";
+  const base = column.values[other], part = (column.values[row] - base) / Math.abs(base);
+  if (!Number.isFinite(part)) return "";
   const doubtful = doubts && Math.abs(column.values[row] - base) <= doubts[row];
-  return `${signed(percent, 3)} %${doubtful ? " (not told apart)" : ""}`;
+  return `${part > 0 ? "+" : ""}${percent(part, 2)}${doubtful ? " (not told apart)" : ""}`;
 }
 
 function compared(row) {
@@ -48,7 +48,7 @@ function compared(row) {
     cell(line, unit(column), "");
     cell(line, figure(convert(column, column.values[row])) + spread, "number");
     cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
-    cell(line, `${figure(100 * column.levels[row], 3)} %`, "number");
+    cell(line, percent(column.levels[row]), "number");
     cell(line, change(column, row, manifest.baseline, doubt?.baseline), "number");
     cell(line, change(column, row, manifest.best, doubt?.best), "number");
   }
@@ -79,6 +79,8 @@ function drawTraces(row) {
   document.getElementById("command").textContent = wanted;
   document.getElementById("command-place").hidden = !wanted;
   if (!trace) return;
+  document.getElementById("thinned").textContent = trace.samples === 1 ? "This page holds every sample."
+    : `This page holds the least and the greatest of every ${trace.samples} samples (${figure(1e3 * trace.interval, 3)} ms): no peak is lost.`;
   for (const quantity of [...new Set(trace.channels.map((channel) => channel.quantity))]) {
     const one = made(place, "trace", `${quantity} of setup ${data.numbers[row]}`);
     one.quantity = quantity;

@@ -13,6 +13,7 @@ const state = {
   words: "",
   kept: { allowed: false, unmarked: false, tied: false, picked: false },
   brush: null, // { panel, points: (row) => [x, y], from: [x, y], to: [x, y] }
+  tabled: new Set(), // the columns of the ranking
   picked: new Set(),
   current: null,
 };
@@ -45,7 +46,8 @@ function powered(text) { // 1.2e-5 as 1.2·10⁻⁵
   return `${minus(mantissa)}·10${raised(exponent.replace("+", ""))}`;
 }
 
-const signed = (value, digits) => (value > 0 ? "+" : "") + figure(value, digits);
+/** A share [1] in percent. */
+const percent = (share, digits = 1) => (Number.isFinite(share) ? `${minus((100 * share).toFixed(digits))} %` : "–");
 
 function brushed(row) {
   if (!state.brush) return true;

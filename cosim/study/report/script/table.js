@@ -6,12 +6,14 @@ const table = document.getElementById("ranking");
 const pane = document.getElementById("ranking-pane");
 let listed = []; // rows in the order of the table
 
+const tabled = () => data.columns.map((column, k) => [column, k]).filter(([, k]) => state.tabled.has(k));
+
 const heads = () => [
   { key: "pick", text: "", sortable: false, kind: "pick" },
   { key: "rank", text: "rank", kind: "number rank" },
   { key: "number", text: "setup", kind: "number" },
   ...manifest.corners.map((corner, k) => ({ key: `corner${k}`, text: corner.toUpperCase(), kind: "build" })),
-  ...data.columns.map((column, k) => ({ key: `column${k}`, text: column.name + inUnit(column), kind: "number level" })),
+  ...tabled().map(([column, k]) => ({ key: `column${k}`, text: column.name + inUnit(column), kind: "number level" })),
   { key: "error", text: "coupling error [%]", kind: "number" },
   { key: "marks", text: "marks", kind: "marks" },
 ];
@@ -67,7 +69,7 @@ function fillRow(row) {
   const line = document.createElement("tr");
   line.dataset.row = row;
   line.className = [row === state.current && "current", row === manifest.baseline && "baseline",
-    manifest.failures[row] && "failed"].filter(Boolean).join(" ");
+    manifest.failures[row] ? "failed" : manifest.marks[row] && "marked"].filter(Boolean).join(" ");
   const box = document.createElement("input");
   box.type = "checkbox";
   box.checked = state.picked.has(row);
@@ -79,7 +81,7 @@ function fillRow(row) {
     const build = data.placed[corner][row];
     cell(line, manifest.builds[build], "build").style.setProperty("--build", manifest.colors[build]);
   }
-  for (const column of data.columns) {
+  for (const [column] of tabled()) {
     const here = cell(line, figure(convert(column, column.values[row])), "number level");
     here.style.setProperty("--level", `${100 * (column.levels[row] || 0)}%`);
   }
@@ -115,7 +117,7 @@ function fillWindow(all = 0) {
 function sortBy(key) {
   state.sort = { key, falling: state.sort.key === key && !state.sort.falling };
   pane.scrollTop = 0;
-  update();
+  fillTable();
 }
 
 function onTableClick(event) {

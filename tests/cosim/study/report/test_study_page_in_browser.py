@@ -20,12 +20,16 @@ _DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFram
 _LEFT, _RIGHT, _TOP, _BOTTOM, _ROOM = 78.0, 12.0, 26.0, 46.0, 0.03
 # Coloured pixels in the right part of the first trade-off, at levels above a half.
 _COLORED = """(() => {
-  const canvas = document.querySelector('#trades canvas'), x = 0.6 * canvas.width;
-  const { data } = canvas.getContext('2d').getImageData(x, 30, canvas.width - x, canvas.height - 80);
+  const drawn = document.querySelector('#trades canvas'), x = Math.round(0.6 * drawn.width);
+  const copy = document.createElement('canvas');
+  Object.assign(copy, { width: drawn.width, height: drawn.height });
+  const pen = copy.getContext('2d');
+  pen.drawImage(drawn, 0, 0);
+  const { data } = pen.getImageData(x, 30, drawn.width - x, drawn.height - 80);
   let count = 0;
   for (let k = 0; k < data.length; k += 4) {
-    const [red, green, blue] = data.slice(k, k + 3);
-    if (Math.max(red, green, blue) - Math.min(red, green, blue) > 60) count++;
+    const [red, green, blue, opaque] = data.slice(k, k + 4);
+    if (opaque > 100 && Math.max(red, green, blue) - Math.min(red, green, blue) > 60) count++;
   }
   return count;
 })()"""
