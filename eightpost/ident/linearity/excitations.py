@@ -24,6 +24,12 @@ RESTING = 0.2
 #: ... and so is one that moves less than this part of the largest of its kind in any test.
 SMALLEST = 0.03
 
+#: A command below this part of what the actuator did was none [1].
+TOLD = 0.01
+
+#: Steps of a channel from this part of its size are those of white noise, which has 1.41 [1].
+WHITE = 1.2
+
 #: Drives of two tests that differ by less than this part of their size are the same [1].
 SAME_DRIVE = 0.1
 
@@ -84,9 +90,16 @@ class _Change(NamedTuple):
 
 
 def _sizes(record: TimeSeries, inputs: Sequence[str]) -> dict[str, float]:
-    """Return the standard deviation of each input: of its command where there is one, which has no noise."""
-    told = {name: f"{name}_command" if f"{name}_command" in record else name for name in inputs}
-    return {name: float(record[channel].std()) for name, channel in told.items()}
+    """Return the standard deviation of each input, 0 where it is nothing but noise."""
+    return {name: float(record[name].std()) if _is_driven(record, name) else 0.0 for name in inputs}
+
+
+def _is_driven(record: TimeSeries, name: str) -> bool:
+    """Say whether an input was told to move, by its command where there is one; white noise was not."""
+    values, command = record[name], f"{name}_command"
+    if command in record:
+        return bool(record[command].std() > TOLD * values.std())
+    return bool(np.std(np.diff(values)) < WHITE * values.std())
 
 
 def _moves(name: str, sizes: Mapping[str, float], largest: float) -> bool:

@@ -43,7 +43,7 @@ def plot_output(found: Linearity, output: str, path: str | FilePath) -> None:
         _traces(panels[0, column], chosen, title)
         _magnitudes(panels[1, column], chosen)
         _coherences(panels[2, column], found, chosen)
-    figure.suptitle(output)
+    figure.suptitle(f"{output} (coherence: bold where the response is high)")
     _save(figure, path)
 
 
@@ -104,7 +104,7 @@ def _coherences(axes: Axes, found: Linearity, chosen: Sequence[Path]) -> None:
         shown = np.where(high, path.coherence, np.nan)
         axes.plot(path.frequency, shown, linewidth=1.8, color=color, label=path.input.name)
     axes.axhline(chosen[0].chance, color="0.5", linestyle=":", label="noise alone (5 %)")
-    axes.set(xlabel="frequency [Hz]", ylabel="coherence, bold where the response is high", ylim=(0.0, 1.02))
+    axes.set(xlabel="frequency [Hz]", ylabel="coherence", ylim=(0.0, 1.02))
     axes.legend(fontsize=7)
     _finish(axes)
 
