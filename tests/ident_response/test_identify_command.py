@@ -1,0 +1,101 @@
+"""`eightpost identify`: files in, a vehicle out, and what it says of bad ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from eightpost.__main__ import main
+from eightpost.ident.vehicle.vehicle_fit import read_fit
+from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import read_vehicle
+
+from .rig_tests import BASELINE, Rig
+
+
+@pytest.fixture(scope="module")
+def files(quarter_car: Rig, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """The quarter car's two tests as rig files."""
+    folder = tmp_path_factory.mktemp("rig")
+    found = []
+    for name, record in zip(("soft", "baseline")[::-1], quarter_car.records, strict=True):
+        found.append(folder / f"{name}.parquet")
+        RigTest(record).write(found[-1])
+    return found[::-1]
+
+
+def _identify(*words: object) -> Result:
+    return CliRunner().invoke(main, ["identify", *[str(word) for word in words]])
+
+
+@pytest.fixture(scope="module")
+def done(files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+    car = tmp_path_factory.mktemp("out") / "corner.json"
+    return _identify(*files, "-o", car), car
+
+
+def test_two_files_give_a_vehicle_with_its_fit_beside_it_and_pictures(done: tuple[Result, Path]) -> None:
+    result, car = done
+    assert result.exit_code == 0, result.output
+    fit = read_fit(car)
+    assert set(fit.sources) == {"soft.parquet", "baseline.parquet"}
+    assert {"velocity.png", "tire_force.png"} <= {path.name for path in (car.parent / "corner_plots").iterdir()}
+
+
+def test_the_baseline_is_found_whatever_the_order_of_the_files(done: tuple[Result, Path]) -> None:
+    result, car = done
+    assert "baseline baseline.parquet" in result.output
+    # Central differences at these records' 250 Hz make velocities 1 % low at 10 Hz and 9 % at 30.
+    assert read_fit(car).vehicle.baseline_damping[""] == pytest.approx(BASELINE, rel=0.05)
+
+
+def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
+    for said in ("decimated to 125 Hz", "misfit of the", "the loop is stable", "reduced to"):
+        assert said in " ".join(done[0].output.split()), said
+
+
+def test_an_identified_vehicle_takes_the_whole_shock_force(done: tuple[Result, Path]) -> None:
+    vehicle = read_vehicle(done[1])
+    frequency = np.arange(2.0, 5.0, 0.01)
+    peaks = [
+        np.abs(model.select(inputs=["road"], outputs=["tire_force"]).frequency_response(frequency)).max()
+        for model in (vehicle.coupled(), vehicle.with_damper())
+    ]
+    assert peaks[0] > 3.0 * peaks[1]  # without its damper the car rings
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (lambda files: [files[0]], "alone does not tell"),
+        (lambda files: [*files, "-o", "car.toml"], "ends in .json"),
+        (lambda files: [*files, "--baseline", "other.parquet"], "none of the files"),
+        (lambda files: [files[0], files[0]], "no test has another shock"),
+        (lambda files: [*files, "--rate", "7 s"], "--rate"),
+        (lambda files: [*files, "--output-channels", "spin"], "no output spin"),
+    ],
+)
+def test_what_cannot_be_identified_exits_2_and_says_why(files: list[Path], tmp_path: Path, words, said: str) -> None:
+    given = words(files)
+    output = [] if "-o" in given else ["-o", tmp_path / "car.json"]
+    result = _identify(*given, *output)
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.output.split())
+    assert not (tmp_path / "car.json").exists()
+
+
+def test_a_model_far_from_its_data_exits_1(quarter_car: Rig, tmp_path: Path) -> None:
+    generator = np.random.default_rng(3)
+    for name, record in zip(("a", "b"), quarter_car.records, strict=True):
+        wild = record["tire_force"].std() * generator.standard_normal(len(record))
+        series = TimeSeries.from_channels(
+            record.time, {n: (u, record[n]) for n, u in zip(record.names, record.units, strict=True)}
+        ).with_channel("ride_height", "m", 1e-6 * wild)
+        RigTest(series).write(tmp_path / f"{name}.parquet")
+    result = _identify(tmp_path / "a.parquet", tmp_path / "b.parquet", "-o", tmp_path / "car.json", "--plots", "none")
+    assert result.exit_code == 1, result.output
+    assert "ride_height" in result.output
