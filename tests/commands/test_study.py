@@ -1,0 +1,81 @@
+"""`eightpost study`: what it prints, leaves and returns."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from cosim.study import StudyResult
+from eightpost.__main__ import main
+
+TRACK = Path(__file__).resolve().parents[2] / "examples" / "data" / "track.parquet"
+
+TEXT = """
+name = "two builds in front"
+families = ["numbers"]
+settling = "1 s"
+baseline = "stiff"
+
+[vehicle]
+fmu = "{car}"
+means = "trusted"
+
+[bank]
+soft = {{ fmu = "{shock}", parameters = {{ compression_scale = 0.5, rebound_scale = 0.5 }} }}
+stiff = "{shock}"
+
+[corners]
+lf = ["soft", "stiff"]
+rf = ["stiff"]
+lr = ["stiff"]
+rr = ["stiff"]
+
+[[drive]]
+file = "{track}"
+stop = "3 s"
+
+[[objective]]
+measure = "grip number"
+"""
+
+
+@pytest.fixture
+def file(tmp_path, fmus) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_text(TEXT.format(car=fmus["seven_dof"], shock=fmus["lpnl2"], track=TRACK))
+    return path
+
+
+def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file, tmp_path):
+    options = ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1", "--trace", "0"]
+    done = CliRunner().invoke(main, options)
+    assert done.exit_code == 0, done.output
+    for said in ("2 setups, 2 to be run", "the first 1 s are left out", "coupling error by comparing runs", "objective",
+                 "stiff stiff stiff stiff", "results.parquet", "report.html", "traces of setup 0"):  # fmt: skip
+        assert said in done.output
+    for name in ("results.parquet", "report.html", "traces/0.parquet"):
+        assert (tmp_path / "out" / name).is_file()
+    result = StudyResult.load(tmp_path / "out" / "results.parquet")
+    assert result.done.all() and result.baseline_row == 1
+    again = CliRunner().invoke(main, [*options, "--rank", "aero number"])
+    assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "said"),
+    [
+        ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf may have 'sofd'"),
+        ('rr = ["stiff"]', "", (), "rr has no shock"),
+        ('"grip number"', '"grip numbr"', (), "did you mean 'grip number'"),
+        ("", "", ("--rank", "speed"), "there is no measure 'speed'"),
+        ("", "", ("--trace", "2"), "there is no setup 2"),
+    ],
+)
+def test_a_bad_study_exits_2_with_a_sentence_before_anything_runs(file, tmp_path, old, new, options, said):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1) if old else text)
+    ended = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), *options])
+    assert ended.exit_code == 2
+    assert said in " ".join(ended.stderr.split())
+    assert not (tmp_path / "out").exists()
