@@ -99,7 +99,7 @@ def _choices(sheet: Sheet) -> dict[str, Any]:
         "present": [set(column.tolist()) for column in sheet.placed.T],
         "focus": first,
         "tabled": set(range(_TABLED)),
-        "against": set(others[:_TRADES]),
+        "against": {first, *others[:_TRADES]},
         "colored": telling_corner(sheet, columns[first]),
         "spreads": any(column.doubt is not None for column in columns),
     }

@@ -197,7 +197,7 @@ def test_a_click_on_a_dot_shows_its_setup_with_traces_or_the_command_that_makes_
     assert f"Setup {number} has rank" in opened.text("#standing")
     assert opened.text("#command") == f"eightpost study --trace {number}"
     percent = 100.0 * (whole.values(TIRE)[row] / whole.values(TIRE)[whole.baseline_row] - 1.0)
-    assert f"+{percent:.1f} %" in opened.text("#compared")
+    assert f"+{percent:.2f} %" in opened.text("#compared")
 
     opened.do("document.getElementById('ranking-pane').scrollTop = 0")
     opened.click("#ranking tbody tr[data-row]")  # the best one, which has traces
