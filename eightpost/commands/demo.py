@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -10,7 +11,10 @@ from rich.console import Console
 import cosim
 from builder.check import check as check_fmu
 from cosim.plots import plot_measures, plot_spectra, plot_traces
+from cosim.study import Build, Drive, Study, Term, Vehicle
 from cosim.study.measures import ride_measures
+from cosim.study.sweep import Sweep
+from cosim.study.workers import ProcessWorkers
 from cosim.system_file import read_case
 from eightpost.commands.build import build_with_progress, show_built
 from eightpost.commands.check import show_report
@@ -18,6 +22,8 @@ from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
 from eightpost.commands.run import run_with_progress
 from eightpost.commands.show_run import show_result
+from eightpost.commands.study import run_with_workers, show_study, write_report
+from eightpost.commands.study import show_result as show_study_result
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
@@ -28,6 +34,9 @@ from eightpost.shock import write_shock
 _SYNTHETIC = "(synthetic data)"
 _BUILDS = ("A", "B", "C")
 _BASELINE, _SWAP, _CORNER = "A", "B", "lf"
+_CORNERS = ("lf", "rf", "lr", "rr")
+#: Of the track, in the study of every setup [s].
+_STUDIED = 12.0
 _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
@@ -37,7 +46,7 @@ _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_accelerati
               help="Folder for everything that the demo makes.")  # fmt: skip
 @click.pass_context
 def demo(ctx: click.Context, output: Path) -> None:
-    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure.
+    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure, try every setup.
 
     The dynamometer records and the track are SYNTHETIC: examples/make_demo_data.py computes them.
     """
@@ -48,10 +57,12 @@ def demo(ctx: click.Context, output: Path) -> None:
     clean = _build_and_check(console, examples, output)
     results = _couple_and_swap(console, examples, output)
     _measure(console, results, output)
+    page = _study(console, examples, output)
     console.rule("Done")
     console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
-    for path in sorted(output.rglob("*.png")):
+    for path in sorted(output.glob("*.png")):
         console.print(f"  {path}", highlight=False)
+    console.print(f"Every setup of the three shocks, as a page: {page}", highlight=False)
     ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
 
 
@@ -104,7 +115,7 @@ def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
 def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str, cosim.Result]:
     console.rule(f"3. Couple the car with four shocks, then swap the {_CORNER} shock")
     folder = output / "fmus"
-    shocks = dict.fromkeys(("lf", "rf", "lr", "rr"), folder / f"dyno_{_BASELINE}.fmu")
+    shocks = dict.fromkeys(_CORNERS, folder / f"dyno_{_BASELINE}.fmu")
     swapped = shocks | {_CORNER: folder / f"dyno_{_SWAP}.fmu"}
     results = {}
     for label, fmus in ((f"{_BASELINE} everywhere", shocks), (f"{_SWAP} at {_CORNER}", swapped)):
@@ -123,3 +134,30 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
     plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
     plot_measures(series, measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
+
+
+def _study(console: Console, examples: Path, output: Path) -> Path:
+    """Run and rank every setup of the three builds; return the page."""
+    console.rule("5. Every setup of the three shocks")
+    folder = output / "fmus"
+    bank = {name: Build(folder / f"dyno_{name}.fmu") for name in _BUILDS}
+    track = Drive("track", examples / "data" / "track.parquet", stop=_STUDIED)
+    study = Study(
+        name=f"three builds {_SYNTHETIC}",
+        vehicle=Vehicle(folder / "car.fmu"),
+        bank=bank,
+        corners=dict.fromkeys(_CORNERS, tuple(bank)),
+        drives=(track,),
+        measures=ride_measures("car"),
+        objective=(Term("total tire force, RMS", 1.0, "lbf"),),
+        baseline=dict.fromkeys(_CORNERS, _BASELINE),
+    )
+    sweep = Sweep(study, output / "study")
+    show_study(console, sweep)
+    workers = ProcessWorkers(os.cpu_count() or 1)
+    try:
+        result = run_with_workers(console, sweep, workers)
+    finally:
+        workers.close()
+    show_study_result(console, result, top=5)
+    return write_report(result, output / "study")

@@ -78,7 +78,7 @@ def study(
     sweep = Sweep(described, output)
     show_study(console, sweep)
     with running_workers(workers, scheduler) as pool:
-        result = run_with_progress(console, sweep, pool)
+        result = run_with_workers(console, sweep, pool)
     show_result(console, result, rank=rank, top=top)
     page = write_report(result, output, study_file)
     for index, series in traces(result, traced).items():
@@ -142,7 +142,7 @@ def _trust(read: Study) -> str:
     return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that hang on them are left out"
 
 
-def run_with_progress(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
+def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
     """Choose the coupling and run a study behind a progress bar."""
     with console.status("choosing the coupling step"):
         coupling = sweep.coupling(workers)
