@@ -14,7 +14,7 @@ from eightpost.files import check_output_folder
 from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
 from eightpost.ident.linearity.plots import plot_conditions, plot_output
 from eightpost.ident.linearity.tables import write_effects, write_paths
-from eightpost.ident.preparation import Decimation, Preparation, prepare
+from eightpost.ident.preparation import prepare, read_preparation
 from eightpost.ident.response import LocalPolynomial
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig_data.md.")
-@click.option("--rate", default=125.0, show_default=True, metavar="HZ", help="Records are decimated to this rate.")
+@click.option("--preparation", "how_file", type=click.Path(path_type=Path), metavar="TOML",
+              help="Rate, delays, geometry ...: docs/rig_data.md. Default: 125 Hz.")  # fmt: skip
 @click.option("--width", default=0.5, show_default=True, metavar="HZ", help="Of the bands over which noise is told.")
 @click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency.")
 @click.option("--coherence", default=0.5, show_default=True, help="A coherence is high from here.")
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 def linearity(
     files: tuple[Path, ...],
     map_file: Path | None,
-    rate: float,
+    how_file: Path | None,
     width: float,
     high: float,
     coherence: float,
@@ -64,7 +65,8 @@ def linearity(
     check_output_folder(folder)
     console = Console(soft_wrap=True, highlight=False)
     channel_map = ChannelMap.read(map_file) if map_file else None
-    prepared = prepare(_tests(files, channel_map), Preparation(Decimation(rate)))
+    how = read_preparation(how_file) if how_file else None
+    prepared = prepare(_tests(files, channel_map), how)
     for line in prepared.summary():
         console.print(line, markup=False)
     recipe = LocalPolynomial(half_width=0.5 * width, spacing=0.2 * width, high=high)

@@ -5,6 +5,7 @@ from eightpost.ident.preparation.lags import Lag, drifts, drive_lag, record_lags
 from eightpost.ident.preparation.lost_channels import check_lives
 from eightpost.ident.preparation.math_channels import with_modes, with_velocities
 from eightpost.ident.preparation.preparation import Preparation, prepare
+from eightpost.ident.preparation.preparation_file import read_preparation
 from eightpost.ident.preparation.prepared import Prepared
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "drifts",
     "drive_lag",
     "prepare",
+    "read_preparation",
     "record_lags",
     "shifted",
     "time_lag",

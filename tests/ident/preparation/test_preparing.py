@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from eightpost.ident.preparation import (
     check_lives,
     drifts,
     prepare,
+    read_preparation,
     record_lags,
     shifted,
     time_lag,
@@ -239,3 +242,41 @@ def test_the_summary_says_what_was_read_and_done(quarter):
     said = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
     for words in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s left out", "means taken out", "to 50 Hz"):
         assert words in said
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "prep.toml").write_text(text)
+    return folder / "prep.toml"
+
+
+def test_the_preparation_of_the_page_is_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "rig_data.md").read_text()
+    (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    how = read_preparation(written(tmp_path, block))
+    assert (how.decimation.rate, how.pot_cutoff, how.settling, how.same_start) == (125.0, 50.0, 2.0, "lf.road")
+    assert how.delays == {"lf.hub_acceleration": pytest.approx(0.0123)}
+    assert how.geometry is not None
+    assert how.geometry.rear_aero == pytest.approx(45 * 0.0254)
+
+
+def test_an_empty_file_is_the_default_and_own_keeps_velocities(tmp_path: Path) -> None:
+    assert read_preparation(written(tmp_path, "")) == Preparation()
+    assert read_preparation(written(tmp_path, "pot_cutoff = 'own'")).pot_cutoff is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rate = 125", r"'rate' is 125; write a number with a unit of Hz"),
+        ("rate = '125 N'", r"'rate' is '125 N'"),
+        ("speed = '1 s'", r"unknown key 'speed'; known here are rate"),
+        ("[geometry]\nfront_axle = '60 in'", r"\[geometry\] lacks rear_axle"),
+        ("[geometry]\nfront = '60 in'", r"unknown key 'geometry.front'"),
+        ("delays = 3", r"'delays' must be a table"),
+        ("settling = '-1 s'", r"must not be negative"),
+        ("rate = ", r"cannot be read as TOML"),
+    ],
+)
+def test_a_preparation_that_cannot_be_used_says_which_key(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=rf"prep\.toml.*{message}"):
+        read_preparation(written(tmp_path, text))

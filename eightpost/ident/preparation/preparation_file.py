@@ -1,0 +1,105 @@
+"""A preparation as a TOML file, for the command line and for what a team does alike with every record."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.ident.preparation.decimation import Decimation
+from eightpost.ident.preparation.preparation import Preparation
+from eightpost.rig.post.car import Geometry
+from eightpost.units import convert, quantity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_KEYS = ("rate", "pot_cutoff", "settling", "same_start", "delays", "geometry")
+#: What `pot_cutoff` says to keep the records' own velocities.
+_OWN = "own"
+
+
+def read_preparation(path: str | Path) -> Preparation:
+    """Read a preparation; what the file does not say stays as `Preparation` has it.
+
+    As a TOML file, every number with its unit::
+
+        rate = "125 Hz"
+        pot_cutoff = "50 Hz"        # or "own": keep the records' velocities
+        settling = "2 s"
+        same_start = "lf.road"
+
+        [delays]
+        "lf.force" = "4.2 ms"
+
+        [geometry]                  # all of it, or leave the table away
+        front_axle = "60 in"
+
+    Raises:
+        FileFormatError: No such file, or not TOML.
+        ParameterError: A key or a value cannot be used; the message says which and what to do.
+    """
+    path = Path(path)
+    content = _load(path)
+    _check_keys(path, content, _KEYS, "")
+    given: dict[str, Any] = {}
+    if "rate" in content:
+        given["decimation"] = Decimation(_si(path, "rate", content["rate"], "Hz"))
+    if "pot_cutoff" in content:
+        own = content["pot_cutoff"] == _OWN
+        given["pot_cutoff"] = None if own else _si(path, "pot_cutoff", content["pot_cutoff"], "Hz")
+    if "settling" in content:
+        given["settling"] = _si(path, "settling", content["settling"], "s")
+    if "same_start" in content:
+        given["same_start"] = str(content["same_start"])
+    delays = _table(path, content, "delays")
+    given["delays"] = {name: _si(path, f"delays.{name}", value, "s") for name, value in delays.items()}
+    if "geometry" in content:
+        given["geometry"] = _geometry(path, _table(path, content, "geometry"))
+    try:
+        return Preparation(**given)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
+
+
+def _geometry(path: Path, table: Mapping[str, Any]) -> Geometry:
+    names = tuple(declared.name for declared in fields(Geometry))
+    _check_keys(path, table, names, "geometry.")
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise ParameterError(
+            f"{path}: [geometry] lacks {', '.join(missing)}; give them, such as {missing[0]} = '60 in'"
+        )
+    return Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file", path=path) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
+
+
+def _check_keys(path: Path, table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ParameterError(f"{path}: unknown key {where + key!r}; known here are {', '.join(known)}")
+
+
+def _table(path: Path, content: Mapping[str, Any], key: str) -> dict[str, Any]:
+    table = content.get(key, {})
+    if not isinstance(table, dict):
+        raise ParameterError(f"{path}: {key!r} must be a table, [{key}], not {table!r}")
+    return table
+
+
+def _si(path: Path, key: str, value: object, unit: str) -> float:
+    try:
+        number, given = quantity(str(value))
+        return float(convert(number, given, unit))
+    except InputError as error:
+        raise ParameterError(f"{path}: {key!r} is {value!r}; write a number with a unit of {unit}: {error}") from error
