@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -52,21 +52,32 @@ class ChunkFolder:
 
     def write(self, chunk: Chunk, rows: Sequence[Row]) -> None:
         """Keep the rows of a chunk."""
-        with atomic_path(self._folder / f"chunk_{chunk.number:06d}.parquet") as temporary:
+        with atomic_path(self._folder / _name(chunk.number)) as temporary:
             pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
 
-    def rows(self) -> Iterator[Row]:
-        """Give all rows that are done.
+    def table(self) -> pa.Table:
+        """Return all rows that are done, as they were kept.
 
         Raises:
             DataError: A file was damaged.
         """
-        for number in sorted(self.numbers):
-            path = self._folder / f"chunk_{number:06d}.parquet"
-            try:
-                yield from pyarrow.parquet.read_table(path, use_threads=False).to_pylist()
-            except pa.ArrowInvalid as error:
-                raise DataError(f"is damaged ({error}): remove it, and its setups are run again", path=path) from error
+        return pa.concat_tables([self._schema.empty_table(), *map(self._read, sorted(self.numbers))])
+
+    def rows(self) -> list[Row]:
+        """Return all rows that are done, by column name.
+
+        Raises:
+            DataError: A file was damaged.
+        """
+        rows: list[Row] = self.table().to_pylist()
+        return rows
+
+    def _read(self, number: int) -> pa.Table:
+        path = self._folder / _name(number)
+        try:
+            return pyarrow.parquet.read_table(path, use_threads=False).replace_schema_metadata()
+        except pa.ArrowInvalid as error:
+            raise DataError(f"is damaged ({error}): remove it, and its setups are run again", path=path) from error
 
     def coupling(self) -> Coupling | None:
         """Return the coupling that was chosen; None where none was yet."""
@@ -80,3 +91,7 @@ class ChunkFolder:
         """Keep the coupling for all later runs of the study."""
         with atomic_path(self._folder / "coupling.json") as temporary:
             temporary.write_text(json.dumps(asdict(coupling), indent=2) + "\n", encoding="utf-8")
+
+
+def _name(number: int) -> str:
+    return f"chunk_{number:06d}.parquet"

@@ -217,7 +217,16 @@ def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Tab
     Raises:
         InputError: Two rows are of one setup.
     """
-    table = pa.Table.from_pylist(list(rows), schema=schema).sort_by("setup")
+    return in_order(pa.Table.from_pylist(list(rows), schema=schema))
+
+
+def in_order(table: pa.Table) -> pa.Table:
+    """Return a table by number of setup.
+
+    Raises:
+        InputError: Two rows are of one setup.
+    """
+    table = table.sort_by("setup")
     numbers = table["setup"].to_numpy()
     if np.unique(numbers).size < numbers.size:
         raise InputError("two rows are of one setup")

@@ -12,7 +12,7 @@ from cosim.study.check import check_study
 from cosim.study.chunks import ChunkFolder, cut
 from cosim.study.digest import file_digests, study_digest
 from cosim.study.evaluator import Coupling, Evaluator
-from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.result import Provenance, StudyResult, in_order, study_schema
 from cosim.study.study import Study
 from cosim.study.workers import Workers
 from eightpost.files import check_output_folder
@@ -90,7 +90,7 @@ class Sweep:
         return result
 
     def _result(self, coupling: Coupling, *, partial: bool) -> StudyResult:
-        table = result_table(list(self._kept.rows()), self._schema)
+        table = in_order(self._kept.table())
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:
