@@ -37,10 +37,11 @@ from eightpost.signals import TimeSeries, read_series
 def compare(
     ctx: click.Context, /, folders: tuple[Path, ...], vehicle: str, output: Path | None, **options: Any
 ) -> None:
-    """Compare runs: response measures side by side, and the change from the first run to the last.
+    """Compare runs, or a study's prediction with what the rig measured.
 
-    RUN is a folder that `eightpost run` wrote. Settling is left out as each run was told. Runs without the channels
-    of the ride measures are compared channel by channel.
+    Of runs: response measures side by side, and the change from the first run to the last. RUN is a folder that
+    `eightpost run` wrote. Settling is left out as each run was told. Runs without the channels of the ride measures are
+    compared channel by channel.
 
     With --measured, RUN is the folder of a study, and its prediction is compared with what the rig measured: trend,
     rank correlations, best-fit line and bands, as Fig 7.7. Exits 1 if a measure does not meet --rank or --level.

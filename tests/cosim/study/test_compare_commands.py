@@ -1,0 +1,159 @@
+"""From a study to the rig day and back by the command line; the rig is the virtual one, with the study's shocks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+
+from cosim.study.compare_runs import read_run_list
+from cosim.study.result import StudyResult
+from cosim.study.selection import select
+from cosim.study.selection_file import write_selection
+from cosim.study.sweep import run_study
+from eightpost.__main__ import main
+from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
+from eightpost.shock import Port
+from eightpost.signals import Drivefile
+
+from .coupled import SCALES, TRACK, InProcess, study
+
+
+def eightpost(*words: object):
+    return CliRunner(env={"COLUMNS": "200"}).invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def folder(fmus, tmp_path_factory):
+    """A study of 25 setups that was run, with a selection of four."""
+    path = tmp_path_factory.mktemp("studied")
+    result = run_study(study(fmus), path, InProcess())
+    write_selection(select(result, ["total tire force"], total=4), result, path / "selection.csv")
+    return path
+
+
+@pytest.fixture(scope="module")
+def measured(folder, shocks):
+    """The selected setups and two runs of the baseline on the virtual rig: another integration of the same laws."""
+    result = StudyResult.load(folder / "results.parquet")
+    runs = read_run_list(folder / "selection.csv", result.study)[:6]
+    track = Drivefile.read(TRACK).series.window(0.0, 5.0)
+    law = shocks["lpnl2"].law
+    bank = {}
+    for build, (compression, rebound) in SCALES.items():
+        port = Port(**{**_fields(law.port), "compression_scale": compression, "rebound_scale": rebound})
+        bank[build] = replace(law, port=port)
+    for seed, run in enumerate(runs):
+        builds = result.study.space.setup(run.setup).builds.values()
+        sensors = RigSensors.perfect(relative=0.01)
+        test = run_test(
+            seven_dof_truth(),
+            Drivefile(track),
+            [bank[b] for b in builds],
+            seed=seed,
+            sensors=sensors,
+            drift=NO_DRIFT,
+            actuators=Actuators(wheelloader=600.0, aeroloader=600.0),
+        )
+        test.write(run.file)
+    return runs
+
+
+def _fields(port: Port) -> dict[str, float]:
+    return {name: getattr(port, name) for name in Port.__slots__}
+
+
+def test_select_prints_what_to_test_and_writes_list_and_page(folder):
+    shown = eightpost("select", folder, "--measure", "total tire force=2")
+    assert shown.exit_code == 0, shown.output
+    assert "total tire force" in shown.output
+    assert "selection.csv: 4 setups, and 5 runs of the baseline" in " ".join(shown.output.split())
+    assert (folder / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--measure", "total tire frce"), "did you mean 'total tire force'"),
+        (("--measure", "total tire force=x"), "give every --measure a count"),
+        (("-n", 30), "30 setups cannot be selected from 25"),
+    ],
+)
+def test_select_refuses_what_cannot_be_selected(folder, words, said):
+    shown = eightpost("select", folder, *words)
+    assert shown.exit_code == 2
+    assert said in " ".join(shown.stderr.split())
+
+
+def test_sensitivity_prints_shares_and_writes_every_term(folder):
+    shown = eightpost("sensitivity", folder)
+    assert shown.exit_code == 0, shown.output
+    assert "25 setups, exact" in shown.output
+    table = pyarrow.parquet.read_table(folder / "sensitivity.parquet")
+    assert table.num_rows == 2 * (5 + 5 + 25)
+    main_effects = table.filter(pyarrow.compute.equal(table["second"], "")).to_pylist()
+    assert sum(row["effect"] for row in main_effects if row["measure"] == "total tire force") == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_what_the_rig_measures_is_what_was_predicted(folder, measured):
+    shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
+    assert shown.exit_code == 0, shown.output
+    said = " ".join(shown.output.split())
+    assert "6 runs of 5 setups" in said
+    assert "acceptable" in said
+    assert "run_07.parquet" in said  # not measured yet
+    found = json.loads((folder / "compared" / "comparison.json").read_text())["measures"]
+    assert {one["measure"] for one in found} == {"total tire force", "front ride height"}
+    for one in found:
+        assert one["spearman"] == pytest.approx(1.0)
+        assert abs(one["bias_percent"]) < 1.0
+    assert (folder / "compared" / "comparison.png").stat().st_size > 10_000
+
+
+def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
+    shown = eightpost("compare", folder, "--measured", folder, "--level", 1e-4)
+    assert shown.exit_code == 1
+    assert "not acceptable" in shown.output
+
+
+def test_records_that_are_not_there_are_refused(folder, tmp_path):
+    path = tmp_path / "runs.csv"
+    path.write_text("file,setup\nnone.parquet,0\n")
+    shown = eightpost("compare", folder, "--measured", path)
+    assert shown.exit_code == 2
+    assert "none of its 1 records is there" in " ".join(shown.stderr.split())
+
+
+def test_several_studies_are_not_compared_with_the_rig(folder):
+    assert eightpost("compare", folder, folder, "--measured", folder).exit_code == 2
+
+
+def test_robust_says_which_setups_are_better_and_puts_it_on_the_page(folder, tmp_path):
+    path = tmp_path / "uncertain.toml"
+    path.write_text(
+        """schema = 1
+run_to_run = { "total tire force" = "0.1 lbf" }
+[[uncertain]]
+part = "stiff"
+parameters = { compression_scale = { value = 2.0, deviation = 0.1 } }
+"""
+    )
+    shown = eightpost("robust", folder, path, "--top", 4, "--draws", 2, "--workers", 1)
+    assert shown.exit_code == 0, shown.output
+    said = " ".join(shown.output.split())
+    assert "stiff: compression_scale 2 ± 0.1" in said
+    assert "best beyond doubt" in said or "cannot be told apart" in said
+    assert "the baseline" in said
+    assert (folder / "robust.parquet").is_file()
+
+
+def test_robust_needs_something_that_is_uncertain(folder, tmp_path):
+    (tmp_path / "uncertain.toml").write_text("schema = 1\n")
+    shown = eightpost("robust", folder, tmp_path / "uncertain.toml")
+    assert shown.exit_code == 2
+    assert "nothing is uncertain" in shown.stderr
