@@ -1,0 +1,59 @@
+"""What a fit leaves open of a shock, as parameters of its FMU."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eightpost.commands.shock_uncertainty import uncertainty_of
+from eightpost.errors import FileFormatError
+from eightpost.shock import write_shock
+
+BANK = Path(__file__).resolve().parents[3] / "examples" / "bank"
+
+
+def document(build: str) -> dict:
+    return json.loads((BANK / f"{build}.json").read_text())
+
+
+def test_parameters_vary_by_their_standard_errors():
+    found, held = uncertainty_of(BANK / "AA_B.json", "AA/B")
+    fitted = document("AA_B")["fit"]["parameters"]
+    assert found.names == ("time_constant", "lag_full_force", "lag_zero_force", "compression_scale", "rebound_scale")
+    errors = [fitted[name]["standard_error"] for name in found.names[:3]]
+    np.testing.assert_allclose(np.sqrt(found.covariance.diagonal()[:3]), errors)
+    assert held == ()
+
+
+def test_a_parameter_at_a_bound_is_held_and_said():
+    found, held = uncertainty_of(BANK / "C_C.json", "C/C")
+    assert "lag_full_force" not in found.names
+    assert held == ("C/C: lag_full_force is held at 44.48: the fit ended at its lower bound",)
+
+
+def test_the_curves_band_is_the_scatter_of_its_scale():
+    """A curve whose force is scaled by 1 ± sigma on a side has a band of that share everywhere."""
+    found, _ = uncertainty_of(BANK / "C_C.json", "C/C")
+    band = document("C_C")["fit"]["curve_band"]
+    velocity, force, half = (np.array(band[key]) for key in ("velocity [m/s]", "force [N]", "half_width [N]"))
+    deviation = dict(zip(found.names, np.sqrt(found.covariance.diagonal()), strict=True))
+    for name, side in (("compression_scale", velocity > 0), ("rebound_scale", velocity < 0)):
+        energy = [np.sum((1.96 * deviation[name] * force[side]) ** 2), np.sum(half[side] ** 2)]
+        assert energy[0] == pytest.approx(energy[1], rel=1e-3)
+
+
+def test_draws_keep_to_the_bounds_of_the_fit():
+    found, _ = uncertainty_of(BANK / "AA_B.json", "AA/B")
+    drawn = found.at(100.0 * np.random.default_rng(1).normal(size=(50, 5)))
+    low, high = document("AA_B")["fit"]["parameters"]["time_constant"]["bounds"]
+    assert drawn[:, 0].min() == pytest.approx(low)
+    assert drawn[:, 0].max() == pytest.approx(high)
+
+
+def test_a_shock_that_no_fit_wrote_does_not_say_how_well_it_is_known(tmp_path, shocks):
+    write_shock(shocks["lpf1"], tmp_path / "shock.json")
+    with pytest.raises(FileFormatError, match="does not say how well it is known"):
+        uncertainty_of(tmp_path / "shock.json", "A")
