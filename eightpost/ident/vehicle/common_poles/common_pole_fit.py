@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _EXPLAINED = 1.1
 
 #: Lags of the roads are this many times faster than the band.
-_FAST = 10.0
+_FAST = 20.0
 
 #: Frequencies at which models of rising order are compared.
 _STUDIED = 100
@@ -49,6 +49,7 @@ class CommonPoleFit:
         high: Highest [Hz]. Beyond, a rig's drive fades and the forces' noise biases the estimate.
         floor: Deviation of a response value at least, of its output's size [1].
         most_states: Highest order that is suggested.
+        lags: Whether roads may act through fast lags, as damped tires make them.
         refinement: How the likelihood is maximised.
     """
 
@@ -57,6 +58,7 @@ class CommonPoleFit:
     high: float = 16.0
     floor: float = 2e-3
     most_states: int = 28
+    lags: bool = True
     refinement: Refinement = field(default_factory=Refinement)
 
     def __post_init__(self) -> None:
@@ -87,7 +89,7 @@ class CommonPoleFit:
         """Return the best model without lags where that explains the response, else with lags on the roads."""
         refined = self.refinement.refine(points, blocks, plain)
         excess = np.sqrt(refined.solution.cost / points.known.sum())
-        if excess < _EXPLAINED or not lagged.any():
+        if not self.lags or excess < _EXPLAINED or not lagged.any():
             return refined
         other = self.refinement.refine(points, refined.solution.blocks, plain.with_lags(lagged))
         return min(refined, other, key=lambda tried: description_length(tried.solution, points))

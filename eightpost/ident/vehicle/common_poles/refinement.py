@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve
 
 from eightpost.ident.vehicle.common_poles.realisation import Blocks
 from eightpost.ident.vehicle.common_poles.shapes import Row, solve_row
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
+
+#: A curvature below this part of the largest is none.
+_NOTHING = 1e-30
 
 
 class Solution(NamedTuple):
@@ -130,10 +132,11 @@ class Curvature(NamedTuple):
 
     def step(self, damping: float) -> Array:
         """Return the damped step (t,); directions that change nothing stay at rest by the damping."""
-        size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        diagonal = np.maximum(np.diag(self.matrix), 0.0)
+        size = np.sqrt(np.where(diagonal > _NOTHING * diagonal.max(), diagonal, 1.0))
         scaled = self.matrix / np.outer(size, size)
         scaled[np.diag_indices_from(scaled)] = 1.0 + damping
-        return np.asarray(solve(scaled, -self.gradient / size, assume_a="sym") / size)
+        return np.asarray(np.linalg.solve(scaled, -self.gradient / size) / size)
 
 
 def curvature(points: Points, solution: Solution) -> Curvature:

@@ -1,0 +1,113 @@
+"""Noisy responses: what the likelihood promises is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.errors import InputError, ParameterError
+from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, response_deviation, sampled_models
+from eightpost.ident.vehicle.common_poles.feedthrough import Feedthrough
+from eightpost.ident.vehicle.common_poles.points import points_of
+from eightpost.ident.vehicle.common_poles.realisation import Blocks
+from eightpost.ident.vehicle.common_poles.refinement import curvature, evaluate
+from eightpost.ident.vehicle.common_poles.uncertainty import correlation_length
+from eightpost.vehicle import StateSpace
+
+from .conftest import FREQUENCY, noisy
+
+FIT = CommonPoleFit(order=4, high=19.9, floor=1e-5, most_states=4)
+
+
+def test_the_gradient_is_that_of_the_cost() -> None:
+    generator = np.random.default_rng(1)
+    H = generator.standard_normal((3, 2, 40)) + 1j * generator.standard_normal((3, 2, 40))
+    from eightpost.vehicle import Channel  # noqa: PLC0415  only here
+
+    response = FrequencyResponse(
+        np.linspace(0.5, 20.0, 40), H, tuple(Channel(n, "N") for n in "ab"), tuple(Channel(n, "m") for n in "xyz")
+    )
+    points = points_of(response, floor=0.1)
+    through = Feedthrough(np.array([[True, False], [False, False], [True, True]]), np.array([True, False]), 900.0)
+    w, zeta, B = np.array([20.0, 70.0]), np.array([0.1, 1.4]), generator.standard_normal((2, 2, 2))
+    here = evaluate(points, Blocks(w, zeta, B), through)
+    gradient = curvature(points, here).gradient
+    small = 1e-6
+    for k in range(4 + B.size):
+        moved = [_moved(w, zeta, B, k, sign * small) for sign in (1.0, -1.0)]
+        costs = [evaluate(points, blocks, through).cost for blocks in moved]
+        assert gradient[k] == pytest.approx(0.25 * (costs[0] - costs[1]) / small, rel=1e-4, abs=1e-3)
+
+
+def _moved(w: np.ndarray, zeta: np.ndarray, B: np.ndarray, k: int, step: float) -> Blocks:
+    moves = np.zeros(4 + B.size)
+    moves[k] = step
+    return Blocks(w * np.exp(moves[:2]), zeta * np.exp(moves[2:4]), B + moves[4:].reshape(B.shape))
+
+
+def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_its_start(quarter_car: StateSpace) -> None:
+    outputs = [name for name in quarter_car.output_names if name != "displacement"]
+    found = FIT.fit(noisy(quarter_car.select(outputs=outputs), 0.02, 3))
+    assert found.refined.converged
+    assert found.refined.solution.cost <= found.start.cost
+    assert all(0.9 < excess < 1.1 for excess in found.excess.values())
+
+
+def test_errors_follow_the_uncertainty_that_is_said(quarter_car: StateSpace) -> None:
+    found = [FIT.fit(noisy(quarter_car, 0.02, seed)) for seed in range(24)]
+    at = np.array([1.0, 3.0, 8.0, 16.0])
+    exact = quarter_car.frequency_response(at)
+    errors = np.stack([model.model.frequency_response(at) - exact for model in found])
+    scatter = np.sqrt(np.mean(np.abs(errors) ** 2, axis=0))
+    said = response_deviation(sampled_models(found[0], 24, seed=9), at)
+    ratio = said / scatter
+    assert 0.8 < np.median(ratio) < 1.25
+    assert ratio.min() > 0.4
+    assert ratio.max() < 2.5
+
+
+def test_four_times_the_frequencies_halve_the_errors(quarter_car: StateSpace) -> None:
+    dense = np.arange(0.1, 20.0, 0.025)
+    errors = []
+    for frequency in (FREQUENCY, dense):
+        models = [FIT.fit(noisy(quarter_car, 0.02, seed, frequency)).model for seed in range(12)]
+        H = np.stack([model.frequency_response(FREQUENCY) for model in models])
+        errors.append(np.sqrt(np.mean(np.abs(H - quarter_car.frequency_response(FREQUENCY)) ** 2, axis=(0, 3))))
+    assert np.median(errors[0] / errors[1]) == pytest.approx(2.0, rel=0.25)
+
+
+def test_modes_of_a_noisy_response_are_those_of_the_car(quarter_car: StateSpace) -> None:
+    exact = quarter_car.modes()
+    for seed in range(5):
+        modes = FIT.fit(noisy(quarter_car, 0.02, seed)).model.modes()
+        for mode, truth in zip(modes, exact, strict=True):
+            assert mode.frequency_hz == pytest.approx(truth.frequency_hz, rel=5e-3)
+            assert mode.damping_ratio == pytest.approx(truth.damping_ratio, abs=5e-3)
+
+
+def test_a_model_of_pure_noise_is_stable_and_says_that_no_gap_told_its_order(quarter_car: StateSpace) -> None:
+    empty = noisy(quarter_car, 0.02, 1)
+    generator = np.random.default_rng(2)
+    wild = empty.with_response(generator.standard_normal(empty.H.shape) * np.abs(empty.H).mean())
+    found = CommonPoleFit(high=19.9, most_states=8, refinement=Refinement(most_iterations=5)).fit(wild)
+    assert (found.model.poles().real < 0.0).all()
+    assert any("no clear gap" in note for note in found.notes)
+
+
+def test_neighbours_that_share_an_estimate_are_told() -> None:
+    generator = np.random.default_rng(3)
+    white = generator.standard_normal((4, 4, 400)) + 1j * generator.standard_normal((4, 4, 400))
+    shared = np.lib.stride_tricks.sliding_window_view(white, 5, axis=2).sum(axis=3)
+    assert correlation_length(white) == 1
+    assert correlation_length(shared) == 5
+
+
+def test_orders_that_are_no_pairs_and_channels_without_a_value_are_refused(quarter_car: StateSpace) -> None:
+    with pytest.raises(ParameterError, match="pairs"):
+        CommonPoleFit(order=5)
+    response = response_of(quarter_car, FREQUENCY)
+    silent = response.H.copy()
+    silent[:, response.input_names.index("aero_force")] = 0.0
+    with pytest.raises(InputError, match="aero_force"):
+        CommonPoleFit(high=19.9).fit(response.with_response(silent))

@@ -1,0 +1,90 @@
+"""Known models from their exact responses."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+import pytest
+
+from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_poles.points import points_of
+from eightpost.vehicle import Channel, StateSpace, discretise
+
+from .conftest import FREQUENCY
+
+HIGH = 19.9
+
+
+def _close(found: StateSpace, model: StateSpace, tolerance: float) -> None:
+    """Differ by no more than a part of what inputs of like effect make of each output."""
+    points = points_of(response_of(model, FREQUENCY), floor=1e-3)
+    wrong = np.abs(found.frequency_response(FREQUENCY) - model.frequency_response(FREQUENCY))
+    assert (wrong * points.input_size[:, None] / points.output_size[:, None, None]).max() < tolerance
+
+
+@pytest.mark.parametrize(("name", "states"), [("quarter_car", 4), ("seven_dof", 14)])
+def test_a_car_is_recovered_to_rounding_and_its_order_is_told_by_a_clear_gap(
+    name: str, states: int, request: pytest.FixtureRequest
+) -> None:
+    model = request.getfixturevalue(name)
+    found = CommonPoleFit(high=HIGH).fit(response_of(model, FREQUENCY))
+    assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
+    _close(found.model, model, 1e-8)
+    np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_stable_model_is_recovered(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    w, zeta = 2.0 * np.pi * generator.uniform(1.0, 18.0, 4), generator.uniform(0.03, 0.6, 4)
+    A = np.zeros((8, 8))
+    for k in range(4):
+        A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, w[k]], [-w[k], -2.0 * zeta[k] * w[k]]]
+    T = generator.standard_normal((8, 8))
+    system = control.ss(T @ A @ np.linalg.inv(T), T @ generator.standard_normal((8, 3)),
+                        generator.standard_normal((2, 8)) @ np.linalg.inv(T), 0.0)  # fmt: skip
+    inputs = tuple(Channel(f"{c}.road", "m") for c in ("lf", "rf", "lr"))
+    H = system(2j * np.pi * FREQUENCY)
+    response = FrequencyResponse(FREQUENCY, H, inputs, (Channel("heave", "m"), Channel("pitch", "rad")))
+    found = CommonPoleFit(high=HIGH).fit(response)
+    wrong = np.abs(found.model.frequency_response(FREQUENCY) - H).max()
+    assert wrong < 1e-7 * np.abs(H).max()
+
+
+def test_inputs_without_power_over_most_of_the_band_are_recovered_there_too(seven_dof: StateSpace) -> None:
+    exact = response_of(seven_dof, FREQUENCY)
+    loads = np.array([not n.endswith(("road", "force")) or n == "heave_force" for n in exact.input_names])
+    variance = np.full(exact.H.shape, 1e-20)
+    variance[:, loads, :] = np.where(FREQUENCY > 5.5, np.inf, 1e-20)
+    partial = FrequencyResponse(FREQUENCY, np.where(np.isfinite(variance), exact.H, 0.0), exact.inputs, exact.outputs,
+                                None, None, variance)  # fmt: skip
+    _close(CommonPoleFit(high=HIGH).fit(partial).model, seven_dof, 1e-6)
+
+
+def test_shock_velocities_have_no_direct_term_even_where_the_response_has_one(quarter_car: StateSpace) -> None:
+    held = discretise(quarter_car, 0.004, "first")  # a direct term in everything
+    found = CommonPoleFit(high=HIGH, order=6).fit(response_of(held, FREQUENCY))
+    row = found.model.output_names.index("velocity")
+    assert not found.model.D[row].any()
+    assert held.D[row].any()
+
+
+def test_a_displacement_is_the_integral_of_its_velocity(quarter_car: StateSpace) -> None:
+    found = CommonPoleFit(high=HIGH).fit(response_of(quarter_car, FREQUENCY)).model
+    H = found.frequency_response(FREQUENCY)
+    v, x = found.output_names.index("velocity"), found.output_names.index("displacement")
+    np.testing.assert_allclose(2j * np.pi * FREQUENCY * H[x], H[v], rtol=1e-6, atol=1e-9 * np.abs(H[v]).max())
+
+
+def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace) -> None:
+    # The road acts through k_t + s c_t: 0.00125 s is 2.5 lbf.s/in on 2000 lbf/in.
+    exact = response_of(quarter_car, FREQUENCY)
+    H = exact.H.copy()
+    H[:, exact.input_names.index("road")] *= 1.0 + 0.00125 * 2j * np.pi * FREQUENCY
+    damped = exact.with_response(H)
+    with_lags, without = (CommonPoleFit(high=15.0, floor=5e-4, lags=lags).fit(damped) for lags in (True, False))
+    assert (with_lags.order, len(with_lags.model.A)) == (4, 5)
+    assert any("lag" in note for note in with_lags.notes)
+    assert max(with_lags.residual.values()) < 1.5e-3
+    assert max(without.residual.values()) > 5.0 * max(with_lags.residual.values())

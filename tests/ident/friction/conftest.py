@@ -1,0 +1,61 @@
+"""A quarter car with friction on the virtual rig: its bristle that sticks is no law of the identification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import decimate
+
+from eightpost.ident.vehicle.experiment import Experiment, experiment_of
+from eightpost.rig.post import NO_DRIFT, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
+from eightpost.signals import TimeSeries
+from eightpost.units import convert
+
+COULOMB = convert(15.0, "lbf", "N")
+BASELINE, ALTERNATE = (convert(rate, "lbf/(in/s)", "N.s/m") for rate in (17.5, 8.0))
+
+
+def rig_tests(coulomb: float, seed: int, noise: float = 0.01) -> list[TimeSeries]:
+    """Baseline and alternate damper, 60 s each, at 125 Hz."""
+    one = np.ones((1, 1))
+    stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
+    car = replace(quarter_truth(), friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one))
+    return [
+        _at_125_hz(
+            run_test(
+                car,
+                random_drive(car, seed + k, duration=60.0),
+                (LinearDamper(damping),),
+                seed=seed + k,
+                sensors=RigSensors.perfect(relative=noise),
+                drift=NO_DRIFT,
+            ).series
+        )
+        for k, damping in enumerate((BASELINE, ALTERNATE))
+    ]
+
+
+def _at_125_hz(series: TimeSeries) -> TimeSeries:
+    channels = {n: (series.unit(n), decimate(series[n], 10, ftype="fir", zero_phase=True)) for n in series.names}
+    count = next(iter(channels.values()))[1].size
+    return TimeSeries.from_channels(series.time[::10][:count], channels)
+
+
+@pytest.fixture(scope="session")
+def rubbing() -> list[TimeSeries]:
+    """With 15 lbf of friction."""
+    return rig_tests(COULOMB, 20)
+
+
+@pytest.fixture(scope="session")
+def smooth() -> list[TimeSeries]:
+    """Without friction."""
+    return rig_tests(0.0, 20)
+
+
+@pytest.fixture(scope="session")
+def experiment(smooth: list[TimeSeries]) -> Experiment:
+    """The quarter car around the baseline damper."""
+    return experiment_of(smooth[0].names, {"": BASELINE})

@@ -1,0 +1,127 @@
+"""Friction at the ports: its law, its size from rig tests, and what it is good for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident.vehicle import simulate_with_shocks
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.friction import FrictionSearch, direction, with_friction
+from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import (
+    Friction,
+    IdentifiedVehicle,
+    LinearStepper,
+    StateSpace,
+    read_vehicle,
+    shipped,
+    write_vehicle,
+)
+from eightpost.vehicle.friction import PortFriction, advance, ports_of
+
+from .conftest import COULOMB
+
+
+def _quarter_car(friction: Friction) -> IdentifiedVehicle:
+    return IdentifiedVehicle("car", read_vehicle(shipped("quarter_car")).coupled(), friction={"": friction})
+
+
+def test_the_direction_of_a_slow_velocity_is_the_law_itself() -> None:
+    time = np.arange(2000) / 125.0
+    velocity = 0.01 * np.sin(2.0 * np.pi * 0.5 * time)
+    np.testing.assert_allclose(direction(velocity, 125.0, 0.02), np.tanh(velocity / 0.02), atol=1e-3)
+
+
+def test_a_record_holds_no_harmonics_beyond_its_band_folded_back() -> None:
+    time = np.arange(1250) / 125.0
+    velocity = 0.2 * np.sin(2.0 * np.pi * 15.0 * time)
+    lines, amplitude = np.fft.rfftfreq(1250, 1.0 / 125.0), np.abs(np.fft.rfft(direction(velocity, 125.0, 0.01))) / 625.0
+    folded = np.argmin(np.abs(lines - 50.0))  # of the fifth harmonic, 75 Hz
+    sampled = np.abs(np.fft.rfft(np.tanh(velocity / 0.01))) / 625.0
+    assert amplitude[folded] < 1e-3
+    assert sampled[folded] > 0.1
+
+
+def test_friction_of_no_width_is_refused() -> None:
+    with pytest.raises(ParameterError, match="above zero"):
+        direction(np.zeros(8), 100.0, 0.0)
+    with pytest.raises(ParameterError, match="not below zero"):
+        _quarter_car(Friction(-1.0, 0.01))
+
+
+def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
+    rubbing: list[TimeSeries], experiment: Experiment
+) -> None:
+    found = FrictionSearch().find(rubbing, experiment)
+    # The law creeps where the bristle sticks: a tenth of the force is the law's, not the estimate's.
+    assert abs(found.force[""] - COULOMB) < 0.1 * COULOMB + 3.0 * found.deviation[""]
+    assert found.deviation[""] < 0.05 * COULOMB
+    assert np.mean(list(found.residual.values())) < 0.6
+    assert "N" in found.said()
+
+
+def test_no_friction_is_told_where_there_is_none(smooth: list[TimeSeries], experiment: Experiment) -> None:
+    found = FrictionSearch().find(smooth, experiment)
+    assert not found.acts
+    assert abs(found.force[""]) < 4.0 * found.deviation[""]
+    assert "No friction" in found.said()
+
+
+def test_friction_that_follows_the_law_is_found_to_its_deviation(
+    smooth: list[TimeSeries], experiment: Experiment
+) -> None:
+    law = Friction(-50.0, 0.006)  # taken out of the measured forces: then a friction of 50 N is missing in them
+    found = FrictionSearch(velocities=(0.006,)).find([with_friction(test, {"": law}) for test in smooth], experiment)
+    assert found.force[""] == pytest.approx(50.0, abs=4.0 * found.deviation[""] + 0.05)
+    assert found.friction[""].velocity == pytest.approx(0.006)
+
+
+def test_the_car_behind_the_friction_is_found(
+    rubbing: list[TimeSeries], smooth: list[TimeSeries], experiment: Experiment
+) -> None:
+    truth = recipe("common-poles").identify(smooth, experiment).vehicle.state_space
+    errors = []
+    for search in (FrictionSearch(), None):
+        model = CommonPoles(friction=search).identify(rubbing, experiment).vehicle.state_space
+        errors.append(_apart(model, truth))
+    assert errors[0] < 0.5 * errors[1]
+
+
+def _apart(model: StateSpace, truth: StateSpace) -> float:
+    frequency = np.arange(0.5, 15.0, 0.1)
+    H, exact = (m.select(inputs=["road"]).frequency_response(frequency) for m in (model, truth))
+    size = np.linalg.norm(exact, axis=2)
+    return float(np.max(np.linalg.norm(H - exact, axis=2)[size > 0.0] / size[size > 0.0]))
+
+
+def test_the_simulated_friction_is_that_of_the_vehicle_fmu() -> None:
+    vehicle = _quarter_car(Friction(60.0, 0.02))
+    model, step = vehicle.state_space, 1e-3
+    time = np.arange(800) * step
+    road = 0.01 * np.sin(2.0 * np.pi * 3.0 * time)
+    drive = TimeSeries.from_channels(time, {"road": ("m", road)})
+    found = simulate_with_shocks(vehicle, {}, drive)
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    names = model.input_names
+    ports = ports_of(stepper, [names.index("force")], [model.output_names.index("velocity")])
+    friction = PortFriction(ports, np.array([60.0]), np.array([0.02]))
+    x, u = np.zeros(len(model.A)), np.zeros((800, len(names)))
+    u[:, names.index("road")] = road
+    row, expected = model.output_names.index("velocity"), []
+    for k in range(800):
+        expected.append(model.C[row] @ x)
+        if k < 799:
+            x = advance(stepper, friction, x, u[k], u[k + 1], step)
+    np.testing.assert_allclose(found["velocity"], expected, atol=2e-3 * np.std(expected))
+
+
+def test_the_file_keeps_the_friction(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    vehicle = _quarter_car(Friction(60.0, 0.02))
+    write_vehicle(tmp_path / "car.json", vehicle)
+    again = read_vehicle(tmp_path / "car.json")
+    assert isinstance(again, IdentifiedVehicle)
+    assert again.friction == vehicle.friction
