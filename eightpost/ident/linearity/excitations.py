@@ -33,6 +33,9 @@ WHITE = 1.2
 #: Drives of two tests that differ by less than this part of their size are the same [1].
 SAME_DRIVE = 0.1
 
+#: A change of force difference below this part of the force is a run's own spread [1].
+REPEATED = 0.1
+
 #: Another shock's change of force below this part of the largest is none [1].
 UNCHANGED = 0.5
 
@@ -49,37 +52,41 @@ class Found(NamedTuple):
 def excitations(prepared: Prepared, outputs: Sequence[str]) -> Found:
     """Return every input that moves alone.
 
-    A test in which one actuator moves is taken as it is. The first of those in which several move is the baseline; a
-    later one with the same drive and another shock at one corner gives that shock's change of force as the input and
-    the change of the outputs (4.24 to 4.26).
+    A test in which one actuator moves is taken as it is. A test with the drive of an earlier one and another shock at
+    one corner gives that shock's change of force as the input and the change of the outputs (4.24 to 4.26).
 
     Args:
-        prepared: Records in step where shocks are compared.
+        prepared: Records, in step where shocks are compared.
         outputs: Their outputs.
     """
     inputs = [name for name in prepared.channels if name.endswith((".road", ".aero")) or name in ("road", *_LOADS)]
-    sizes = [_sizes(record, inputs) for record in prepared.records]
-    largest = {kind: max(_of_kind(each, kind) for each in sizes) for kind in {_kind(name) for name in inputs}}
+    moving = _moving(prepared, inputs)
     found: list[Excitation] = []
     notes: list[str] = []
-    baseline: tuple[str, TimeSeries] | None = None
-    for name, record, size in zip(prepared.names, prepared.records, sizes, strict=True):
-        moving = [channel for channel in inputs if _moves(channel, size, largest[_kind(channel)])]
-        if len(moving) == 1:
-            found.append(_excitation(name, record, moving[0], outputs))
-        elif not moving:
+    for number, (name, record) in enumerate(zip(prepared.names, prepared.records, strict=True)):
+        same = [k for k in range(number) if moving[k] == moving[number] and _same(record, prepared.records[k], inputs)]
+        if not moving[number]:
             notes.append(f"{name}: no actuator moves; left out")
-        elif baseline is None:
-            baseline = (name, record)
-        else:
-            change = _shock_change(name, record, baseline, inputs, prepared.corners)
+        elif same:
+            baseline = (prepared.names[same[0]], prepared.records[same[0]])
+            change = _shock_change(name, record, baseline, prepared.corners)
             if isinstance(change, str):
                 notes.append(change)
             else:
                 found.append(_changed(name, record, baseline[1], change, outputs))
-    if baseline is not None and not any(e.channel.name.endswith("force") for e in found):
-        notes.append(f"{baseline[0]}: all its actuators move and no test with another shock has its drive; left out")
+        elif len(moving[number]) == 1:
+            found.append(_excitation(name, record, moving[number][0], outputs))
+        elif moving[number] in moving[:number]:
+            first = prepared.names[moving.index(moving[number])]
+            notes.append(f"{name}: its drive is not that of {first}, or not in step with it; left out")
     return Found(tuple(found), tuple(notes))
+
+
+def _moving(prepared: Prepared, inputs: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the inputs that move in each test."""
+    sizes = [_sizes(record, inputs) for record in prepared.records]
+    largest = {kind: max(_of_kind(each, kind) for each in sizes) for kind in {_kind(name) for name in inputs}}
+    return [tuple(n for n in inputs if _moves(n, size, largest[_kind(n)])) for size in sizes]
 
 
 class _Change(NamedTuple):
@@ -120,18 +127,23 @@ def _excitation(name: str, record: TimeSeries, source: str, outputs: Sequence[st
     return Excitation(name, channel, record[source], chosen.values, _channels(chosen), record.sample_rate)
 
 
+def _same(record: TimeSeries, first: TimeSeries, inputs: Sequence[str]) -> bool:
+    """Say whether two tests have the same drive, sample by sample."""
+    return len(record) == len(first) and not any(_differ(record[n], first[n]) for n in inputs if _is_driven(first, n))
+
+
 def _shock_change(
-    name: str, record: TimeSeries, baseline: tuple[str, TimeSeries], inputs: Sequence[str], corners: Sequence[str]
+    name: str, record: TimeSeries, baseline: tuple[str, TimeSeries], corners: Sequence[str]
 ) -> _Change | str:
     """Return which shock was changed, or why the test cannot be used."""
     first = baseline[1]
-    if len(record) != len(first) or any(_differ(record[channel], first[channel]) for channel in inputs):
-        return f"{name}: its drive is not that of {baseline[0]}, or not in step with it; left out"
     forces = [f"{corner}.force" if corner else "force" for corner in corners]
     velocities = {force: force.removesuffix("force") + "velocity" for force in forces}
     rates = {force: _slope(first[force], first[velocity]) for force, velocity in velocities.items()}
     changes = {force: _change(record, first, force, velocities[force], rates[force]) for force in forces}
     most = max(changes, key=lambda force: float(changes[force].std()))
+    if changes[most].std() < REPEATED * first[most].std():
+        return f"{name}: repeats {baseline[0]} with the same shocks; left out"
     others = [force for force in forces if force != most and changes[force].std() > UNCHANGED * changes[most].std()]
     if others:
         return f"{name}: {', '.join((most, *others))} all changed against {baseline[0]}; change one shock at a time"
@@ -139,7 +151,7 @@ def _shock_change(
 
 
 def _differ(values: Array, first: Array) -> bool:
-    return bool(np.std(values - first) > SAME_DRIVE * max(float(np.std(first)), 1e-300))
+    return bool(np.std(values - first) > SAME_DRIVE * float(np.std(first)))
 
 
 def _slope(force: Array, velocity: Array) -> float:

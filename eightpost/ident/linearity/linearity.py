@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 #: How responses are estimated.
 BANDS = LocalPolynomial(half_width=0.25, spacing=0.1, high=25.0)
 
+#: Tests of one input are of several amplitudes when these differ by this factor.
+OTHER_SIZE = 1.5
+
 #: A change with amplitude counts from this part of the response [1] ...
 NOTABLE = 0.05
 #: ... and this many times what noise makes of it.
@@ -155,6 +158,7 @@ def judge_linearity(
         _effect(small, large, sizes[name][i], sizes[name][0])
         for name, tests in estimates.items()
         for i, test in enumerate(tests[1:], start=1)
+        if sizes[name][0] > OTHER_SIZE * sizes[name][i]
         for small, large in zip(test, tests[0], strict=True)
     ]
     verdicts = tuple(_verdict(path, largest, thresholds) for path in largest)

@@ -102,6 +102,14 @@ def test_a_response_that_changes_with_the_amplitude_is_noticed_though_it_is_cohe
     assert found.verdict(*NEAR).coherence > 0.99
 
 
+def test_an_actuator_with_nothing_but_noise_does_not_move() -> None:
+    test = single("lf.road")
+    noise = 1e-5 * np.random.default_rng(4).standard_normal((3, len(test.series)))
+    for name, row in zip(("rf.road", "lr.road", "rr.road"), noise, strict=True):
+        test = with_channel(test, name, row)
+    assert judged(test, outputs=["lf.velocity"]).inputs == ("lf.road",)
+
+
 def test_changing_one_shock_gives_the_answer_to_its_force() -> None:
     first = record("seven_dof", seconds=40.0, noise=1e-5)
     other = record("seven_dof", seconds=40.0, noise=1e-5, damping={"rf": 0.45 * DAMPING})
@@ -121,6 +129,16 @@ def test_tests_that_cannot_be_used_are_left_out_and_said() -> None:
     notes = judged(single("lf.road"), first, other, both).notes
     assert any("record 3: its drive is not that of record 2" in note for note in notes)
     assert any("all changed against record 2; change one shock at a time" in note for note in notes)
+
+
+def test_other_shocks_on_a_quarter_cars_road_are_no_other_amplitude() -> None:
+    road = {"seconds": 30.0, "active": ("road",)}
+    first = record("quarter_car", **road)
+    softer, again = record("quarter_car", **road, damping={"": 0.5 * DAMPING}), record("quarter_car", **road)
+    found = judged(first, softer, again, outputs=["tire_force"])
+    assert found.inputs == ("road", "force")
+    assert found.effects == ()
+    assert found.notes == ("record 3: repeats record 1 with the same shocks; left out",)
 
 
 def test_without_an_input_that_moves_alone_it_says_what_to_give() -> None:
