@@ -162,12 +162,12 @@ def chromium():
     return module
 
 
-@pytest.fixture
-def browser(chromium, tmp_path):
-    """Headless Chromium, ended with the test."""
+@pytest.fixture(scope="module")
+def browser(chromium, tmp_path_factory):
+    """Headless Chromium, ended with the module: its start takes longer than a page."""
     program = chromium.program()
     if program is None:
         pytest.skip(f"needs {' or '.join(chromium.NAMES)} on the PATH, and a system with inherited file descriptors")
-    opened = chromium.Browser(program, tmp_path / "profile")
+    opened = chromium.Browser(program, tmp_path_factory.mktemp("profile"))
     yield opened
     opened.close()

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cosim.report.figures import figure
 from cosim.report.provenance import versions
 from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
@@ -57,7 +56,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
     groups = _groups(sheet, extras.selection)
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras.traces, extras.sensitivities, picked)
-    return template(_PACKAGE, {"figure": figure, "fixed": fixed}).render(
+    return template(_PACKAGE, {"fixed": fixed}).render(
         _words(sheet)
         | _choices(sheet)
         | _effects(sheet, extras.sensitivities)

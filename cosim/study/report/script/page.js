@@ -121,6 +121,7 @@ try {
   makeTrends();
   focusOn(state.focus);
   drawSetup();
+  refresh();
   document.body.dataset.ready = "yes";
 } catch (error) {
   const trouble = document.getElementById("trouble");

@@ -107,12 +107,13 @@ function thinned(values, time) {
   return { x: kept.map((k) => time[k]), y: kept.map((k) => values[k]) };
 }
 
-function lineOf(trace, channel, span, color, dash, name) {
+function lineOf(trace, channel, span, color, dash) {
   const time = new Float64Array(data.bytes, trace.at, trace.count), values = samples(channel, trace.count);
   const first = time.findIndex((moment) => moment >= span[0]), after = time.findIndex((moment) => moment > span[1]);
   const last = after < 0 ? time.length : after;
+  const name = plain(channel.name.replace(/\.[^.]*$/, "")) + (dash ? ", baseline" : "");
   const { x, y } = thinned(values.subarray(first, last), time.subarray(first, last));
-  return { type: "scatter", mode: "lines", name, x, y: y.map((value) => convert(channel, value)),
+  return { type: "scatter", mode: "lines", name, showlegend: !dash, x, y: y.map((value) => convert(channel, value)),
     line: { color, width: dash ? 1 : 1.4, dash: dash || "solid" }, hovertemplate: `%{y:.4~g} ${unit(channel)}` };
 }
 
@@ -124,12 +125,13 @@ async function drawTrace(place) {
   if (!place.isConnected) return;
   const trace = traceOf(state.current), other = wanted() && state.current !== manifest.baseline ? traceOf(manifest.baseline) : null;
   if (!trace) return;
-  const span = state.span || [trace.from, Math.min(trace.to, trace.from + 4)];
+  const middle = 0.5 * (trace.from + trace.to);
+  const span = state.span || [Math.max(trace.from, middle - 2), Math.min(trace.to, middle + 2)];
   const channels = trace.channels.filter((channel) => channel.quantity === place.quantity);
   const twin = (channel) => other && other.channels.find(({ name }) => name === channel.name);
   const lines = channels.flatMap((channel, k) => [
-    ...(twin(channel) ? [lineOf(other, twin(channel), span, `${LINES[k % LINES.length]}80`, "dot", `${plain(channel.name)}, baseline`)] : []),
-    lineOf(trace, channel, span, LINES[k % LINES.length], "", plain(channel.name))]);
+    ...(twin(channel) ? [lineOf(other, twin(channel), span, `${LINES[k % LINES.length]}80`, "dot")] : []),
+    lineOf(trace, channel, span, LINES[k % LINES.length], "")]);
   const layout = { margin: { l: 64, r: 10, t: 24, b: 38 }, height: 230, hovermode: "x unified", dragmode: "zoom",
     font: { family: "system-ui, sans-serif", size: 12, color: INK }, paper_bgcolor: "#fff", plot_bgcolor: "#fff",
     modebar: { bgcolor: "rgba(0,0,0,0)" }, legend: { font: { size: 11 } }, hoverlabel: { namelength: 40, font: { size: 11 } },

@@ -80,13 +80,15 @@ function sieve() {
 function update() {
   if (waiting) return;
   waiting = true;
-  requestAnimationFrame(() => {
-    waiting = false;
-    sieve();
-    tellChoice();
-    fillTable();
-    drawPanels();
-  });
+  requestAnimationFrame(refresh);
+}
+
+function refresh() {
+  waiting = false;
+  sieve();
+  tellChoice();
+  fillTable();
+  drawPanels();
 }
 
 function tellChoice() {

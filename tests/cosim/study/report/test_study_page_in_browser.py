@@ -115,6 +115,7 @@ def written(whole, lap, tmp_path_factory):
 @pytest.fixture
 def opened(browser, written):
     """The page; whatever is done with it, it loads nothing and complains of nothing."""
+    browser.events.clear()
     page = _Page(browser, written)
     yield page
     asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
