@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -67,7 +68,7 @@ def optimise(
         result, found = _search(console, requested, pool, search)
         everything = requested.everything(requested.coupling(pool))
     everything.save(output / RESULTS)
-    show_result(console, result, rank=objectives[0] if objectives else None)
+    show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
         console.print(front_table(result, found, objectives))
     console.print(f"{escape(found.status)}; {len(described.space)} there are", highlight=False)
