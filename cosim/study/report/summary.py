@@ -57,10 +57,20 @@ def verdict(sheet: Sheet) -> Verdict:
     if not feasible:
         return Verdict("bad", "No setup keeps all constraints.", reason + "They are ranked all the same.")
     best = int(sheet.order[0])
-    doubt = failed or marked or sheet.background.notes
+    doubtful = failed or best in sheet.marks or sheet.background.notes
     answer = f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
     kept = f"{feasible} keep all constraints. " if sheet.background.constraints else ""
-    return Verdict("open" if doubt else "good", answer, reason + kept)
+    return Verdict("open" if doubtful else "good", answer, reason + kept + "".join(_of_best(sheet, best)))
+
+
+def _of_best(sheet: Sheet, best: int) -> Iterator[str]:
+    """Yield what must be known of the best setup: its mark, and how many are not told apart from it."""
+    if best in sheet.marks:
+        yield f"The best is marked: {sheet.marks[best]}. "
+    column = sheet.ranked_by
+    if column.doubt is not None:
+        close = np.abs(column.values - column.values[best]) <= column.doubt.from_best
+        yield f"{int(np.sum(close & sheet.allowed)) - 1} others are not told apart from it. "
 
 
 def tiles(sheet: Sheet) -> tuple[Tile, ...]:

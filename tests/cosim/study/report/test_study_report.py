@@ -19,11 +19,12 @@ from cosim.study.report.figures import front, write_figures
 from cosim.study.report.from_result import sensitivities_of, sheet_of
 from cosim.study.report.page import Extras, page
 from cosim.study.report.scale import Scale
+from cosim.study.report.summary import verdict
 from cosim.study.report.workbook import write_workbook
 from cosim.study.result import StudyResult
 from cosim.study.robust import Spread
 from cosim.study.selection import select
-from cosim.study.study import Build, Term
+from cosim.study.study import Build, Constraint, Term
 from eightpost.signals.csv_file import read_csv
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
@@ -130,6 +131,33 @@ def test_a_build_that_is_the_same_fmu_with_other_parameters_says_which(few):
     bank = {name: Build(build.fmu, {"rebound_scale": 1.2}) for name, build in few.study.bank.items()}
     other = StudyResult(replace(few.study, bank=bank), few.table, few.provenance)
     assert "rebound_scale = 1.2" in _text(page(sheet_of(other), Extras()))
+
+
+def test_a_best_setup_that_is_marked_is_doubtful_and_says_so(few):
+    best = int(few.ranking()[0])
+    marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
+    table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
+    marked = verdict(sheet_of(StudyResult(few.study, table, few.provenance)))
+    assert marked.kind == "open" and "The best is marked: tire off the ground: rf" in marked.reason
+
+
+def test_the_verdict_counts_the_setups_that_are_not_told_from_the_best(few, unranked):
+    values, best = few.values(TIRE), int(unranked.ranking()[0])
+    band = Spread(TIRE, few.setups, values, np.empty((0, values.size)), run_to_run=2.0)
+    close = np.sum(values - values[best] <= 2.0 * np.sqrt(2.0) * 2.0) - 1  # two sigma of a difference of two runs
+    assert close > 0
+    reason = verdict(sheet_of(unranked, bands=[band])).reason
+    assert f"{close} others are not told apart from it." in reason
+
+
+def test_where_nothing_is_in_doubt_the_verdict_is_good(few):
+    clean = StudyResult(few.study, few.table.filter(few.done), few.provenance)
+    assert verdict(sheet_of(clean)).kind == "good"  # a mark on another setup than the best is no doubt of the best
+
+
+def test_no_setup_within_the_constraints_is_said_first(few):
+    strict = replace(few.study, constraints=(Constraint(HUB, at_most=0.1),))
+    assert verdict(sheet_of(StudyResult(strict, few.table, few.provenance))).answer == "No setup keeps all constraints."
 
 
 def test_selected_setups_are_shown_by_what_they_were_selected_for_and_picked(few, sheet):
