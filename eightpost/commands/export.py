@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -50,11 +51,10 @@ def export(source: Path, ports: str, high: float, step: float, output: Path) -> 
 def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:
     """Return a vehicle as it was identified, or with ports that take the whole force."""
     vehicle = read_vehicle(source)
-    if ports == "difference" and isinstance(vehicle, IdentifiedVehicle):
-        return vehicle
-    sources = vehicle.sources if isinstance(vehicle, IdentifiedVehicle) else {}
     model: StateSpace = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
-    return IdentifiedVehicle(vehicle.name, model, {}, vehicle.static, sources)
+    if not isinstance(vehicle, IdentifiedVehicle):
+        return IdentifiedVehicle(vehicle.name, model, static=vehicle.static)
+    return replace(vehicle, state_space=model, baseline_damping={}) if ports == "whole" else vehicle
 
 
 def _write_model(vehicle: IdentifiedVehicle, output: Path) -> str:

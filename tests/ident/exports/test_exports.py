@@ -27,7 +27,16 @@ from eightpost.ident.exports import (
     write_vehicle_mat,
 )
 from eightpost.ident.response import FrequencyResponse, response_of, write_response
-from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, discretise, read_vehicle, shipped, write_vehicle
+from eightpost.vehicle import (
+    Channel,
+    Friction,
+    IdentifiedVehicle,
+    StateSpace,
+    discretise,
+    read_vehicle,
+    shipped,
+    write_vehicle,
+)
 
 DAMPING = {"": 3000.0}
 
@@ -35,7 +44,8 @@ DAMPING = {"": 3000.0}
 def vehicle(dt: float | None = None) -> IdentifiedVehicle:
     model = read_vehicle(shipped("quarter_car")).with_damper()
     model = model if dt is None else discretise(model, dt, "zero")
-    return IdentifiedVehicle("post 7", model, DAMPING, {"tire_force": 3300.0}, {"a.parquet": "0" * 64})
+    told = {"static": {"tire_force": 3300.0}, "sources": {"a.parquet": "0" * 64}}
+    return IdentifiedVehicle("post 7", model, DAMPING, friction={"": Friction(60.0, 0.01)}, **told)
 
 
 def response(frequency: np.ndarray | None = None) -> FrequencyResponse:
