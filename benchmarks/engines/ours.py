@@ -19,10 +19,11 @@ NOTE = (
     "speaks of coupling values alone; every step is recorded, but every 8 ms under `adaptive`, whose cost is of a half "
     "step; time of the steps alone; for `default` the difference of a long and a short call, all trial runs counted"
 )
+_VALUES = ("held", "extrapolated", "parabolic")
 #: Schemes at a given rate.
 FIXED: Mapping[str, cosim.Algorithm] = {
-    **{f"jacobi, {values}": cosim.Jacobi(values=values) for values in ("held", "extrapolated")},
-    **{f"gauss-seidel, {v}": cosim.GaussSeidel(values=v) for v in ("held", "interpolated", "extrapolated")},
+    **{f"jacobi, {v}": cosim.Jacobi(values=v) for v in _VALUES},
+    **{f"gauss-seidel, {v}": cosim.GaussSeidel(values=v) for v in ("interpolated", *_VALUES)},
     "implicit": cosim.Implicit(),
 }
 #: Tolerances of the adaptive scheme, which chooses its steps.
