@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import lfilter
@@ -32,13 +32,6 @@ if TYPE_CHECKING:
     Whole = NDArray[np.intp]
 
 Law = Polylinear | Lpf1 | Lpnl2
-
-
-class Rubbing(NamedTuple):
-    """Friction at a port, `F_c tanh(v / v_f)`: F_c [N] and v_f [m/s]."""
-
-    force: float
-    velocity: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
