@@ -30,10 +30,11 @@ from rich.progress import Progress
 
 from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, Case, records_of, truths
 from benchmarks.identification_measures import agreement, measures_of
-from benchmarks.identification_methods import Method, methods
+from benchmarks.identification_methods import methods
 from eightpost.errors import EightpostError
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.rational_fit import RationalFit
+from eightpost.ident.vehicle.recipes import VehicleRecipe
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -78,11 +79,11 @@ def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row
     return rows
 
 
-def _judged(case: Case, method: Method, records: Any, experiment: Any, lap: TimeSeries, setups: Any) -> Any:
+def _judged(case: Case, method: VehicleRecipe, records: Any, experiment: Any, lap: TimeSeries, setups: Any) -> Any:
     started = process_time()
-    fit = method.recipe.identify(records, experiment)
+    fit = method.identify(records, experiment)
     seconds = process_time() - started
-    simulation = ManySetups(fit.vehicle, case.laws(), lap, _EVERY, method.friction(fit))
+    simulation = ManySetups(fit.vehicle, case.laws(), lap, _EVERY)
     names, rate = fit.vehicle.state_space.output_names, lap.sample_rate / _EVERY
     found: Measures = []
     for k in range(0, len(setups), _TOGETHER):

@@ -13,12 +13,13 @@ from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.response.preconditioning import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
 from eightpost.ident.vehicle.balanced import balanced
-from eightpost.ident.vehicle.many_setups import ManySetups, Rubbing
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.transfer_function import TransferFunction
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+from eightpost.vehicle.vehicles import Friction
 
 from .rig_tests import BASELINE, noise
 
@@ -136,7 +137,8 @@ def test_friction_adds_its_damping_where_it_is_smooth(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
     # A smoothing velocity far above the motion's makes friction a linear damper F_c / v_f.
-    rubbed = ManySetups(car, bank, drive, 1, {"": Rubbing(50_000.0, 100.0)}).run([[0]])[0]
+    rubbing = replace(car, friction={"": Friction(50_000.0, 100.0)})
+    rubbed = ManySetups(rubbing, bank, drive).run([[0]])[0]
     softer = IdentifiedVehicle("softer", add_port_damping(car.state_space, {"": 500.0}), {"": BASELINE})
     expected = ManySetups(softer, bank, drive).run([[0]])[0]
     # The first takes the force as linear over each step, the second has it in the model.

@@ -7,8 +7,7 @@ setup and any law.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,18 +38,16 @@ class ManySetups:
     """A vehicle, a bank of shocks and a drive.
 
     Attributes:
-        vehicle: As identified, continuous.
+        vehicle: As identified, continuous, with the friction of its ports.
         bank: The laws that setups are made of.
         drive: Inputs of the rig by name, evenly sampled; missing ones are zero. Its rate is the simulation's.
         every: Outputs are kept at every so many-th sample.
-        friction: By port, instead of the vehicle's own.
     """
 
     vehicle: IdentifiedVehicle
     bank: Sequence[Law]
     drive: TimeSeries
     every: int = 1
-    friction: Mapping[str, Rubbing] = field(default_factory=dict)
 
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
         """Simulate setups side by side, from rest.
@@ -69,8 +66,7 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"a setup names one shock for each of {', '.join(plant.ports) or 'one port'}")
-        rubbing: dict[str, Rubbing | Friction] = {**self.vehicle.friction, **self.friction}
-        friction = [rubbing.get(port, Rubbing(0.0, 1.0)) for port in plant.ports]
+        friction = [self.vehicle.friction.get(port, Friction(0.0, 1.0)) for port in plant.ports]
         return plant.march(_Shocks(self.bank, friction, plant.step), chosen, self.every)
 
 
@@ -150,7 +146,7 @@ class _Plant:
 class _Shocks:
     """A bank as the loop takes it: static forces from fine tables, and what else a law has."""
 
-    def __init__(self, bank: Sequence[Law], friction: Sequence[Rubbing | Friction], step: float) -> None:
+    def __init__(self, bank: Sequence[Law], friction: Sequence[Friction], step: float) -> None:
         """Lay the tables out."""
         count = round(FASTEST / SPACING)
         velocities = (SPACING * np.arange(-count, count + 1)).tolist()
