@@ -25,8 +25,17 @@ _COLUMNS = pa.schema(
 )
 
 
-def write_spreads(spreads: Sequence[Spread], path: str | Path) -> None:
-    """Write spreads, a row per measure [SI]; an existing good file is replaced only by a whole one."""
+_STUDY = b"study"
+
+
+def write_spreads(spreads: Sequence[Spread], path: str | Path, *, digest: str) -> None:
+    """Write spreads, a row per measure [SI]; an existing good file is replaced only by a whole one.
+
+    Args:
+        spreads: Of the measures.
+        path: The file.
+        digest: Of the study that they are of.
+    """
     rows = [
         {
             "measure": spread.measure,
@@ -39,19 +48,23 @@ def write_spreads(spreads: Sequence[Spread], path: str | Path) -> None:
         for spread in spreads
     ]
     with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=_COLUMNS), temporary, compression="zstd")
+        table = pa.Table.from_pylist(rows, schema=_COLUMNS.with_metadata({_STUDY: digest.encode()}))
+        pyarrow.parquet.write_table(table, temporary, compression="zstd")
 
 
-def read_spreads(path: str | Path) -> tuple[Spread, ...]:
-    """Read what `write_spreads` wrote.
+def read_spreads(path: str | Path, *, digest: str) -> tuple[Spread, ...]:
+    """Read what `write_spreads` wrote of a study with this digest.
 
     Raises:
-        FileFormatError: It cannot be read as that.
+        FileFormatError: It cannot be read as that, or is of another study.
     """
     try:
+        metadata = pyarrow.parquet.read_schema(path).metadata or {}
         rows = pyarrow.parquet.read_table(path, schema=_COLUMNS, use_threads=False).to_pylist()
     except (OSError, pa.ArrowInvalid) as error:
         raise FileFormatError(f"is no file of spreads ({error}); run `eightpost robust` again", path=path) from error
+    if metadata.get(_STUDY, b"").decode() != digest:
+        raise FileFormatError("is of another study, or of other FMUs; run `eightpost robust` again", path=path)
     return tuple(
         Spread(
             row["measure"],

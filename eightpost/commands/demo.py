@@ -22,8 +22,9 @@ from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
 from eightpost.commands.run import run_with_progress
 from eightpost.commands.show_run import show_result
-from eightpost.commands.study import run_with_workers, show_study, write_report
+from eightpost.commands.study import run_with_workers, show_study
 from eightpost.commands.study import show_result as show_study_result
+from eightpost.commands.study_page import chosen_so_far, page_of
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
@@ -160,4 +161,4 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
     finally:
         workers.close()
     show_study_result(console, result, top=5)
-    return write_report(result, output / "study")
+    return page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))

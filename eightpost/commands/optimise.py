@@ -72,7 +72,8 @@ def optimise(
     if len(objectives) > 1:
         console.print(front_table(result, found, objectives))
     console.print(f"{escape(found.status)}; {len(described.space)} there are", highlight=False)
-    console.print(f"table: {output / RESULTS}", f"page: {write_page(everything, output)}", sep="\n", highlight=False)
+    console.print(f"table: {output / RESULTS}", highlight=False, soft_wrap=True)
+    write_page(console, everything, output)
     ctx.exit(0 if found.best is not None else 1)
 
 

@@ -60,9 +60,9 @@ def robust(
     shown = next(spread for spread in kept if spread.measure == first)
     console.print(spread_table(shown, result))
     show_verdict(console, shown, result)
-    write_spreads(kept, folder / SPREADS)
+    write_spreads(kept, folder / SPREADS, digest=result.provenance.digest)
     console.print(f"wrote {folder / SPREADS}", highlight=False, soft_wrap=True)
-    console.print(f"page: {write_page(result, folder)}", highlight=False, soft_wrap=True)
+    write_page(console, result, folder)
 
 
 def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:

@@ -52,7 +52,7 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     console.print(
         f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
     )
-    console.print(f"page: {write_page(result, folder)}", highlight=False, soft_wrap=True)
+    write_page(console, result, folder)
 
 
 def _asked(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:

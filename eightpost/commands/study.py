@@ -16,7 +16,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 
 from cosim.study.evaluator import Coupling
-from cosim.study.report import ReportPaths, write_study_report
 from cosim.study.result import StudyResult
 from cosim.study.study import Study
 from cosim.study.study_file import read_study, source_files
@@ -24,6 +23,7 @@ from cosim.study.sweep import Sweep
 from cosim.study.trace import traces
 from cosim.study.workers import ProcessWorkers, Workers
 from eightpost.commands.build import build_with_progress
+from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.signals import write_series
@@ -80,11 +80,11 @@ def study(
     with running_workers(workers, scheduler) as pool:
         result = run_with_workers(console, sweep, pool)
     show_result(console, result, rank=rank, top=top)
-    page = write_report(result, output, study_file)
     for index, series in traces(result, traced).items():
         write_series(series, output / "traces" / f"{index}.parquet")
         console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
-    console.print(f"table: {sweep.path}", f"page: {page}", sep="\n", highlight=False, soft_wrap=True)
+    console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
+    write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
     ctx.exit(0 if not result.partial and result.done.all() else 1)
 
 
@@ -223,13 +223,3 @@ def _show_marks(console: Console, result: StudyResult) -> None:
         kinds.update(found)
     for kind, count in kinds.items():
         console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)
-
-
-def write_report(result: StudyResult, output: Path, study_file: Path | None = None) -> Path:
-    """Write the page and its figures and tables, with traces of the best, the worst and the baseline setup."""
-    ranked = result.ranking().tolist()
-    rows = dict.fromkeys([*ranked[:1], *ranked[-1:], *([result.baseline_row] if result.baseline_row else [])])
-    shown = traces(result, [int(result.setups[row]) for row in rows if result.done[row]])
-    command = f"eightpost study {study_file} -o {output} --trace {{setup}}" if study_file else ""
-    paths: ReportPaths = write_study_report(result, output, traces=shown, trace_command=command)
-    return paths.page

@@ -2,32 +2,80 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
 
 from cosim.study.report import write_study_report
 from cosim.study.result import StudyResult
+from cosim.study.robust import Spread
 from cosim.study.robust_table import read_spreads
+from cosim.study.selection import Selection
 from cosim.study.selection_file import read_selection
 from cosim.study.trace import traces
+from eightpost.errors import FileFormatError
 
 #: Names in a study's folder.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
 
-def write_page(result: StudyResult, folder: Path, *, trace_command: str = "") -> Path:
-    """Write the report of a study with the selection and the spreads that its folder has; return the page.
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What was chosen from a study so far.
+
+    Attributes:
+        selection: Setups to confirm on the rig; None where none were selected.
+        spreads: Of the measures of the leading setups.
+        notes: What lies in the folder and is not of this study, a sentence each.
+    """
+
+    selection: Selection | None
+    spreads: tuple[Spread, ...]
+    notes: tuple[str, ...]
+
+
+def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
+    """Return the selection and the spreads that a study's folder has; what is of another study is named instead."""
+    selection, spreads, notes = None, tuple[Spread, ...](), list[str]()
+    try:
+        if (folder / SELECTION).is_file():
+            selection = read_selection(folder / SELECTION, result)
+    except FileFormatError as error:
+        notes.append(f"left out of the page: {error}")
+    try:
+        if (folder / SPREADS).is_file():
+            spreads = read_spreads(folder / SPREADS, digest=result.provenance.digest)
+    except FileFormatError as error:
+        notes.append(f"left out of the page: {error}")
+    return Chosen(selection, spreads, tuple(notes))
+
+
+def write_page(console: Console, result: StudyResult, folder: Path, *, trace_command: str = "") -> None:
+    """Write the report of a study with what was chosen from it so far, and print where the page is."""
+    chosen = chosen_so_far(result, folder)
+    for note in chosen.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    page = page_of(result, folder, chosen, trace_command=trace_command)
+    console.print(f"page: {page}", highlight=False, soft_wrap=True)
+
+
+def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
+    """Write the report of a study and return its page.
 
     Traces are of the best, the worst, the baseline and the selected setups, which are run once more.
     """
-    selection = read_selection(folder / SELECTION, result) if (folder / SELECTION).is_file() else None
-    spreads = read_spreads(folder / SPREADS) if (folder / SPREADS).is_file() else ()
     ranked = result.setups[result.ranking()].tolist()
     baseline = result.study.baseline_setup
     asked = [*ranked[:1], *ranked[-1:], *([] if baseline is None else [baseline.index])]
-    asked += [selected.setup.index for selected in selection.chosen] if selection else []
+    asked += [selected.setup.index for selected in chosen.selection.chosen] if chosen.selection else []
     done = set(result.setups[result.done].tolist())
-    recorded = traces(result, dict.fromkeys(index for index in asked if index in done))
-    paths = write_study_report(
-        result, folder, traces=recorded, selection=selection, bands=spreads, trace_command=trace_command
-    )
-    return paths.page
+    return write_study_report(
+        result,
+        folder,
+        traces=traces(result, dict.fromkeys(index for index in asked if index in done)),
+        selection=chosen.selection,
+        bands=chosen.spreads,
+        trace_command=trace_command,
+    ).page

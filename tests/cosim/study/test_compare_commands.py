@@ -133,7 +133,9 @@ def test_several_studies_are_not_compared_with_the_rig(folder):
     assert eightpost("compare", folder, folder, "--measured", folder).exit_code == 2
 
 
-def test_robust_says_which_setups_are_better_and_puts_it_on_the_page(folder, tmp_path):
+def test_robust_says_which_setups_are_better_and_puts_it_on_the_page(folder, tmp_path, monkeypatch):
+    pages = []  # that the page takes spreads is tested with the page
+    monkeypatch.setattr("eightpost.commands.robust.write_page", lambda *given: pages.append(given))
     path = tmp_path / "uncertain.toml"
     path.write_text(
         """schema = 1
@@ -150,6 +152,7 @@ parameters = { compression_scale = { value = 2.0, deviation = 0.1 } }
     assert "best beyond doubt" in said or "cannot be told apart" in said
     assert "the baseline" in said
     assert (folder / "robust.parquet").is_file()
+    assert len(pages) == 1
 
 
 def test_robust_needs_something_that_is_uncertain(folder, tmp_path):

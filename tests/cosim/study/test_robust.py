@@ -8,7 +8,7 @@ import pytest
 from cosim.study.robust import Spread, run_to_run, spreads_of
 from cosim.study.robust_draws import Uncertain, drawn_studies
 from cosim.study.robust_table import read_spreads, write_spreads
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
 
 from .constructed import result, study
 
@@ -141,8 +141,14 @@ def test_noise_of_a_measure_that_the_study_lacks_is_refused():
 def test_spreads_come_back_from_their_file(tmp_path, draws):
     sampled = np.random.default_rng(4).normal(size=(draws, 3))
     kept = spread([1.0, np.nan, 2.0], sampled, run_to_run=0.5, runs=2)
-    write_spreads([kept], tmp_path / "robust.parquet")
-    (found,) = read_spreads(tmp_path / "robust.parquet")
+    write_spreads([kept], tmp_path / "robust.parquet", digest="a")
+    (found,) = read_spreads(tmp_path / "robust.parquet", digest="a")
     assert (found.measure, found.run_to_run, found.runs) == ("ride height", 0.5, 2)
     for one, other in ((found.setups, kept.setups), (found.values, kept.values), (found.draws, kept.draws)):
         np.testing.assert_array_equal(one, other)
+
+
+def test_spreads_of_another_study_are_refused(tmp_path):
+    write_spreads([spread([1.0, 2.0])], tmp_path / "robust.parquet", digest="a")
+    with pytest.raises(FileFormatError, match="of another study"):
+        read_spreads(tmp_path / "robust.parquet", digest="b")

@@ -7,8 +7,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from cosim.study.robust import spreads_of
+from cosim.study.robust_table import write_spreads
 from cosim.study.selection import select
+from cosim.study.selection_file import write_selection
 from cosim.study.study import Term
+from eightpost.commands.study_page import chosen_so_far
 from eightpost.errors import InputError
 
 from .constructed import CORNERS, result
@@ -100,3 +104,15 @@ def test_fewer_than_one_of_each_end_are_refused():
 def test_a_measure_that_the_study_lacks_is_named():
     with pytest.raises(InputError, match="did you mean 'front'"):
         select(STUDY, ["frnt"])
+
+
+def test_what_lies_in_the_folder_and_is_of_another_study_is_left_out_and_named(tmp_path):
+    other = result({"rear": rear})
+    write_selection(select(other, total=4), other, tmp_path / "selection.csv")
+    write_spreads(spreads_of(other, [], {"rear": 0.1}), tmp_path / "robust.parquet", digest="1" * 64)
+    studied = result({"front": front})
+    chosen = chosen_so_far(studied, tmp_path)
+    assert (chosen.selection, chosen.spreads) == (None, ())
+    assert ["selection.csv" in chosen.notes[0], "robust.parquet" in chosen.notes[1]] == [True, True]
+    write_selection(select(studied, total=4), studied, tmp_path / "selection.csv")
+    assert chosen_so_far(studied, tmp_path).selection is not None

@@ -1,0 +1,75 @@
+"""`eightpost optimise`: what it prints, leaves and returns."""
+
+from __future__ import annotations
+
+import pytest
+from click.testing import CliRunner
+
+from cosim.study.result import StudyResult
+from eightpost.__main__ import main
+
+from .coupled import TRACK
+
+TEXT = """
+schema = 1
+name = "three builds, front and rear alike"
+families = ["numbers"]
+settling = "0.5 s"
+baseline = "middle"
+alike = [["lf", "rf"], ["lr", "rr"]]
+
+[vehicle]
+fmu = "{car}"
+means = "trusted"
+
+[bank]
+soft = {{ fmu = "{shock}", parameters = {{ compression_scale = 0.5, rebound_scale = 0.5 }} }}
+middle = "{shock}"
+stiff = {{ fmu = "{shock}", parameters = {{ compression_scale = 2.0, rebound_scale = 2.0 }} }}
+
+[[drive]]
+file = "{track}"
+stop = "2 s"
+
+[[objective]]
+measure = "grip number"
+weight = 1.0
+unit = "N"
+
+[[constraint]]
+measure = "aero number"
+at_most = {limit}
+"""
+
+
+def optimise(fmus, folder, *words: str, limit: float = 1.0):
+    file = folder / "study.toml"
+    file.write_text(TEXT.format(car=fmus["seven_dof"], shock=fmus["lpnl2"], track=TRACK, limit=limit))
+    options = ["optimise", str(file), "-o", str(folder / "out"), "--workers", "1", *words]
+    return CliRunner(env={"COLUMNS": "160"}).invoke(main, options)
+
+
+@pytest.mark.slow
+def test_a_search_leaves_what_it_tried_and_goes_on_with_more(fmus, tmp_path, monkeypatch):
+    pages = []  # the page takes longer than the search, and is tested elsewhere
+    monkeypatch.setattr("eightpost.commands.optimise.write_page", lambda *given: pages.append(given))
+    shown = optimise(fmus, tmp_path, "--evaluations", "4")
+    assert shown.exit_code == 0, shown.output
+    for said in ("minimised: 1 x grip number", "4 setups were tried; 9 there are", "results.parquet"):
+        assert said in shown.output
+    first = StudyResult.load(tmp_path / "out" / "results.parquet")
+    assert len(first) == 4
+    assert first.partial
+    more = optimise(fmus, tmp_path, "--evaluations", "9", "--for", "grip number", "--for", "aero number", limit=1e-9)
+    assert more.exit_code == 1, more.output  # no setup keeps the constraint
+    assert "every setup was tried" in more.output
+    whole = StudyResult.load(tmp_path / "out" / "results.parquet")
+    assert len(whole) == 9
+    assert not whole.partial
+    assert len(pages) == 2
+
+
+def test_a_measure_that_is_not_there_is_named_before_anything_runs(fmus, tmp_path):
+    shown = optimise(fmus, tmp_path, "--for", "grip nummber")
+    assert shown.exit_code == 2
+    assert "did you mean 'grip number'" in " ".join(shown.stderr.split())
