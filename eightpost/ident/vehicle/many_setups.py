@@ -17,6 +17,7 @@ from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.many_setups_loop import FASTEST, SPACING, compiled_march
 from eightpost.shock import Lpf1, Lpnl2, Polylinear
+from eightpost.vehicle import Friction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.signals import TimeSeries
-    from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
+    from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
