@@ -129,7 +129,7 @@ class Study:
     alike: tuple[tuple[str, ...], ...] = ()
     settling: float = 2.0
     accuracy: float = 0.2
-    record_step: float = 2e-3
+    record_step: float = 4e-3
 
     # An open bound is infinite, which JSON has no word for: it is written as the string "Infinity".
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
