@@ -31,12 +31,9 @@ class Block:
     def __init__(self, content: Any) -> None:
         self.content = content
         self.parts = [Block(value) if isinstance(value, tuple) else value for value in content]
-        self.table = np.zeros(_WORDS * len(self.parts), dtype=np.int64)
-        for k, value in enumerate(self.parts):
-            self.table[_WORDS * k : _WORDS * (k + 1)] = _words(value)
-        self.address = self.table.ctypes.data
-        fields = zip(content._fields, map(_kind, self.parts), strict=True)
-        self.kind = BlockType(type(content).__name__, tuple(fields))
+        self.table = np.array([word for value in self.parts for word in _words(value)], dtype=np.int64)
+        self.address = _address(self.table)
+        self.kind = _kind_of_block(type(content).__name__, content._fields, tuple(map(_kind, self.parts)))
 
 
 class BlockType(types.Type):
@@ -117,8 +114,19 @@ def _kind(value: Any) -> Any:
 
 
 @cache
+def _kind_of_block(name: str, fields: tuple[str, ...], kinds: tuple[Any, ...]) -> BlockType:
+    return BlockType(name, tuple(zip(fields, kinds, strict=True)))
+
+
+@cache
 def _kind_of_array(dtype: Any, ndim: int) -> Any:
     return types.Array(from_dtype(dtype), ndim, "C")
+
+
+def _address(array: Any) -> int:
+    """The same as array.ctypes.data, which takes much longer."""
+    address: int = array.__array_interface__["data"][0]
+    return address
 
 
 def _words(value: Any) -> list[int]:
@@ -127,6 +135,6 @@ def _words(value: Any) -> list[int]:
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise ValueError("a block's arrays must be contiguous")
-        return [value.ctypes.data, *value.shape, *([0] * (2 - value.ndim))]
+        return [_address(value), *value.shape, *([0] * (2 - value.ndim))]
     number = np.float64(value).view(np.int64) if isinstance(value, float) else value
     return [int(number), 0, 0]

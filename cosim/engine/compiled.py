@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 from cosim.engine import calls
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Bind = Callable[..., Callable[..., int]]
 
 try:
     import numba
@@ -31,19 +33,19 @@ def hot(function: Function) -> Function:
     return function if numba is None else register_jitable(_nrt=False, forceinline=True)(function)
 
 
-def compiled(function: Callable[..., int]) -> Callable[..., int] | None:
-    """Return the function as machine code, kept on disk, which takes named tuples as blocks; None without numba."""
+def bound(function: Callable[..., int]) -> Bind:
+    """Return what takes a function's named tuples and returns the function of the other arguments."""
+    return lambda *tuples: partial(function, *tuples)
+
+
+def compiled(function: Callable[..., int]) -> Bind | None:
+    """The same as machine code, which is kept on disk; the named tuples become blocks. None without numba."""
     if numba is None:
         return None
     from cosim.engine.blocks import Block  # noqa: PLC0415
 
     machine = numba.njit(nogil=True, cache=True, _nrt=False)(function)
-
-    def call(*arguments: Any) -> int:
-        result: int = machine(*(Block(a) if isinstance(a, tuple) else a for a in arguments))
-        return result
-
-    return call
+    return lambda *tuples: partial(machine, *map(Block, tuples))
 
 
 if numba is not None:

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from cosim.engine import march as plain
-from cosim.engine.compiled import compiled, shared
+from cosim.engine.compiled import Bind, bound, compiled, shared
 
 #: How many steps are made between looks at Ctrl-C and the progress bar.
 COMPILED_CHUNK, PYTHON_CHUNK = 20_000, 100
 
 ENGINES = ("auto", "compiled", "python")
 
-Loop = Callable[..., int]
-
 
 @cache
-def compiled_march() -> Loop | None:
+def compiled_march() -> Bind | None:
     """Return march as machine code; None without numba."""
     inner, version = shared(plain.march), _version()
 
@@ -31,7 +28,7 @@ def compiled_march() -> Loop | None:
 
 
 @cache
-def compiled_march_adaptive() -> Loop | None:
+def compiled_march_adaptive() -> Bind | None:
     """Return march_adaptive as machine code; None without numba."""
     inner, version = shared(plain.march_adaptive), _version()
 
@@ -48,15 +45,15 @@ def can_compile() -> bool:
     return compiled_march() is not None
 
 
-def loop(engine: str, *, adaptive: bool) -> tuple[Loop, int]:
-    """Return the loop, with steps of one size or chosen ones, and how many steps to make at once.
+def loop(engine: str, *, adaptive: bool) -> tuple[Bind, int]:
+    """Return what binds the loop, with steps of one size or chosen ones, and how many steps to make at once.
 
     `auto` is the compiled one where numba is installed.
     """
     found = None if engine == "python" else compiled_march_adaptive() if adaptive else compiled_march()
-    return (
-        (plain.march_adaptive if adaptive else plain.march, PYTHON_CHUNK) if found is None else (found, COMPILED_CHUNK)
-    )
+    if found is not None:
+        return found, COMPILED_CHUNK
+    return bound(plain.march_adaptive if adaptive else plain.march), PYTHON_CHUNK
 
 
 def _version() -> int:

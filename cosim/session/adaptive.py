@@ -28,9 +28,9 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
     knots, control = _knots(setup), _control(setup, algorithm)
     state = _first_progress(setup.step, control, running.memory.now.size, knots.values.shape[1])
     kept = memory(running.plan)
-    arguments = (running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
+    march = marching.bind(running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
     while True:
-        end = marching.march(*arguments, max(1, marching.chunk // 10))
+        end = march(max(1, marching.chunk // 10))
         time = float(state.time[0])
         if end in (STOPPED, STUCK) or running.memory.failure[3] == 1:
             return Ending(end, time, least=float(state.smallest[0]), largest=float(state.greatest[0]))

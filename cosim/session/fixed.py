@@ -19,11 +19,11 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
         StepError: A component failed, or the coupling diverged.
     """
     grid, count = _grid(setup), setup.times.size - 1
-    arguments = (running.plan, running.memory, running.tape, grid, marching.mode)
+    march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
     end = DONE
     for first in range(0, count, marching.chunk):
         last = min(first + marching.chunk, count)
-        end = marching.march(*arguments, first, last)
+        end = march(first, last)
         if end == STOPPED:
             break
         if end != DONE:
@@ -43,7 +43,7 @@ def _grid(setup: Setup) -> Grid:
     if scenario.drive is not None and setup.following:
         own = scenario.drive.series.time - scenario.drive_start
         times = joined(times, own[(own > 0.0) & (own < scenario.stop)])
-    begins = np.searchsorted(times, setup.times)
+    begins = np.searchsorted(times, setup.times) if times.size > setup.times.size else np.arange(times.size)
     steps = step_sizes(setup.times, setup.step)
     return Grid(setup.times, steps, setup.recorded, begins, Drive(times, *_drive_rows(setup, times)))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from cosim.engine.compiled import Bind
 from cosim.engine.march import Tape
 from cosim.engine.plan import Memory, Mode, Plan, memory
 from cosim.equilibrium import Equilibrium, solve_equilibrium
@@ -44,13 +45,13 @@ class Marching:
     """The loop, and how it is called.
 
     Args:
-        march: The loop.
+        bind: Takes the loop's named tuples and returns the loop.
         chunk: How many steps it makes at once.
         mode: How it makes a step.
         progress: Told after each call of the loop which share of the run is done, 0 to 1.
     """
 
-    march: Callable[..., int]
+    bind: Bind
     chunk: int
     mode: Mode
     progress: Callable[[float], None]

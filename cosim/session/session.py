@@ -97,9 +97,9 @@ class Session:
         """The loop that is asked for; compiling one gains nothing where every component is Python."""
         setup = self._setup
         native = any(isinstance(component, Native) for component in setup.system.components.values())
-        march, chunk = loop(
+        bind, chunk = loop(
             engine if native or engine == "compiled" else "python", adaptive=isinstance(setup.algorithm, Adaptive)
         )
         if engine == "compiled" and not can_compile():
             raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
-        return Marching(march, chunk, setup.algorithm.mode(setup.scenario.settling), progress)
+        return Marching(bind, chunk, setup.algorithm.mode(setup.scenario.settling), progress)

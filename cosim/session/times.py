@@ -32,10 +32,10 @@ def coupling_times(stop: float, step: float) -> Times:
 
 
 def step_sizes(times: Times, step: float) -> Times:
-    """Return the steps between coupling points (K,) [s]: `step` to the bit, so that components meet one size only.
+    """Return the steps between coupling points (K,) [s]: `step` to the bit, but a last one that is shorter.
 
-    Differences of times would be off by their rounding, which changes from step to step. The last step is the
-    difference where it is shorter.
+    Differences of times are off by their rounding, which changes from step to step: components that keep what belongs
+    to a step size, as exponentials, would compute it anew.
 
     Args:
         times: Coupling points (K+1,) [s].
@@ -57,7 +57,8 @@ def joined(times: Times, others: Times) -> Times:
     """
     place = np.searchsorted(times, others)
     near = np.minimum(np.abs(others - times[np.maximum(place - 1, 0)]), np.abs(others - times[place]))
-    return np.union1d(times, others[near > ROUNDING * times[-1]])
+    new = others[near > ROUNDING * times[-1]]
+    return np.union1d(times, new) if new.size else times
 
 
 def merged(times: Times) -> Times:

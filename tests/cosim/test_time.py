@@ -50,6 +50,7 @@ def test_steps_begin_at_whole_multiples_records_are_among_them_and_the_last_land
     result = run(System({"a": part}), Scenario(stop, record_step=every * step), step=step)
     made = steps_of(part)
     assert [time for time, _ in made] == [k * step for k in range(len(made))]
+    assert all(size == step for _, size in made[:-1])
     time, size = made[-1]
     assert time < stop
     assert 0.0 < size <= step * (1.0 + 1e-9)
