@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -114,8 +115,8 @@ def _show(console: Console, found: Linearity) -> None:
 
 def _condition_table(found: Linearity) -> Table:
     """Return condition and mean coherence of every path, a row per output."""
-    table = Table("output", *found.inputs)
+    table = Table("output", *(name.replace(".", "\n") for name in found.inputs), box=SIMPLE)
     for output in found.outputs:
         said = [found.verdict(output, name) for name in found.inputs]
-        table.add_row(output, *(f"{each.condition.name} {each.coherence:.2f}" for each in said))
+        table.add_row(output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in said))
     return table

@@ -3,7 +3,7 @@
 Two loggers that were started by hand, or one that filters, put channels out of step; a response estimated over them has
 a false phase of 360 f lag degrees. What must be in step is known from mechanics:
 
-- a shock's travel, twice differentiated, goes with hub minus chassis acceleration at its corner;
+- a shock's travel, twice differentiated, goes with hub minus chassis acceleration of its axle's two corners;
 - the tire forces together, less the aeroloaders', go with the accelerations (Newton's law of the whole car);
 - a shock's force goes with its velocity, but for the few milliseconds of its own lag.
 """
@@ -222,12 +222,25 @@ class _Compared:
         self._low = dict(zip(chosen.names, low, strict=True))
 
     def travel(self, corner: str) -> Lag | None:
-        """The potentiometer against the accelerometers above and below it."""
-        names = [_name(corner, quantity) for quantity in ("displacement", "hub_acceleration", "chassis_acceleration")]
-        if not self._there(names):
+        """The potentiometer against the accelerometers above and below it, and across the axle.
+
+        A shock that sits inboard on a solid axle moves with both of its wheels.
+        """
+        pot = _name(corner, "displacement")
+        across = [other for other in self._axle(corner) if other != corner]
+        if not self._there([pot, *self._accelerometers(corner)]):
             return None
-        bend = derivative(derivative(self._low[names[0]], self._rate), self._rate)
-        return self._lag(names[0], "the accelerometers", bend, self._low[names[1]] - self._low[names[2]], SAME_LAG)
+        compared = [corner, *(other for other in across if self._there(self._accelerometers(other)))]
+        relative = [self._low[hub] - self._low[chassis] for hub, chassis in map(self._accelerometers, compared)]
+        bend = derivative(derivative(self._low[pot], self._rate), self._rate)
+        return self._lag(pot, "the accelerometers", bend, np.stack(relative), SAME_LAG)
+
+    def _axle(self, corner: str) -> tuple[str, ...]:
+        front = corner in self._corners[:2]
+        return self._corners[:2] if front else self._corners[2:]
+
+    def _accelerometers(self, corner: str) -> tuple[str, str]:
+        return _name(corner, "hub_acceleration"), _name(corner, "chassis_acceleration")
 
     def force(self, corner: str) -> Lag | None:
         """The load cell against the velocity of its shock."""

@@ -150,6 +150,17 @@ def test_a_record_in_step_has_no_notable_lag(name, request):
     assert not prepare([test]).notes
 
 
+def test_inboard_shocks_of_a_solid_axle_are_in_step_though_one_wheel_alone_moves():
+    test = record("seven_dof", seconds=8.0, active=("lr.road",))
+    left, right = test.series["lr.displacement"], test.series["rr.displacement"]
+    inboard = with_channels(
+        test, lr__displacement=0.76 * left + 0.24 * right, rr__displacement=0.24 * left + 0.76 * right
+    )
+    lags = record_lags(inboard.series, CORNERS)
+    assert not any(lag.is_notable for lag in lags)
+    assert {lag.channel for lag in lags if lag.likeness > 0.99} > {"lr.displacement", "rr.displacement"}
+
+
 def test_a_late_logger_is_found_said_and_brought_forward_on_request(seven):
     late = [f"{corner}.{quantity}" for corner in CORNERS for quantity in ("hub_acceleration", "chassis_acceleration")]
     test = replace(seven, series=shifted(seven.series, dict.fromkeys(late, -0.0123)))
