@@ -9,6 +9,7 @@ from typing import Any
 
 from cosim.study.compare import Comparison
 from eightpost import __version__
+from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 
 #: Version of the file that is written.
@@ -31,6 +32,24 @@ def write_comparisons(comparisons: Sequence[Comparison], units: Mapping[str, str
     }
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_run_to_run(path: str | Path) -> dict[str, float]:
+    """Return the standard deviation of one rig run by measure [SI] that a comparison found in repeated runs.
+
+    Raises:
+        FileFormatError: It is no comparison, or no setup was run twice.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        found = {entry["measure"]: float(entry["run_to_run"]) for entry in document["measures"]}
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file: `eightpost compare --measured` writes it", path=path) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileFormatError(f"is no comparison of a study with the rig ({error!r})", path=path) from error
+    if not any(found.values()):
+        raise FileFormatError("does not say how runs differ: no setup was run twice on the rig", path=path)
+    return found
 
 
 def _entry(found: Comparison, unit: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from cosim.study.compare_file import read_run_to_run
 from cosim.study.result import StudyResult
 from cosim.study.robust_draws import Uncertain
 from cosim.study.toml_place import line_of
@@ -65,6 +66,7 @@ class _File(_Strict):
     fits: dict[str, str] = Field(default_factory=dict)
     vehicles: list[str] = Field(default_factory=list)
     run_to_run: dict[str, float | str] = Field(default_factory=dict)
+    compared: str = ""
     runs: int = Field(default=1, ge=1)
 
 
@@ -99,11 +101,12 @@ def _uncertainty(document: _File, folder: Path, result: StudyResult) -> Uncertai
     for build in document.fits:
         if build not in result.study.bank:
             raise InputError(f"fits: there is no build {build!r}; there are {', '.join(result.study.bank)}")
+    measured = read_run_to_run(folder / document.compared) if document.compared else {}
     return Uncertainty(
         parts=tuple(_part(entry) for entry in document.uncertain),
         fits={build: folder / file for build, file in document.fits.items()},
         vehicles=tuple(folder / file for file in document.vehicles),
-        run_to_run={name: _noise(name, value, result) for name, value in document.run_to_run.items()},
+        run_to_run=measured | {name: _noise(name, value, result) for name, value in document.run_to_run.items()},
         runs=document.runs,
     )
 

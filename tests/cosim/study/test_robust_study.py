@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cosim.study.compare_file import write_comparisons
+from cosim.study.compare_runs import Measured, comparisons
 from cosim.study.robust import OBJECTIVE, spreads_of
 from cosim.study.robust_draws import Uncertain, drawn_studies
 from cosim.study.robust_file import read_uncertainty
@@ -121,6 +124,36 @@ front = "0.01 in"
     assert found.fits == {"C/C": tmp_path / "C_C.json"}
     assert found.vehicles == (tmp_path / "car_2.fmu",)
     assert (found.run_to_run["front"], found.runs) == (pytest.approx(2.54e-4), 2)
+
+
+def test_how_runs_differ_is_taken_from_repeated_runs_on_the_rig(tmp_path):
+    setups = np.array([0, 0, 100, 2000])
+    made = result({"front": front, "rear": front})
+    found = comparisons(made, Measured(setups, {n: np.array([1.0, 3.0, 5.0, 9.0]) for n in ("front", "rear")}, {}))
+    write_comparisons(found, {"front": "m", "rear": "m"}, tmp_path / "comparison.json")
+    path = tmp_path / "uncertain.toml"
+    path.write_text('schema = 1\ncompared = "comparison.json"\n[run_to_run]\nrear = 0.5\n')
+    noise = read_uncertainty(path, made).run_to_run
+    assert noise == {"front": pytest.approx(np.sqrt(2.0)), "rear": 0.5}
+
+
+def test_a_comparison_without_repeated_runs_does_not_say_how_runs_differ(tmp_path):
+    made = result({"front": front})
+    found = comparisons(made, Measured(np.array([0, 100, 2000]), {"front": np.array([1.0, 5.0, 9.0])}, {}))
+    write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json")
+    (tmp_path / "uncertain.toml").write_text('schema = 1\ncompared = "comparison.json"\n')
+    with pytest.raises(FileFormatError, match="no setup was run twice"):
+        read_uncertainty(tmp_path / "uncertain.toml", made)
+
+
+def test_the_file_of_the_documentation_is_read(tmp_path):
+    page = (Path(__file__).resolve().parents[3] / "docs" / "study_choice.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "uncertain.toml").write_text(block)
+    found = read_uncertainty(tmp_path / "uncertain.toml", result({"front ride height, RMS": front}))
+    assert [part.part for part in found.parts] == ["car"]
+    assert set(found.fits) == {"C/B"}
+    assert found.run_to_run["front ride height, RMS"] == pytest.approx(2.54e-5)
 
 
 @pytest.mark.parametrize(
