@@ -73,12 +73,12 @@ class Preconditioning:
 
     def _end(self, response: FrequencyResponse, i: int, j: int) -> int:
         """Return the bin from which a path is not known any more."""
-        good = np.ones(response.frequency.size, dtype=bool)
+        known = np.ones(response.frequency.size, dtype=bool)
         if response.variance is not None:
-            good &= np.isfinite(response.variance[i, j])
+            known &= np.isfinite(response.variance[i, j])
+        last = int(np.flatnonzero(known)[-1]) + 1 if known.any() else 0
         if response.partial_coherence is not None and self.coherence > 0.0:
-            good &= _known(response.partial_coherence[i, j], response.frequency, self.coherence)
-        last = int(np.flatnonzero(good)[-1]) + 1 if good.any() else 0
+            last = min(last, _lost(response.partial_coherence[i, j], response.frequency, self.coherence))
         return max(last, int(np.searchsorted(response.frequency, _LOWEST_END)))
 
     def _smoothed(self, frequency: Array, path: Complex) -> Complex:
@@ -95,13 +95,15 @@ class Preconditioning:
         return tuple(notes)
 
 
-def _known(coherence: Array, frequency: Array, least: float) -> NDArray[np.bool_]:
-    """Say where a path is known (K,): its coherence stays above `least` for a residual fit's width around it."""
+def _lost(coherence: Array, frequency: Array, least: float) -> int:
+    """Return the bin from which coherence (K,), averaged over a residual fit's width, stays below `least`.
+
+    Where it never reaches that, the bin of its best.
+    """
     half = max(1, round(0.5 * _POINTS_APART / float(np.mean(np.diff(frequency)))))
-    padded = np.pad(coherence, half, mode="edge")
-    level = np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
-    poor = np.pad(level < least, half, mode="edge")
-    return np.asarray(~np.array([poor[k : k + 2 * half + 1].any() for k in range(coherence.size)]))
+    level = np.convolve(np.pad(coherence, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    last = int(np.flatnonzero(level >= min(least, level.max()))[-1]) + 1
+    return last if last == coherence.size else max(1, last - half)
 
 
 def _continued(frequency: Array, path: Complex, end: int) -> Complex:
