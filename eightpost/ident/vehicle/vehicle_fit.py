@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,8 @@ class VehicleFit:
         notes: What a person must know, a sentence each: what was dropped, replaced, reduced, is doubtful.
         seconds: Processor time of estimate and fit [s].
         stable: Whether the vehicle settles with the baseline dampers and with every other damping that was tried.
+        ranges: What the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty where
+            the recipe does not say.
     """
 
     vehicle: IdentifiedVehicle
@@ -42,6 +44,7 @@ class VehicleFit:
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     stable: bool = True
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def sources(self) -> Mapping[str, str]:
@@ -83,6 +86,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "notes": list(fit.notes),
         "seconds": fit.seconds,
         "stable": fit.stable,
+        "ranges": {name: list(span) for name, span in fit.ranges.items()},
     }
     with atomic_path(story_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -111,6 +115,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             tuple(_words(story["notes"])),
             float(story["seconds"]),
             bool(story["stable"]),
+            {str(name): (float(low), float(high)) for name, (low, high) in story.get("ranges", {}).items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         what = f"does not hold a fit as this version writes it ({error})"

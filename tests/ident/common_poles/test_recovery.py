@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import control
 import numpy as np
 import pytest
 
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, plot_stabilisation, stabilisation
 from eightpost.ident.vehicle.common_poles.points import points_of
 from eightpost.vehicle import Channel, StateSpace, discretise
 
-from .conftest import FREQUENCY
+from .conftest import FREQUENCY, noisy
 
 HIGH = 19.9
 
@@ -28,7 +30,7 @@ def test_a_car_is_recovered_to_rounding_and_its_order_is_told_by_a_clear_gap(
     name: str, states: int, request: pytest.FixtureRequest
 ) -> None:
     model = request.getfixturevalue(name)
-    found = CommonPoleFit(high=HIGH).fit(response_of(model, FREQUENCY))
+    found = CommonPoleFit(high=HIGH, most_states=18).fit(response_of(model, FREQUENCY))
     assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
     _close(found.model, model, 1e-8)
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
@@ -59,7 +61,8 @@ def test_inputs_without_power_over_most_of_the_band_are_recovered_there_too(seve
     variance[:, loads, :] = np.where(FREQUENCY > 5.5, np.inf, 1e-20)
     partial = FrequencyResponse(FREQUENCY, np.where(np.isfinite(variance), exact.H, 0.0), exact.inputs, exact.outputs,
                                 None, None, variance)  # fmt: skip
-    _close(CommonPoleFit(high=HIGH).fit(partial).model, seven_dof, 1e-6)
+    fit = CommonPoleFit(high=HIGH, most_states=18, refinement=Refinement(most_iterations=2))
+    _close(fit.fit(partial).model, seven_dof, 1e-6)
 
 
 def test_shock_velocities_have_no_direct_term_even_where_the_response_has_one(quarter_car: StateSpace) -> None:
@@ -88,3 +91,15 @@ def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace)
     assert any("lag" in note for note in with_lags.notes)
     assert max(with_lags.residual.values()) < 1.5e-3
     assert max(without.residual.values()) > 5.0 * max(with_lags.residual.values())
+
+
+def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(
+    quarter_car: StateSpace, tmp_path: Path
+) -> None:
+    found = CommonPoleFit(high=HIGH, most_states=10).fit(noisy(quarter_car, 0.01, 4))
+    placed = stabilisation(found.start.study)
+    for mode in quarter_car.modes():
+        kept = [p.order for p in placed if p.steady and abs(p.frequency / mode.frequency_hz - 1.0) < 0.02]
+        assert {6, 8, 10} <= set(kept)
+    plot_stabilisation(found, tmp_path / "diagram.png")
+    assert (tmp_path / "diagram.png").read_bytes().startswith(b"\x89PNG")

@@ -3,6 +3,7 @@
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel
 from eightpost.ident.vehicle.common_poles.order import OrderStudy
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
+from eightpost.ident.vehicle.common_poles.stabilisation import plot_stabilisation, stabilisation
 from eightpost.ident.vehicle.common_poles.swapping import Swapping, swapping
 from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
 from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
@@ -14,10 +15,12 @@ __all__ = [
     "Ranges",
     "Refinement",
     "Swapping",
+    "plot_stabilisation",
     "ranges_of",
     "response_deviation",
     "sampled_models",
     "spread",
+    "stabilisation",
     "swapping",
     "unmodelled",
 ]

@@ -11,7 +11,13 @@ from scipy.linalg import block_diag
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.common_poles.feedthrough import Feedthrough
 from eightpost.ident.vehicle.common_poles.order import OrderStudy, description_length, start, study_orders
-from eightpost.ident.vehicle.common_poles.physics import direct_terms, roads, with_integrals, without_integrals
+from eightpost.ident.vehicle.common_poles.physics import (
+    direct_terms,
+    integrals,
+    roads,
+    with_integrals,
+    without_integrals,
+)
 from eightpost.ident.vehicle.common_poles.points import Points, points_of
 from eightpost.ident.vehicle.common_poles.refinement import Refined, Refinement, Solution
 from eightpost.ident.vehicle.common_poles.subspace import subspace_of
@@ -194,7 +200,7 @@ def _model(
     names = joined.output_names
     return CommonPoleModel(
         state_space(refined.solution, points, joined.inputs, joined.outputs, response.outputs),
-        dict(zip(names, residual.tolist(), strict=True)),
+        _with_integrals(dict(zip(names, residual.tolist(), strict=True)), response),
         dict(zip(names, excess.tolist(), strict=True)),
         refined,
         points,
@@ -203,3 +209,9 @@ def _model(
         begun,
         (float(joined.frequency[1]), float(joined.frequency[-1])),
     )
+
+
+def _with_integrals(residual: dict[str, float], response: FrequencyResponse) -> dict[str, float]:
+    """Return the residuals in the response's order; a displacement, no output of the fit, has its velocity's."""
+    pairs = integrals(response.output_names)
+    return {name: residual[pairs.get(name, name)] for name in response.output_names}

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
 
+#: A mean square misfit of this many deviations is none [1].
+_EXACT = 1e-12
+
 #: A curvature below this part of the largest is none.
 _NOTHING = 1e-30
 
@@ -111,7 +114,7 @@ class Refinement:
                     break
                 damping *= 10.0
             gained = best.cost - tried.cost
-            if gained <= self.tolerance * best.cost:
+            if gained <= self.tolerance * best.cost + _EXACT * points.H.size:
                 return Refined(tried if gained > 0.0 else best, iteration, True)
             best, damping = tried, max(damping * 0.1, _LEAST_DAMPING)
         return Refined(best, self.most_iterations, False)

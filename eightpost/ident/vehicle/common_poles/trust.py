@@ -47,6 +47,15 @@ class Ranges:
     frequency: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
 
+    def as_mapping(self) -> dict[str, tuple[float, float]]:
+        """Return the ranges by channel, and that of the frequency, as a fit keeps them."""
+        return {"frequency": self.frequency, **self.channels}
+
+    @classmethod
+    def of_mapping(cls, ranges: Mapping[str, tuple[float, float]]) -> Ranges:
+        """Return what a fit kept."""
+        return cls(ranges["frequency"], {name: span for name, span in ranges.items() if name != "frequency"})
+
     def beyond(self, series: TimeSeries) -> tuple[str, ...]:
         """Return where a simulation left what the tests covered, a sentence each."""
         notes = []

@@ -95,6 +95,11 @@ class FrictionEstimate:
         """Whether there is friction at any port."""
         return any(law.force > 0.0 for law in self.friction.values())
 
+    def table(self) -> str:
+        """Return what is left of every output's residual with friction, as Markdown: RMS over that without."""
+        lines = ["| output | residual with friction over without [%] |", "|---|---|"]
+        return "\n".join((*lines, *(f"| {name} | {100.0 * share**0.5:.0f} |" for name, share in self.residual.items())))
+
     def said(self) -> str:
         """Return the forces and what they explain as a sentence."""
         if not self.acts:

@@ -82,7 +82,14 @@ class CommonPoles:
             swapping(found.model, experiment.baseline_damping).said(),
         )
         fit = VehicleFit(
-            vehicle, "common-poles", response, found.residual, notes, process_time() - started, settles.stable
+            vehicle,
+            "common-poles",
+            response,
+            found.residual,
+            notes,
+            process_time() - started,
+            settles.stable,
+            ranges.as_mapping(),
         )
         return Identification(fit, found, response, rubbing, ranges)
 
