@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import get_context
-from typing import Protocol
+from typing import Any, Protocol
 
 from cosim.study import work
 from cosim.study.evaluator import Coupling, Row
@@ -73,7 +75,8 @@ class ProcessWorkers:
             StepError: No setup could be run, or an FMU crashed.
         """
         try:
-            return self._pool.submit(work.choose, study.to_json()).result()
+            coupling: Coupling = self._submit(work.choose, study.to_json()).result()
+            return coupling
         except BrokenProcessPool:
             raise StepError(
                 "a worker process died while it chose the coupling: an FMU crashes. Find which with `eightpost check` "
@@ -88,12 +91,12 @@ class ProcessWorkers:
         running: dict[Future[list[Row]], Chunk] = {}
         while True:
             room = 0 if stop() else self.count * _AHEAD - len(running)
-            running |= {self._pool.submit(work.rows, text, coupling, c.indices): c for c in islice(waiting, room)}
+            running |= {self._submit(work.rows, text, coupling, c.indices): c for c in islice(waiting, room)}
             if not running:
                 return
             finished, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
             if any(isinstance(future.exception(), BrokenProcessPool) for future in finished):
-                yield from self._one_by_one(study, coupling, list(running.values()))
+                yield from self._one_by_one(study, coupling, list(running.values()), stop)
                 running.clear()
                 continue
             for future in finished:
@@ -106,20 +109,42 @@ class ProcessWorkers:
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.count, mp_context=get_context("spawn"), initializer=work.begin_worker)
 
-    def _one_by_one(self, study: Study, coupling: Coupling, chunks: list[Chunk]) -> Iterator[tuple[Chunk, list[Row]]]:
+    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        with _interrupts_held():
+            return self._pool.submit(function, *arguments)
+
+    def _one_by_one(
+        self, study: Study, coupling: Coupling, chunks: list[Chunk], stop: Callable[[], bool]
+    ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run what was under way when a worker died again, each setup by itself, to know which it was."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._new_pool()
         for chunk in chunks:
+            if stop():
+                return
             yield chunk, [self._alone(study, coupling, index) for index in chunk.indices]
 
     def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
         try:
-            return self._pool.submit(work.rows, study.to_json(), coupling, (index,)).result()[0]
+            row: Row = self._submit(work.rows, study.to_json(), coupling, (index,)).result()[0]
+            return row
         except BrokenProcessPool:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = self._new_pool()
             return lost_row(study, index)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while a process may be begun: it inherits that, and leaves Ctrl-C to this one for good."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def lost_row(study: Study, index: int) -> Row:

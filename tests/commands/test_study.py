@@ -1,5 +1,10 @@
 """`eightpost study`: what it prints, leaves and returns."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,6 +64,27 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     assert result.done.all() and result.baseline_row == 1
     again = CliRunner().invoke(main, [*options, "--rank", "aero number"])
     assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a group of processes as a POSIX terminal does")
+def test_ctrl_c_in_the_terminal_leaves_what_is_done_and_the_next_call_goes_on(file, tmp_path):
+    text = file.read_text()
+    for corner in ("rf", "lr", "rr"):
+        text = text.replace(f'{corner} = ["stiff"]', f'{corner} = ["soft", "stiff"]')
+    file.write_text(text.replace('stop = "3 s"', 'stop = "30 s"'))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--workers", "2"]
+    called = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, process_group=0)
+    while called.poll() is None and not list(out.glob("chunks/*/chunk_*")):
+        time.sleep(0.05)
+    os.killpg(called.pid, signal.SIGINT)
+    said, _ = called.communicate(timeout=120)
+    assert called.returncode == 1 and "partial" in said and "Traceback" not in said, said
+    first = StudyResult.load(out / "results.parquet")
+    assert first.partial and first.done.all() and 0 < len(first) < 16
+    again = CliRunner().invoke(main, [*command[3:]])
+    assert again.exit_code == 0 and f"16 setups, {16 - len(first)} to be run" in again.output
 
 
 @pytest.mark.parametrize(
