@@ -1,10 +1,12 @@
 """Models of vehicles from their frequency responses, and simulation with them."""
 
 from eightpost.ident.vehicle.closed_loop import simulate_with_shocks
+from eightpost.ident.vehicle.experiment import Experiment, experiment_of
 from eightpost.ident.vehicle.parallel import parallel_model
 from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term
 from eightpost.ident.vehicle.transfer_function import TransferFunction
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, write_fit
 from eightpost.ident.vehicle.weights import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 
 __all__ = [
@@ -13,12 +15,17 @@ __all__ = [
     "SEVEN_DOF",
     "WHEELLOADERS",
     "BandWeights",
+    "Experiment",
     "PathFit",
     "RationalFit",
     "SisoFits",
     "SisoModels",
     "TransferFunction",
+    "VehicleFit",
+    "experiment_of",
     "has_direct_term",
     "parallel_model",
+    "read_fit",
     "simulate_with_shocks",
+    "write_fit",
 ]
