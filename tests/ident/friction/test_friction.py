@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch, direction, with_friction
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (
     Friction,
@@ -119,9 +122,23 @@ def test_the_simulated_friction_is_that_of_the_vehicle_fmu() -> None:
     np.testing.assert_allclose(found["velocity"], expected, atol=2e-3 * np.std(expected))
 
 
-def test_the_file_keeps_the_friction(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_the_file_keeps_the_friction(tmp_path: Path) -> None:
     vehicle = _quarter_car(Friction(60.0, 0.02))
     write_vehicle(tmp_path / "car.json", vehicle)
     again = read_vehicle(tmp_path / "car.json")
     assert isinstance(again, IdentifiedVehicle)
     assert again.friction == vehicle.friction
+
+
+def test_the_fit_says_what_it_found_and_keeps_it_in_its_files(
+    rubbing: list[TimeSeries], experiment: Experiment, tmp_path: Path
+) -> None:
+    fit = CommonPoles(friction=FrictionSearch(velocities=(0.01,))).identify(rubbing, experiment)
+    write_fit(tmp_path / "car.json", fit)
+    again = read_fit(tmp_path / "car.json")
+    assert fit.stable
+    assert tuple(fit.residual) == experiment.outputs
+    assert any("Friction at the ports" in note for note in again.notes)
+    assert again.vehicle.friction == fit.vehicle.friction
+    assert again.ranges == fit.ranges
+    assert again.ranges["frequency"][1] == pytest.approx(16.0, abs=0.1)
