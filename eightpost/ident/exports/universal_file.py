@@ -20,7 +20,6 @@ from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
 if TYPE_CHECKING:
-
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
