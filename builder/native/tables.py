@@ -169,6 +169,7 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
     references = range(_references(plan.interface.variables))
     places = [position.get(reference, -1) for reference in references]
     index = {v.reference: plan.index(v) for v in variables if v.type == "Real"}
+    inputs = [str(v.reference) for v, _ in plan.reals if v.causality == "input"]
     flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]
     lines = [
         f"/* {plan.interface.kind} {plan.interface.version}: generated from interface.toml; do not edit. */",
@@ -178,6 +179,7 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
         *(f"    {_row(plan, variable)}," for variable in variables),
         "};",
         "",
+        f"const fmi2ValueReference input_references[INPUTS] = {{{', '.join(inputs)}}};",
         f"const int16_t variable_of_reference[REFERENCES] = {{{', '.join(map(str, places))}}};",
         f"const int16_t real_of_reference[REFERENCES] = {{{', '.join(str(index.get(r, -1)) for r in references)}}};",
         "",

@@ -98,10 +98,10 @@ def _blocks_of_rows(name: str, values: Array) -> str:
     count = -(-rows // block)
     padded = np.zeros((count * block, columns))
     padded[:rows] = values
-    stored = padded.reshape(count, block, columns).transpose(0, 2, 1).reshape(-1, block)
-    lines = ",\n".join(f"    {', '.join(map(c_number, row))}" for row in stored) or "    0.0"
+    stored = padded.reshape(count, block, columns).transpose(0, 2, 1)
+    lines = ",\n".join(f"    {{{', '.join(map(c_array, columns_of))}}}" for columns_of in stored)
     sizes = f"enum {{ BLOCK = {block}, STATE_BLOCKS = {count} }};"
-    return f"{sizes}\nstatic const double {name}[] = {{\n{lines},\n}};"
+    return f"{sizes}\nstatic const double {name}[STATE_BLOCKS][INPUTS][BLOCK] = {{\n{lines},\n}};"
 
 
 def _rows(name: str, size: str, values: Array) -> str:

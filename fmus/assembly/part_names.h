@@ -10,6 +10,7 @@
 #define OF_PART(name) OF_PART_EXPANDED(EIGHTPOST_PART, name)
 
 #undef variables
+#undef input_references
 #undef variable_of_reference
 #undef real_of_reference
 #undef start_values
@@ -27,6 +28,7 @@
 #undef law_refuses
 
 #define variables fmi2FullName(OF_PART(variables))
+#define input_references fmi2FullName(OF_PART(input_references))
 #define variable_of_reference fmi2FullName(OF_PART(variable_of_reference))
 #define real_of_reference fmi2FullName(OF_PART(real_of_reference))
 #define start_values fmi2FullName(OF_PART(start_values))

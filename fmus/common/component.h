@@ -40,6 +40,7 @@ typedef struct {
 
 /* Generated from interface.toml (interface.c). */
 extern const Variable variables[];
+extern const fmi2ValueReference input_references[INPUTS]; /* in the order of Values.at */
 extern const int16_t variable_of_reference[REFERENCES]; /* -1: no such variable */
 extern const int16_t real_of_reference[REFERENCES]; /* index in Values.at; -1: no such Real variable */
 extern const double start_values[REALS];

@@ -1,7 +1,32 @@
 /* What a host calls in every step, at once: these functions call nothing unless something is unusual, which goes the long way
  * with every check (variables.c, derivatives.c). */
+#include <string.h>
+
 #include "instance.h"
 #include "elementary.h"
+
+/* Most hosts set all inputs at once, in their order: then there is nothing to look up. */
+static int are_all_inputs(const fmi2ValueReference vr[], size_t n)
+{
+    fmi2ValueReference other = 0;
+    if (n != INPUTS) {
+        return 0;
+    }
+    for (int k = 0; k < INPUTS; k++) {
+        other |= vr[k] ^ input_references[k];
+    }
+    return other == 0;
+}
+
+static int are_in_range(const fmi2Real value[])
+{
+    for (int k = 0; k < INPUTS; k++) {
+        if (!(value[k] >= variables[k].minimum && value[k] <= variables[k].maximum)) {
+            return 0;
+        }
+    }
+    return 1;
+}
 
 static int are_inputs(const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
@@ -17,13 +42,31 @@ static int are_inputs(const fmi2ValueReference vr[], size_t n, const fmi2Real va
 fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
     Component *c = (Component *)instance;
-    if (c == NULL || c->memory.phase != STEPPING || vr == NULL || value == NULL || !are_inputs(vr, n, value)) {
+    if (c == NULL || c->memory.phase != STEPPING || vr == NULL || value == NULL) {
+        return set_reals(instance, vr, n, value);
+    }
+    if (are_all_inputs(vr, n) && are_in_range(value)) {
+        memcpy(c->memory.values.at, value, INPUTS * sizeof *value);
+        return fmi2OK;
+    }
+    if (!are_inputs(vr, n, value)) {
         return set_reals(instance, vr, n, value);
     }
     for (size_t k = 0; k < n; k++) {
         c->memory.values.at[variable_of_reference[vr[k]]] = value[k];
     }
     return fmi2OK;
+}
+
+static int are_finite_and_first(const fmi2Integer order[], const fmi2Real value[])
+{
+    fmi2Integer other = 0;
+    double rest = 0.0; /* of what is finite */
+    for (int k = 0; k < INPUTS; k++) {
+        other |= order[k] != 1;
+        rest += value[k] - value[k];
+    }
+    return other == 0 && rest == 0.0;
 }
 
 static int are_first_derivatives(const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[])
@@ -41,7 +84,14 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueRe
 {
     Component *c = (Component *)instance;
     const int is_null = vr == NULL || order == NULL || value == NULL;
-    if (c == NULL || !(c->memory.phase & SETTABLE) || is_null || !are_first_derivatives(vr, n, order, value)) {
+    if (c == NULL || !(c->memory.phase & SETTABLE) || is_null) {
+        return slopes_refused(instance, n, is_null);
+    }
+    if (are_all_inputs(vr, n) && are_finite_and_first(order, value)) {
+        memcpy(c->memory.slope, value, INPUTS * sizeof *value);
+        return fmi2OK;
+    }
+    if (!are_first_derivatives(vr, n, order, value)) {
         return slopes_refused(instance, n, is_null);
     }
     for (size_t k = 0; k < n; k++) {

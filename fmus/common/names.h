@@ -20,6 +20,7 @@
 #define hyperbolic_tangent fmi2FullName(hyperbolic_tangent)
 #define sine_and_cosine fmi2FullName(sine_and_cosine)
 #define variables fmi2FullName(variables)
+#define input_references fmi2FullName(input_references)
 #define variable_of_reference fmi2FullName(variable_of_reference)
 #define real_of_reference fmi2FullName(real_of_reference)
 #define start_values fmi2FullName(start_values)

@@ -11,8 +11,8 @@ typedef struct {
 
 /* A stretch of time in which the damper velocity [m/s] and F_s [N] go linearly. */
 typedef struct {
-    double velocity_start, velocity_end;
-    double static_start, static_end;
+    double velocity_start, static_start;
+    double velocity_end, static_end;
     double step; /* [s] */
 } Piece;
 

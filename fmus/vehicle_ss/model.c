@@ -106,30 +106,24 @@ static const Factors *other_factors(Work *work, double h)
     return &work->kept[work->newest];
 }
 
-/* y = matrix x. The matrix is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in
- * registers and adds in the same order everywhere. */
-static void multiply_block(const double *block, const double *x, double *y)
-{
-    double sum[BLOCK] = {0.0};
-    for (int c = 0; c < INPUTS; c++, block += BLOCK) {
-        for (int r = 0; r < BLOCK; r++) {
-            sum[r] += block[r] * x[c];
-        }
-    }
-    memcpy(y, sum, sizeof sum);
-}
-
 static const Factors *factors(Work *work, double h)
 {
     const Factors *last = &work->kept[work->newest];
     return last->h == h ? last : other_factors(work, h);
 }
 
-/* b u. */
+/* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in
+ * the same order everywhere. */
 static void load(const double *u, Modal *w)
 {
     for (int b = 0; b < STATE_BLOCKS; b++) {
-        multiply_block(B + b * INPUTS * BLOCK, u, w->at + b * BLOCK);
+        double sum[BLOCK] = {0.0};
+        for (int c = 0; c < INPUTS; c++) {
+            for (int r = 0; r < BLOCK; r++) {
+                sum[r] += B[b][c][r] * u[c];
+            }
+        }
+        memcpy(w->at + b * BLOCK, sum, sizeof sum);
     }
 }
 

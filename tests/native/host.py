@@ -57,6 +57,12 @@ class Host:
             "SetReal", references, ctypes.c_size_t(len(values)), (ctypes.c_double * len(values))(*values.values())
         )
 
+    def set_slopes(self, values, order=1):
+        references = (ctypes.c_uint * len(values))(*(self.references[n] for n in values))
+        orders = (ctypes.c_int * len(values))(*[order] * len(values))
+        slopes = (ctypes.c_double * len(values))(*values.values())
+        return self.call("SetRealInputDerivatives", references, ctypes.c_size_t(len(values)), orders, slopes)
+
     def get(self, *names):
         references, values = (
             (ctypes.c_uint * len(names))(*(self.references[n] for n in names)),

@@ -74,6 +74,36 @@ def test_values_that_are_no_numbers_are_refused_by_name_and_the_next_good_step_i
 
 
 @pytest.mark.parametrize("name", ALL)
+def test_inputs_set_at_once_equal_those_set_one_by_one_from_the_last(host, name):
+    at_once, one_by_one = host(name).start(), host(name).start()
+    for k in range(5):
+        values = {variable: 0.01 * (i + k) for i, variable in enumerate(at_once.inputs())}
+        slopes = {variable: 1.0 - i for i, variable in enumerate(values)}
+        assert at_once.set_named(values) == at_once.set_slopes(slopes) == OK
+        for variable in reversed(values):
+            assert one_by_one.set_named({variable: values[variable]}) == OK
+            assert one_by_one.set_slopes({variable: slopes[variable]}) == OK
+        assert at_once.step(1e-3 * k) == one_by_one.step(1e-3 * k) == OK
+        assert at_once.all() == one_by_one.all()
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_of_all_inputs_set_at_once_none_is_taken_where_one_is_no_number(host, name, bad):
+    fmu = host(name).start()
+    before, good = fmu.all(), dict.fromkeys(fmu.inputs(), 0.2)
+    for variable in good:
+        assert fmu.set_named(good | {variable: bad}) == ERROR
+        assert fmu.set_slopes(good | {variable: bad}) == ERROR
+    assert fmu.set_slopes(good, order=2) == ERROR
+    assert fmu.all() == before
+    assert fmu.step(0.0) == OK
+    unmoved = host(name).start()
+    assert unmoved.step(0.0) == OK
+    assert fmu.all() == unmoved.all()
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_parameters_outside_their_range_are_refused_and_nothing_of_the_call_is_done(host, name):
     fmu = host(name)
     bounded = [v for v in fmu.description.modelVariables if v.causality == "parameter" and v.min is not None]
