@@ -54,6 +54,14 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
     return path
 
 
+@pytest.mark.parametrize("actuator", ["lf.road", "rr.road", "lr.aero"])
+def test_a_test_of_one_actuator_reads_although_the_others_rest(tmp_path, actuator):
+    car = stand_in_truth()
+    single = run_test(car, random_drive(car, 1, duration=8.0, active=(actuator,)), SHOCKS, lead=0.5)
+    single.write(tmp_path / "single.parquet")
+    assert read_rig_test(tmp_path / "single.parquet").series.names == single.series.names
+
+
 def test_a_record_has_the_62_channels_of_table_6_1(record):
     assert len(record.series.names) == 62
     assert record.series.sample_rate == pytest.approx(1250.0)

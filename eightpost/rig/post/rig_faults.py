@@ -38,6 +38,9 @@ SWAPPED_BY = 0.15
 #: Correlation below which a sign is called wrong [1]: weaker ones say nothing.
 REVERSED = -0.2
 
+#: A reference that moves less than this part of the largest says nothing of its corner [1].
+RESTING = 0.2
+
 #: Correlations count from this many standard deviations of what noise of the band and the record's length gives.
 CERTAIN = 5.0
 
@@ -171,7 +174,10 @@ class _Judge:
     ) -> None:
         """Raise unless every corner's `quantity` goes with its own reference and with none better."""
         references = np.stack([reference(corner) for corner in self._corners])
+        size = references.std(axis=1)
         for place, corner in enumerate(self._corners):
+            if size[place] < RESTING * size.max():
+                continue  # with one actuator at a time the others rest, and what rests tells nothing
             likeness = _correlations(own(corner), references)
             best = int(np.argmax(np.abs(likeness)))
             if abs(likeness[best]) > abs(likeness[place]) + max(SWAPPED_BY, self._chance):
