@@ -42,8 +42,8 @@ _NOT_ACCEPTABLE = 0.3
 @click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.json"),
               show_default=True, help="The vehicle; its response and what was said of it lie beside it.")  # fmt: skip
-@click.option("--recipe", "recipe_name", type=click.Choice(recipe_names()), default="boggs", show_default=True,
-              help="How: docs/identification.md.")  # fmt: skip
+@click.option("--recipe", "recipe_name", type=click.Choice(recipe_names()), default="common-poles", show_default=True,
+              help="How: docs/common_poles.md, docs/identification.md.")  # fmt: skip
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
               help="Which file is the baseline test; found from the shocks' dampings otherwise.")  # fmt: skip
 @click.option("--damping", metavar="RATE", help="Damping around which the vehicle is identified, as '20 lbf.s/in'; "

@@ -54,7 +54,7 @@ def test_the_baseline_is_found_whatever_the_order_of_the_files(done: tuple[Resul
 
 
 def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
-    for said in ("decimated to 125 Hz", "misfit of the", "the loop is stable", "reduced to"):
+    for said in ("decimated to 125 Hz", "misfit of the", "the loop is stable", "states from"):
         assert said in " ".join(done[0].output.split()), said
 
 
