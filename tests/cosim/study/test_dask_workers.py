@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from cosim.study.digest import file_digests, study_digest
 from cosim.study.sweep import Sweep, run_study
 from eightpost.errors import InputError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
-from cosim.study.dask_workers import DaskWorkers, unpacked  # noqa: E402 -- after the skip
+from cosim.study import Study, dask_workers  # noqa: E402 -- after the skip
 
 CORNERS = ("lf", "rf", "lr", "rr")
 
@@ -30,24 +31,22 @@ def cluster(tmp_path):
 
 
 def test_a_study_travels_as_digests_and_is_the_same_where_it_arrives(small_study, tmp_path, monkeypatch):
-    from cosim.study import dask_workers  # noqa: PLC0415
-    from cosim.study.digest import file_digests, study_digest  # noqa: PLC0415
-
     monkeypatch.setattr(dask_workers, "_folder", lambda: tmp_path / "there")
     study = small_study()
     contents = {digest: Path(path).read_bytes() for path, digest in file_digests(study).items()}
     text = dask_workers.by_digest(study, file_digests(study)).to_json()
     assert str(study.vehicle.fmu) not in text
-    there = dask_workers.Study.from_json(unpacked(text, contents))
+    there = Study.from_json(dask_workers.unpacked(text, contents))
     assert len(list((tmp_path / "there").iterdir())) == len(contents) == 3
     assert study_digest(there, file_digests(there)) == study_digest(study, file_digests(study))
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_table_of_one_process_though_a_worker_is_killed(small_study, here, cluster, tmp_path):
     study = small_study(corners={**dict.fromkeys(CORNERS[:3], ("soft", "stiff")), "rr": ("soft",)})
     alone = run_study(study, tmp_path / "alone", here)
     sweep = Sweep(study, tmp_path / "cluster")
-    workers = DaskWorkers(cluster.scheduler_address)
+    workers = dask_workers.DaskWorkers(cluster.scheduler_address)
 
     def kill(done, _total):
         if done == 2:
@@ -62,4 +61,4 @@ def test_a_cluster_gives_the_table_of_one_process_though_a_worker_is_killed(smal
 
 def test_a_scheduler_that_does_not_answer_is_said():
     with pytest.raises(InputError, match="no Dask scheduler answers"):
-        DaskWorkers("tcp://127.0.0.1:9", patience=0.5)
+        dask_workers.DaskWorkers("tcp://127.0.0.1:9", patience=0.5)

@@ -144,6 +144,7 @@ def test_setups_beyond_a_shocks_fitted_range_are_marked(small_study, here, fmus,
     assert "lf beyond its fitted velocities" in marked and "lf beyond" not in plain
 
 
+@pytest.mark.slow
 def test_several_processes_and_one_that_is_killed_give_the_same_table(small_study, here, tmp_path):
     """The worker is killed by a measure: whatever dies in a process, dies like this."""
     (tmp_path / "mine.py").write_text(
