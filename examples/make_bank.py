@@ -30,7 +30,8 @@ def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
     write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
     # The car's static loads and ride heights hold it up already, gas force and all.
     fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=f"build {build} (synthetic data)")
-    path = write_shock(fit.shock, folder / f"{name}.json") or folder / f"{name}.json"
+    path = folder / f"{name}.json"
+    write_shock(fit.shock, path)
     print(f"{build}: {fit.seconds:.1f} s, record {sha256_of(record)[:8]}, {path.stat().st_size / 1000:.0f} kB")
     record.unlink()
     return path
