@@ -146,5 +146,8 @@ def test_the_demo_does_the_whole_line_and_leaves_plots(eightpost, tmp_path):
     assert shown.exit_code == 0, shown.output[-3000:]
     assert "synthetic" in shown.output
     assert "total tire force" in shown.output
-    names = {path.name for path in (tmp_path / "demo").rglob("*.png")}
+    page = tmp_path / "demo" / "study" / "report.html"
+    assert str(page) in shown.output.replace("\n", "")
+    assert page.stat().st_size > 1_000_000
+    names = {path.name for path in (tmp_path / "demo").glob("*.png")}
     assert names == {"fit_laws.png", "fit_builds.png", "traces.png", "spectra.png", "measures.png"}
