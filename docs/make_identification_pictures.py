@@ -1,4 +1,4 @@
-"""Make the pictures and the numbers of docs/identification.md: python docs/make_identification_pictures.py 4 5 6.
+"""Make the pictures and the numbers of docs/identification.md: python -m docs.make_identification_pictures 4 4.5 5 6.
 
 Chapter by chapter of the dissertation, on the truths of the virtual rig; the numbers are printed as Markdown. Seeds are
 those of benchmarks/identification_cases.py.
