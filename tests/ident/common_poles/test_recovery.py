@@ -55,11 +55,11 @@ def test_any_stable_model_is_recovered(seed: int) -> None:
 
 
 def test_inputs_without_power_over_most_of_the_band_are_recovered_there_too(seven_dof: StateSpace) -> None:
-    exact = response_of(seven_dof, FREQUENCY)
+    exact = response_of(seven_dof, FREQUENCY[::2])
     loads = np.array([not n.endswith(("road", "force")) or n == "heave_force" for n in exact.input_names])
     variance = np.full(exact.H.shape, 1e-20)
-    variance[:, loads, :] = np.where(FREQUENCY > 5.5, np.inf, 1e-20)
-    partial = FrequencyResponse(FREQUENCY, np.where(np.isfinite(variance), exact.H, 0.0), exact.inputs, exact.outputs,
+    variance[:, loads, :] = np.where(exact.frequency > 5.5, np.inf, 1e-20)
+    partial = FrequencyResponse(exact.frequency, np.where(np.isfinite(variance), exact.H, 0.0), exact.inputs, exact.outputs,
                                 None, None, variance)  # fmt: skip
     fit = CommonPoleFit(high=HIGH, most_states=18, refinement=Refinement(most_iterations=2))
     _close(fit.fit(partial).model, seven_dof, 1e-6)
