@@ -63,9 +63,7 @@ class Measure:
             raise InputError(f"measure {self.name!r}: {len(self.channels)} channels need as many weights")
         for what, pair in (("band", self.band), ("section", self.section)):
             if pair is not None and not 0.0 <= pair[0] < pair[1]:
-                raise InputError(
-                    f"measure {self.name!r}: its {what} must go from low to high, not {pair}"
-                )
+                raise InputError(f"measure {self.name!r}: its {what} must go from low to high, not {pair}")
         try:
             options = options_for(self.statistic, self.options)
         except InputError as error:
