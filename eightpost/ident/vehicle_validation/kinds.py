@@ -1,0 +1,98 @@
+"""What test a rig record is, told by what drives it (6.1.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+Kind = Literal["random", "sine", "bump", "static"]
+
+#: Share of the road's power within `_NEAR` of one frequency from which a record is a sine.
+_PURE, _NEAR = 0.9, 0.2
+
+#: Share of the time from which a drive that stands makes a bump or a static test.
+_STANDING = 0.5
+
+#: An input stands while it changes by less than this part of its range in `_LOOK` [s].
+_STILL, _LOOK = 0.01, 0.05
+
+#: Roads whose standard deviation is below this [m] are at rest: an LVDT's noise.
+_AT_REST = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """What a record is and why.
+
+    Attributes:
+        kind: `random` (track records too), `sine`, `bump` or `static`.
+        reason: What was seen of its drive, for people.
+        frequency: Of a sine [Hz]; None of the others.
+    """
+
+    kind: Kind
+    reason: str
+    frequency: float | None = None
+
+
+def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) -> Recognition:
+    """Say what test a record without means is.
+
+    In this order: static, where no road moves and the loads stand at least half of the time; sine, where 90 % of the
+    roads' power lies within 20 % of one frequency; bump, where the roads stand at least half of the time; random, all
+    else.
+
+    Args:
+        series: The record.
+        roads: Its wheelloaders.
+        loads: Its aeroloaders, or forces and moments on the chassis.
+    """
+    road = _rows(series, roads)
+    if road.std(axis=1).max(initial=0.0) < _AT_REST:
+        share = _standing(_rows(series, loads), series.sample_rate)
+        if share >= _STANDING:
+            return Recognition("static", f"holds its loads {100.0 * share:.0f} % of the time, roads at rest")
+        return Recognition("random", "roads at rest, loads that move all the time")
+    frequency, share = _one_frequency(road, series.sample_rate)
+    if share >= _PURE:
+        reason = f"{100.0 * share:.0f} % of the roads' power lies about {frequency:.3g} Hz"
+        return Recognition("sine", reason, frequency)
+    share = _standing(road, series.sample_rate)
+    if share >= _STANDING:
+        return Recognition("bump", f"roads that stand {100.0 * share:.0f} % of the time and step between")
+    return Recognition("random", "roads that move all the time, at many frequencies")
+
+
+def _rows(series: TimeSeries, names: Sequence[str]) -> Array:
+    return np.stack([series[name] for name in names]) if names else np.zeros((1, len(series)))
+
+
+def _one_frequency(rows: Array, rate: float) -> tuple[float, float]:
+    """Return the strongest frequency [Hz] and the share of the power about it."""
+    power = np.sum(np.abs(np.fft.rfft(rows * np.hanning(rows.shape[1]), axis=1)) ** 2, axis=0)
+    lines = np.fft.rfftfreq(rows.shape[1], 1.0 / rate)
+    top = int(np.argmax(power[1:])) + 1
+    about = slice(max(top - 2, 0), top + 3)  # the window's main lobe
+    frequency = float(lines[about] @ power[about] / power[about].sum())
+    width = max(_NEAR * frequency, 3.0 * lines[1])
+    near = np.abs(lines - frequency) <= width
+    return frequency, float(power[near].sum() / power.sum())
+
+
+def _standing(rows: Array, rate: float) -> float:
+    """Return the share of the time in which no row changes."""
+    look = max(1, round(_LOOK * rate))
+    span = np.ptp(rows, axis=1, keepdims=True)
+    change = np.abs(rows[:, look:] - rows[:, :-look])
+    return float(np.mean(np.all(change <= _STILL * span.max(), axis=0)))

@@ -1,0 +1,102 @@
+"""What an identified vehicle says of a rig record: driven by its roads and loads, with one of two kinds of shocks.
+
+Open at the ports, the record's own shock forces and velocities make the force difference; an error of the vehicle is
+then no error of a shock. Closed at the ports, shock laws answer the vehicle's own velocities, as in a setup study.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from eightpost.ident.vehicle import simulate_with_shocks
+from eightpost.ident.vehicle.discrete import discretise_by_parts
+from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.friction import with_friction
+from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.shock import Lpf1, Lpnl2, Polylinear
+from eightpost.signals import TimeSeries
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from eightpost.shock import ShockLaw
+    from eightpost.vehicle import IdentifiedVehicle, StateSpace
+
+    Array = NDArray[np.float64]
+
+
+def ports_of(model: StateSpace) -> tuple[str, ...]:
+    """Return the ports of a vehicle, in the order of its inputs."""
+    names = (name.removesuffix("force").rstrip(".") for name in model.input_names if name.endswith("force"))
+    return tuple(port for port in names if channel(port, "force") in model.input_names
+                 and channel(port, "velocity") in model.output_names)  # fmt: skip
+
+
+def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
+    """Return the vehicle's outputs under a record's roads, loads and shock forces, from rest.
+
+        dF = F + F_f tanh(v / v_f) - c v
+
+    with force F and velocity v as measured.
+
+    Args:
+        vehicle: As identified.
+        record: Without means; inputs of the vehicle that are not in it are zero.
+    """
+    model = vehicle.state_space
+    rubbed = with_friction(record, vehicle.friction)
+    u = np.zeros((len(record), len(model.inputs)))
+    for j, name in enumerate(model.input_names):
+        if name in rubbed:
+            u[:, j] = rubbed[name]
+    for port in ports_of(model):
+        rate = vehicle.baseline_damping.get(port, 0.0)
+        u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
+    return _named(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
+
+
+def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
+    """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
+
+    Args:
+        vehicle: As identified, with the friction of its ports.
+        record: Without means.
+        laws: Of every port.
+    """
+    model, ports = vehicle.state_space, ports_of(vehicle.state_space)
+    drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
+    quick = [law for law in laws.values() if isinstance(law, Polylinear | Lpf1 | Lpnl2) and _is_plain(law)]
+    if model.dt is None and len(quick) == len(laws) and set(vehicle.baseline_damping) == set(laws):
+        bank = list({id(law): law for law in quick}.values())
+        places = [next(k for k, law in enumerate(bank) if law is laws[port]) for port in vehicle.baseline_damping]
+        return _named(model, record.time, ManySetups(vehicle, bank, drive).run([places])[0])
+    return simulate_with_shocks(vehicle, laws, drive).select(model.output_names)
+
+
+def _is_plain(law: ShockLaw) -> bool:
+    """Say whether a law needs nothing at its port that the compiled loop has not."""
+    return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
+
+
+def _respond(model: StateSpace, u: Array, step: float) -> Array:
+    """Return the outputs (p, N) under inputs (N, m): linear between samples, of a discrete model held."""
+    if model.dt is None:
+        found = discretise_by_parts(model.A, model.B, step)
+        A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
+    else:
+        A, pushed = csr_array(model.A), u[:-1] @ model.B.T
+    C, x, y = csr_array(model.C), np.zeros(len(model.A)), u @ model.D.T
+    for k, push in enumerate(pushed, start=1):
+        x = A @ x + push
+        y[k] += C @ x
+    return np.asarray(y.T)
+
+
+def _named(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+    channels = {c.name: (c.unit, row) for c, row in zip(model.outputs, outputs, strict=True)}
+    return TimeSeries.from_channels(time, channels)

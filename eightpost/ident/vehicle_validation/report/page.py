@@ -1,0 +1,158 @@
+"""The page: one vehicle's validation in one file that loads nothing, for the screen and for paper."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eightpost import __version__
+from eightpost.files import atomic_path
+from eightpost.ident.validation.field_units import field_factor, field_unit
+from eightpost.ident.validation.report.page import caption, cell, unit
+from eightpost.ident.vehicle_validation import tables
+from eightpost.ident.vehicle_validation.findings import Limits, verdict
+from eightpost.ident.vehicle_validation.report.level_figures import (
+    correlation_figure,
+    level_figure,
+    sine_figure,
+    static_figure,
+    trend_figure,
+)
+from eightpost.ident.vehicle_validation.report.response_figures import response_figures, spectrum_figure
+from eightpost.ident.vehicle_validation.report.time_figures import time_figure
+from eightpost.page import compressed, insert, plotly, template
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from eightpost.ident.validation.report.figure import Figure
+    from eightpost.ident.validation.tables import ResultTable
+    from eightpost.ident.vehicle_validation.study import VehicleValidation
+
+    Section = tuple[str, str, str, list[ResultTable], list[Figure]]
+
+_PACKAGE = "eightpost.ident.vehicle_validation.report"
+#: Style and script are those of the shocks' validation.
+_SHARED = "eightpost.ident.validation.report"
+
+_UNITS = ("N", "m", "m/s")
+
+#: Most records of a kind whose times are drawn: a page of a hundred would not open.
+_MOST = 12
+
+
+def write_vehicle_report(
+    path: str | Path, study: VehicleValidation, *, limits: Limits | None = None, title: str = "Vehicle validation"
+) -> Path:
+    """Write a vehicle's validation as an interactive page; it replaces an old one only when it is whole.
+
+    Args:
+        path: The file, such as out/car.html.
+        study: What was validated.
+        limits: For the verdict.
+        title: Heading of the page.
+
+    Returns:
+        The file.
+    """
+    path = Path(path)
+    content = page(study, limits=limits or Limits(), title=title)
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+    return path
+
+
+def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
+    """Return the page's HTML; names of vehicles, records and files are escaped."""
+    figures: list[dict[str, Any]] = []
+    sections = [_placed(section, figures) for section in _sections(study)]
+    content = {"figures": figures, "units": {name: [field_factor(name), field_unit(name)] for name in _UNITS}}
+    return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
+        title=title,
+        verdict=verdict(study, limits),
+        limits=limits.said(),
+        sections=sections,
+        study=study,
+        version=__version__,
+        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        figures=compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode()),
+        plotly=plotly(),
+        style=insert(_SHARED, "page.css"),
+        script=insert(_SHARED, "page.js"),
+    )
+
+
+def _sections(study: VehicleValidation) -> Iterator[Section]:
+    """Return identifier, heading, text, tables and figures of each part that there is something for."""
+    glance = [level_figure(study)] if any(case.judged for case in study.cases) else []
+    yield "records", "Records", "", [tables.overview(study)], glance
+    if study.trends:
+        figures = [trend_figure(study.trends), correlation_figure(study.trends)]
+        yield "trends", "Setups: trends and levels", _TRENDS, [tables.trend_table(study)], figures
+    yield from _of_times(study)
+    friction = tables.friction_table(study)
+    if friction.rows:
+        yield "friction", "Friction", _friction(study), [friction], []
+    if study.of_kind("static"):
+        drawn = [static_figure(case) for case in study.of_kind("static") if case.holds]
+        yield "static", "Static records", _static(study), [tables.static_table(study)], drawn
+    yield "responses", "Responses", "", [tables.path_table(study)], list(response_figures(study.paths))
+    yield "modes", "Modes", _MODES, [tables.mode_table(study)], []
+
+
+def _of_times(study: VehicleValidation) -> Iterator[Section]:
+    random, sines, bumps = (study.of_kind(kind) for kind in ("random", "sine", "bump"))
+    if random:
+        figures = [time_figure(case) for case in random[:_MOST]]
+        figures += [spectrum_figure(case) for case in random[:_MOST] if case.spectra]
+        found = [tables.outputs_table(case) for case in random]
+        yield "random", "Random and track records", _more(len(random)), found, figures
+    if sines:
+        figures = [sine_figure(sines), *(time_figure(case) for case in sines[:_MOST])]
+        yield "sine", "Sine records", _more(len(sines)), [tables.sine_table(study)], figures
+    if bumps:
+        yield (
+            "bump",
+            "Bump records",
+            _more(len(bumps)),
+            [tables.outputs_table(c) for c in bumps],
+            [time_figure(case) for case in bumps[:_MOST]],
+        )
+
+
+def _more(count: int) -> str:
+    return f"The first {_MOST} of {count} records are drawn." if count > _MOST else ""
+
+
+def _static(study: VehicleValidation) -> str:
+    low = study.band[0]
+    if low <= 0.0:
+        return "The fit reaches down to 0 Hz."
+    return (
+        f"The fit begins at {low:.3g} Hz: the model's static gain is extrapolated, and friction holds the car between "
+        "two levels. Static records are shown and not judged."
+    )
+
+
+def _friction(study: VehicleValidation) -> str:
+    laws = study.fit.vehicle.friction
+    said = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in laws.items())
+    return f"The identification found friction at the ports: {said}. Without it, the same model errs so much:"
+
+
+def _placed(section: Section, figures: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return a section for the template; its figures are added to those of the page and known by their place."""
+    identifier, heading, text, found, drawn = section
+    places = [(len(figures) + k, figure.caption, figure.height) for k, figure in enumerate(drawn)]
+    figures += [figure.content() for figure in drawn]
+    return {"id": identifier, "heading": heading, "text": text, "tables": found, "figures": places}
+
+
+_TRENDS = (
+    "A setup study needs the order of setups, and their differences, more than their levels: a level that is wrong "
+    "alike for all records leaves the rank correlation at 1. What is left without it is the largest error of a "
+    "record's RMS over the mean of all. Records of different drives differ by their roads too."
+)
+_MODES = "Around the baseline damping, oscillating ones only. The MAC is over the outputs that both cars have."

@@ -1,0 +1,86 @@
+"""Static records: levels of loads held, measured beside predicted (6.1.3, Fig 6.32)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+#: Loads that change by less than this part of their range over `_LOOK` [s] are held; a hold lasts `_SHORTEST` [s].
+_STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticOutput:
+    """One output over the holds of a static record.
+
+    Attributes:
+        name: Of the output.
+        unit: SI.
+        load: Of each hold, all loads summed (H,) [N or N.m], about its mean.
+        measured: Of each hold (H,), about its mean.
+        predicted: Of each hold (H,), about its mean.
+    """
+
+    name: str
+    unit: str
+    load: Array
+    measured: Array
+    predicted: Array
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Least-squares change per load, measured and predicted."""
+        whole = float(self.load @ self.load)
+        if whole == 0.0:
+            return 0.0, 0.0
+        return float(self.load @ self.measured) / whole, float(self.load @ self.predicted) / whole
+
+
+def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[str]) -> tuple[StaticOutput, ...]:
+    """Return the outputs at the holds; none where the loads are never held.
+
+    Args:
+        measured: The record.
+        predicted: The vehicle's outputs, at the same times.
+        loads: What is held.
+    """
+    there = [name for name in loads if name in measured]
+    if not there:
+        return ()
+    rows = np.stack([measured[name] for name in there])
+    holds = _holds(rows, measured.sample_rate)
+    if len(holds) < 2:
+        return ()
+    signs = np.sign(rows @ rows[0])  # pitch and roll pull where others push
+    names = [name for name in predicted.names if name in measured]
+    load = _levels(signs @ rows, holds)
+    return tuple(
+        StaticOutput(n, measured.unit(n), load, _levels(measured[n], holds), _levels(predicted[n], holds))
+        for n in names
+    )
+
+
+def _holds(rows: Array, rate: float) -> list[slice]:
+    """Return the second half of every hold, where what rang has settled."""
+    look = max(1, round(_LOOK * rate))
+    change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
+    still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    spans = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST * rate]
+    return [slice((start + stop) // 2, stop) for start, stop in spans]
+
+
+def _levels(values: Array, holds: Sequence[slice]) -> Array:
+    found = np.array([values[hold].mean() for hold in holds])
+    return np.asarray(found - found.mean())

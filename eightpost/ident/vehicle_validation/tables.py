@@ -1,0 +1,181 @@
+"""The figures of a vehicle's validation as tables, for the command line and the report alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.ident.validation.tables import NONE, Amount, Cell, ResultTable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from eightpost.ident.vehicle_validation.comparison import Comparison
+    from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
+
+
+def overview(study: VehicleValidation) -> ResultTable:
+    """Return a row for each record: how it was predicted, and its worst output."""
+    heads = (
+        ("record", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""), ("worst error, %", ""),
+        ("of", ""), ("beyond the fit", ""),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            case.record.name + (" (of the fit)" if case.is_fit_record else ""),
+            case.record.kind,
+            case.shocks,
+            *_worst(case.judged, "level"),
+            *_worst(case.judged, "error"),
+            "yes" if case.beyond else "no",
+        )
+        for case in study.cases
+    )
+    return ResultTable("Records", heads, rows)
+
+
+def _worst(found: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
+    worst = max(found, key=lambda one: abs(getattr(one, figure)), default=None)
+    return (NONE, NONE) if worst is None else (_percent(getattr(worst, figure)), worst.name)
+
+
+def outputs_table(case: Case) -> ResultTable:
+    """Return the outputs of a record: RMS, level, error, correlation, and the error without friction."""
+    heads = [("output", ""), ("unit", ""), ("RMS measured", ""), ("predicted", ""), ("RMS, %", ""), ("error, %", ""),
+             ("correlation", "")]  # fmt: skip
+    smooth = {one.name: one for one in case.without_friction or ()}
+    if smooth:
+        heads += [("without friction: RMS, %", ""), ("error, %", "")]
+    rows = []
+    for one in case.outputs:
+        cells: list[Cell] = [one.name + ("" if one.is_judged else " (not judged)"), one.unit]
+        cells += [Amount(one.rms[0], one.unit), Amount(one.rms[1], one.unit)]
+        cells += [_percent(one.level), _percent(one.error), f"{one.correlation:.4f}"]
+        if smooth:
+            cells += [_percent(smooth[one.name].level), _percent(smooth[one.name].error)]
+        rows.append(tuple(cells))
+    return ResultTable(case.record.name, tuple(heads), tuple(rows))
+
+
+def sine_table(study: VehicleValidation) -> ResultTable:
+    """Return gain and phase of the sine records (Fig 6.30), slowest first."""
+    heads = (
+        ("record", ""), ("frequency, Hz", ""), ("output", ""), ("unit", ""), ("amplitude", ""), ("predicted", ""),
+        ("gain, %", ""), ("phase, degrees", ""), ("not sinusoidal, %", ""),
+    )  # fmt: skip
+    rows = [
+        (
+            case.record.name,
+            Amount(case.record.frequency or 0.0, "1", 3),
+            one.name,
+            one.unit,
+            Amount(one.amplitude[0], one.unit),
+            Amount(one.amplitude[1], one.unit),
+            _percent(one.gain - 1.0),
+            Amount(float(np.degrees(one.phase)), "1", 2),
+            _percent(one.harmonics),
+        )
+        for case in sorted(study.of_kind("sine"), key=lambda case: case.record.frequency or 0.0)
+        for one in case.sines
+    ]
+    return ResultTable("Sine records", heads, tuple(rows))
+
+
+def static_table(study: VehicleValidation) -> ResultTable:
+    """Return the slopes of static records (Fig 6.32)."""
+    heads = (
+        ("record", ""),
+        ("output", ""),
+        ("per load, SI", ""),
+        ("predicted", ""),
+        ("predicted, % off", ""),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for case in study.of_kind("static"):
+        for one in case.holds:
+            measured, predicted = one.slopes
+            off = _percent(predicted / measured - 1.0) if measured else NONE
+            rows.append((case.record.name, one.name, Amount(measured, "1"), Amount(predicted, "1"), off))
+    return ResultTable("Static records", heads, tuple(rows))
+
+
+def trend_table(study: VehicleValidation) -> ResultTable:
+    """Return trends and correlation over the random records (Figs 6.27, 6.28)."""
+    heads = (
+        ("output", ""), ("records", ""), ("spread measured, %", ""), ("rank correlation", ""), ("correlation", ""),
+        ("level, %", ""), ("left without it, %", ""),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            trend.name,
+            str(len(trend.measured)),
+            _percent(trend.spread),
+            "flat" if trend.is_flat else f"{trend.rank:.3f}",
+            "flat" if trend.is_flat else f"{trend.correlation:.4f}",
+            _percent(trend.bias),
+            _percent(trend.left),
+        )
+        for trend in study.trends
+    )
+    return ResultTable("Trends of RMS over the random records", heads, rows)
+
+
+def path_table(study: VehicleValidation) -> ResultTable:
+    """Return how far the model is from the estimate it was fitted to."""
+    heads = (
+        ("output", ""), ("input", ""), ("misfit, %", ""), ("in the 95 % band, %", ""), ("lowest coherence", ""),
+        ("median", ""),
+    )  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for path in study.paths:
+        inside = NONE if path.inside is None else _percent(path.inside)
+        least, middle = (
+            (NONE, NONE)
+            if path.coherence is None
+            else (f"{path.coherence.min():.3f}", f"{float(np.median(path.coherence)):.4f}")
+        )
+        rows.append((path.output, path.input, _percent(path.misfit), inside, least, middle))
+    return ResultTable("Main responses", heads, tuple(rows))
+
+
+def mode_table(study: VehicleValidation) -> ResultTable:
+    """Return the modes around the baseline damping, beside another car's where one was given."""
+    heads = [("frequency, Hz", ""), ("damping, %", "")]
+    if study.compared_with:
+        heads += [(f"{study.compared_with}: frequency, Hz", ""), ("damping, %", ""), ("MAC", "")]
+    rows = []
+    for mode in study.modes:
+        cells: list[Cell] = [Amount(mode.frequency, "1", 4), Amount(100.0 * mode.damping, "%", 3)]
+        if study.compared_with:
+            cells += [NONE] * 3 if mode.match is None else [
+                Amount(mode.match[0], "1", 4), Amount(100.0 * mode.match[1], "%", 3), f"{mode.mac:.4f}"]  # fmt: skip
+        rows.append(tuple(cells))
+    return ResultTable("Modes", tuple(heads), tuple(rows))
+
+
+def friction_table(study: VehicleValidation) -> ResultTable:
+    """Return how the mean errors of the judged outputs change where the friction of the ports is left out."""
+    heads = (
+        ("record", ""), ("error with, %", ""), ("without, %", ""), ("RMS off with, %", ""), ("without, %", ""),
+    )  # fmt: skip
+    rows = []
+    for case in study.cases:
+        if case.without_friction is None:
+            continue
+        names = {one.name for one in case.judged}
+        smooth = [one for one in case.without_friction if one.name in names]
+        if smooth:
+            rows.append(
+                (case.record.name, *_means(case.judged, smooth, "error"), *_means(case.judged, smooth, "level"))
+            )
+    return ResultTable("Friction at the ports, with and without", heads, tuple(rows))
+
+
+def _means(found: Iterable[Comparison], smooth: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
+    first, second = (float(np.mean([abs(getattr(one, figure)) for one in some])) for some in (found, smooth))
+    return _percent(first), _percent(second)
+
+
+def _percent(value: float) -> Amount:
+    return Amount(100.0 * value, "%", 3 if abs(value) >= 0.01 else 2)
