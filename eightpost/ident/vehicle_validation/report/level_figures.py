@@ -12,6 +12,7 @@ from eightpost.ident.vehicle_validation.comparison import quantity
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eightpost.ident.vehicle_validation.findings import Limits
     from eightpost.ident.vehicle_validation.sine import SineOutput
     from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
     from eightpost.ident.vehicle_validation.trends import Trend
@@ -29,7 +30,7 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
     caption = "RMS of each random record, in the order of the table of records, as Fig 6.27."
     figure = Figure(caption, _height(len(trends)), panels)
     for k, one in enumerate(trends):
-        figure.marks(k, number, one.measured, name="measured", color=MEASURED)
+        figure.line(k, number, one.measured, name="measured", color=MEASURED)
         figure.marks(k, number, one.predicted, name="predicted", color=COLORS[0])
     return figure
 
@@ -76,7 +77,7 @@ def static_figure(case: Case) -> Figure:
     """Return the holds of a static record, up to six outputs that move most for their quantity."""
     shown = [one for one in case.holds if quantity(one.name) in ("ride_height", "tire_force", "displacement")][-6:]
     panels = [
-        Panel(Axis("load", "N"), Axis("", one.unit), *place, title=one.name)
+        Panel(Axis("load", "N"), Axis("change", one.unit), *place, title=one.name)
         for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, 0.12)), strict=True)
     ]
     caption = f"{case.record.name}: levels held, about their means, as Fig 6.32. Friction makes the measured ones loop."
@@ -87,14 +88,20 @@ def static_figure(case: Case) -> Figure:
     return figure
 
 
-def level_figure(study: VehicleValidation) -> Figure:
+def level_figure(study: VehicleValidation, limits: Limits) -> Figure:
     """Return at a glance by how much RMS is off and how large errors are: a point for each output of each record."""
     places = grid(2, 2, gap=(0.08, 0.0))
     titles = ("RMS predicted less measured [%]", "error [% of measured RMS]")
     cases = [case for case in study.cases if case.outputs]
     panels = [Panel(Axis("record"), Axis(""), *place, title=title) for place, title in zip(places, titles, strict=True)]
-    figure = Figure("Every judged output of every record, numbered as in the table of records.", 330, panels)
-    figure.level(0, 0.0)
+    figure = Figure(
+        "Every judged output of every record, numbered as in the table of records. Dotted: the limits, which RMS has "
+        "for random records.",
+        330,
+        panels,
+    )
+    for panel, value in ((0, limits.level), (0, -limits.level), (1, limits.error)):
+        figure.level(panel, 100.0 * value)
     names = sorted({quantity(one.name) for case in cases for one in case.judged})
     for name, color in zip(names, COLORS * len(names), strict=False):
         found = [

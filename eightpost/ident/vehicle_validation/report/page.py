@@ -67,7 +67,7 @@ def write_vehicle_report(
 def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
     """Return the page's HTML; names of vehicles, records and files are escaped."""
     figures: list[dict[str, Any]] = []
-    sections = [_placed(section, figures) for section in _sections(study)]
+    sections = [_placed(section, figures) for section in _sections(study, limits)]
     content = {"figures": figures, "units": {name: [field_factor(name), field_unit(name)] for name in _UNITS}}
     return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
         title=title,
@@ -84,9 +84,9 @@ def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
     )
 
 
-def _sections(study: VehicleValidation) -> Iterator[Section]:
+def _sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
     """Return identifier, heading, text, tables and figures of each part that there is something for."""
-    glance = [level_figure(study)] if any(case.judged for case in study.cases) else []
+    glance = [level_figure(study, limits)] if any(case.judged for case in study.cases) else []
     yield "records", "Records", "", [tables.overview(study)], glance
     if study.trends:
         figures = [trend_figure(study.trends), correlation_figure(study.trends)]

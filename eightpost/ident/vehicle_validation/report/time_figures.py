@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 #: How much of a record is drawn [s], of a sine in periods, and most points of a line.
 _SPAN, _PERIODS, _POINTS = {"random": 4.0, "bump": 1.5}, 3.0, 700
 
+#: Panels beside each other.
+_COLUMNS = 2
+
 #: Time before a bump [s].
 _BEFORE = 0.2
 
@@ -29,12 +32,12 @@ def time_figure(case: Case) -> Figure:
     """Return a piece of a record: of each quantity the output that is predicted worst."""
     shown = list(_shown(case))
     kept = _piece(case, shown[0])
-    places = grid(len(shown), 2, gap=(0.09, 0.16))
-    rows = -(-len(shown) // 2)
+    rows = -(-len(shown) // _COLUMNS)
+    places = grid(len(shown), _COLUMNS, gap=(0.08, 0.24 / rows))
     panels = [
         Panel(
-            Axis("time [s]" if k >= len(shown) - 2 else ""),
-            Axis("", one.unit),
+            Axis("time [s]" if k >= len(shown) - _COLUMNS else ""),
+            Axis(quantity(one.name).replace("_", " "), one.unit),
             *place,
             title=f"{one.name}: error {100 * one.error:.2g} %",
         )

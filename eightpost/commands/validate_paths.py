@@ -1,0 +1,115 @@
+"""What both halves of `eightpost validate` need: which file is what, choices by file, tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from eightpost.errors import InputError
+from eightpost.files import document_kind
+from eightpost.ident.validation.field_units import field_factor, field_unit, shown
+from eightpost.ident.validation.tables import Amount
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rich.console import Console
+
+    from eightpost.ident.validation.tables import Cell, ResultTable
+
+#: What a folder is searched for.
+_RECORDS = {".csv", ".txt", ".parquet", ".mat", ".mf4", ".mdf"}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordChoices:
+    """The records, of which an option may mean one or all.
+
+    Attributes:
+        records: Their files.
+    """
+
+    records: list[Path]
+
+    def of(self, words: Iterable[str], option: str) -> dict[Path, str]:
+        """Return a value by record from `VALUE` (of all) and `FILE=VALUE` words; a file's own goes first."""
+        chosen: dict[Path, str] = {}
+        for word in sorted(words, key=lambda word: "=" in word):
+            name, equals, value = word.rpartition("=")
+            meant = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
+            if not meant:
+                known = ", ".join(path.name for path in self.records)
+                raise click.BadParameter(f"{name!r} is none of the records: {known}", param_hint=option)
+            chosen |= dict.fromkeys(meant, value)
+        return chosen
+
+
+def sorted_paths(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+    """Return what is validated (.json) and the records among paths, folders opened.
+
+    Raises:
+        InputError: One of the two is missing.
+    """
+    models: list[Path] = []
+    records: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            records += sorted(file for file in path.iterdir() if file.suffix.lower() in _RECORDS)
+        elif path.suffix.lower() == ".json":
+            models.append(path)
+        else:
+            records.append(path)
+    if not models:
+        raise InputError(
+            "no shock file and no vehicle among the arguments; make one: eightpost fit DYNO -o shock.json, or "
+            "eightpost identify RIG -o vehicle.json"
+        )
+    if not records:
+        raise InputError("no record among the arguments; name dynamometer or rig files, or a folder that has some")
+    return models, records
+
+
+def is_vehicle(models: list[Path]) -> bool:
+    """Say whether vehicles are to be validated, by what the files say they are.
+
+    Raises:
+        InputError: There are shocks and vehicles, or several vehicles.
+    """
+    vehicles = [path for path in models if document_kind(path) == "vehicle"]
+    if vehicles and len(models) > 1:
+        raise InputError(
+            f"{vehicles[0]} is a vehicle: validate it alone; shocks at its ports are given as --shock lf=SHOCK.json, "
+            "another car for its modes as --against CAR.json"
+        )
+    return bool(vehicles)
+
+
+def pair(word: str, option: str) -> tuple[str, str]:
+    """Return both sides of `A=B`."""
+    channel, equals, unit = word.partition("=")
+    if not (channel and equals and unit):
+        form = "CHANNEL=UNIT" if option == "--units" else "NAME=SHOCK.json"
+        raise click.BadParameter(f"{word!r}: write it as {form}", param_hint=option)
+    return channel, unit
+
+
+def show_table(console: Console, table: ResultTable) -> None:
+    """Print a table in the field's units; nothing where it has no rows."""
+    if not table.rows:
+        return
+    drawn = Table(title=table.title)
+    for (text, unit), is_numeric in zip(table.heads, table.numeric, strict=True):
+        head = f"{text}, {field_unit(unit)}" if unit else text
+        drawn.add_column(escape(head), justify="right" if is_numeric else "left", overflow="fold")
+    for row in table.rows:
+        drawn.add_row(*(escape(_text(cell)) for cell in row))
+    console.print(drawn)
+
+
+def _text(cell: Cell) -> str:
+    return shown(field_factor(cell.unit) * cell.value, cell.digits) if isinstance(cell, Amount) else cell

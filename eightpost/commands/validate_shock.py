@@ -1,0 +1,104 @@
+"""Fitted shocks against other dynamometer records: one half of `eightpost validate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, get_args
+
+import click
+from rich.markup import escape
+from rich.progress import track
+
+from eightpost.commands.validate_paths import RecordChoices, show_table
+from eightpost.ident.validation import Kind, notes_on, record_of, validate
+from eightpost.ident.validation.tables import (
+    beside_printed,
+    bump_table,
+    random_table,
+    sine_groups,
+    sine_table,
+    static_table,
+)
+from eightpost.rig import read_dyno_test
+from eightpost.shock import read_shock
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from eightpost.ident.validation import ValidationStudy
+    from eightpost.signals import ChannelMap
+
+_KINDS = get_args(Kind)
+
+
+@dataclass(frozen=True, slots=True)
+class ShockOptions:
+    """What `eightpost validate` was told, for shocks.
+
+    Attributes:
+        kinds: `KIND` or `FILE=KIND`.
+        configurations: `N` or `FILE=N`.
+        limit: Highest error [percent of standard deviation].
+        cutoff: Of the low-pass [Hz].
+        units: By channel.
+        channel_map: Of all records.
+        flip: Channels whose sign is turned.
+    """
+
+    kinds: tuple[str, ...]
+    configurations: tuple[str, ...]
+    limit: float | None
+    cutoff: float | None
+    units: dict[str, str]
+    channel_map: ChannelMap | None
+    flip: tuple[str, ...]
+
+
+def validate_shocks(
+    console: Console, shocks: list[Path], records: list[Path], options: ShockOptions, report: Path | None
+) -> bool:
+    """Validate, print, write the report; say whether all is acceptable."""
+    chosen = RecordChoices(records)
+    kind_of, number_of = chosen.of(options.kinds, "--kind"), chosen.of(options.configurations, "--configuration")
+    laws = [read_shock(path) for path in shocks]
+    found = []
+    for path in track(records, "reading", console=console, transient=True):
+        test = read_dyno_test(
+            path, channel_map=options.channel_map, units=options.units, flip=options.flip, cutoff=options.cutoff
+        )
+        found.append(record_of(test, kind=_kind(kind_of.get(path)), configuration=_number(number_of.get(path))))
+    study = validate(laws, found, cutoff=options.cutoff)
+    show_study(console, study, options.limit)
+    if report:
+        from eightpost.ident.validation.report import write_validation_report  # noqa: PLC0415 - loads plotly
+
+        title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in laws))}"
+        written = write_validation_report(report, study, limit=options.limit, title=title)
+        console.print(f"wrote {written}", soft_wrap=True, highlight=False)
+    return study.is_acceptable(options.limit)
+
+
+def show_study(console: Console, study: ValidationStudy, limit: float | None) -> None:
+    """Print the tables of a study and its notes."""
+    for record in study.records:
+        console.print(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False)
+    tables = [random_table(study), *(sine_table(rows) for rows in sine_groups(study).values())]
+    tables += [static_table(study), bump_table(study), beside_printed(study)]
+    for table in tables:
+        show_table(console, table)
+    for note in notes_on(study, limit):
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+
+
+def _kind(word: str | None) -> Kind | None:
+    if word is not None and word not in _KINDS:
+        raise click.BadParameter(f"{word!r}: it must be one of {', '.join(_KINDS)}", param_hint="--kind")
+    return word  # type: ignore[return-value]
+
+
+def _number(word: str | None) -> int | None:
+    if word is not None and not word.isdigit():
+        raise click.BadParameter(f"{word!r}: write it as a number from 1 to 12", param_hint="--configuration")
+    return None if word is None else int(word)

@@ -1,0 +1,107 @@
+"""An identified vehicle against other rig records: one half of `eightpost validate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+import click
+from rich.markup import escape
+from rich.progress import track
+
+from eightpost.commands.validate_paths import RecordChoices, pair, show_table
+from eightpost.ident.vehicle import read_fit
+from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, verdict
+from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, sine_table, trend_table
+from eightpost.rig.post import read_rig_test
+from eightpost.shock import read_shock
+from eightpost.vehicle import read_vehicle
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from eightpost.ident.vehicle_validation import VehicleValidation
+    from eightpost.signals import ChannelMap
+
+_KINDS = get_args(Kind)
+_COLORS = {"good": "green", "open": "yellow", "bad": "red"}
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions:
+    """What `eightpost validate` was told, for a vehicle.
+
+    Attributes:
+        kinds: `KIND` or `FILE=KIND`.
+        shocks: `CORNER=FILE` or `WORD=FILE`.
+        against: Another car, for the modes.
+        limits: What is acceptable.
+        settling: Left out at the start of records [s].
+        units: By channel.
+        channel_map: Of all records.
+        flip: Channels whose sign is turned.
+    """
+
+    kinds: tuple[str, ...]
+    shocks: tuple[str, ...]
+    against: Path | None
+    limits: Limits
+    settling: float
+    units: dict[str, str]
+    channel_map: ChannelMap | None
+    flip: tuple[str, ...]
+
+
+def limits_of(level: float | None, error: float | None) -> Limits:
+    """Return the limits from percents; None keeps the default."""
+    limits = Limits()
+    limits = limits if level is None else replace(limits, level=level / 100.0)
+    return limits if error is None else replace(limits, error=error / 100.0)
+
+
+def validate_one(
+    console: Console, path: Path, records: list[Path], options: VehicleOptions, report: Path | None
+) -> bool:
+    """Validate, print, write the report; say whether the vehicle is acceptable."""
+    fit = read_fit(path)
+    kind_of = RecordChoices(records).of(options.kinds, "--kind")
+    shocks = {name: read_shock(file).law for name, file in (pair(word, "--shock") for word in options.shocks)}
+    against = read_vehicle(options.against) if options.against else None
+    found = []
+    for record in track(records, "reading", console=console, transient=True):
+        test = read_rig_test(record, channel_map=options.channel_map, units=options.units, flip=options.flip)
+        found.append(record_of(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
+    with console.status("predicting"):
+        study = validate_vehicle(fit, found, shocks=shocks, against=against, settling=options.settling)
+    _show(console, study, options.limits)
+    if report:
+        from eightpost.ident.vehicle_validation.report import write_vehicle_report  # noqa: PLC0415 - loads plotly
+
+        title = f"Validation of {fit.vehicle.name}"
+        written = write_vehicle_report(report, study, limits=options.limits, title=title)
+        console.print(f"wrote {written}", soft_wrap=True, highlight=False)
+    return verdict(study, options.limits).is_acceptable
+
+
+def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
+    for case in study.cases:
+        said = f"{escape(case.record.name)}: {case.record.kind}, {escape(case.record.reason)}"
+        console.print(said, soft_wrap=True, highlight=False)
+    tables = (overview(study), trend_table(study), sine_table(study), friction_table(study), mode_table(study))
+    for table in tables:
+        show_table(console, table)
+    for note in (note for case in study.cases for note in case.beyond + case.notes):
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    found = verdict(study, limits)
+    color = _COLORS[found.kind]
+    console.print(f"[{color}]{found.answer}[/]", highlight=False)
+    for reason in found.reasons:
+        console.print(f"  {escape(reason)}", highlight=False, soft_wrap=True)
+    console.print(limits.said(), highlight=False, soft_wrap=True)
+
+
+def _kind(word: str | None) -> Kind | None:
+    if word is not None and word not in _KINDS:
+        raise click.BadParameter(f"{word!r}: it must be one of {', '.join(_KINDS)}", param_hint="--kind")
+    return word  # type: ignore[return-value]
