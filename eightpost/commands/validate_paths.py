@@ -107,7 +107,10 @@ def show_table(console: Console, table: ResultTable) -> None:
         head = f"{text}, {field_unit(unit)}" if unit else text
         drawn.add_column(escape(head), justify="right" if is_numeric else "left", overflow="fold")
     for row in table.rows:
-        drawn.add_row(*(escape(_text(cell)) for cell in row))
+        cells = zip(table.heads, row, strict=True)
+        drawn.add_row(
+            *(escape(field_unit(_text(cell)) if head == "unit" else _text(cell)) for (head, _), cell in cells)
+        )
     console.print(drawn)
 
 

@@ -13,7 +13,7 @@ from rich.progress import track
 from eightpost.commands.validate_paths import RecordChoices, pair, show_table
 from eightpost.ident.vehicle import read_fit
 from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, verdict
-from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, sine_table, trend_table
+from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, trend_table
 from eightpost.rig.post import read_rig_test
 from eightpost.shock import read_shock
 from eightpost.vehicle import read_vehicle
@@ -88,7 +88,7 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
     for case in study.cases:
         said = f"{escape(case.record.name)}: {case.record.kind}, {escape(case.record.reason)}"
         console.print(said, soft_wrap=True, highlight=False)
-    tables = (overview(study), trend_table(study), sine_table(study), friction_table(study), mode_table(study))
+    tables = (overview(study), trend_table(study), friction_table(study), mode_table(study))
     for table in tables:
         show_table(console, table)
     for note in (note for case in study.cases for note in case.beyond + case.notes):

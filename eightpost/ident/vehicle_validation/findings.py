@@ -88,7 +88,7 @@ def verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
 def faults(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
     """Return what makes a vehicle not acceptable, a sentence each."""
     if not study.independent:
-        return ("No record validates it: all are the fit's own or static.", *_unstable(study))
+        return ("No record validates it: all are the fit's own, static or too gentle.", *_unstable(study))
     return (*_unstable(study), *_levels(study, limits), *_errors(study, limits), *_ranks(study, limits))
 
 
@@ -97,7 +97,7 @@ def doubts(study: VehicleValidation) -> tuple[str, ...]:
     cases = study.cases
     own = [case.record.name for case in cases if case.is_fit_record]
     said = [f"The vehicle was fitted to {', '.join(own)}: errors there validate nothing."] if own else []
-    said += _linear(study)
+    said += [*_gentle(study), *_lifted(study), *_linear(study)]
     said += _beyond(study)
     said += [note for case in cases for note in case.notes]
     if not study.of_kind("random"):
@@ -138,6 +138,16 @@ def _ranks(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
     return (said,) if wrong else ()
 
 
+def _gentle(study: VehicleValidation) -> list[str]:
+    names = [case.record.name for case in study.cases if case.is_gentle]
+    return [f"The shocks hardly move on {', '.join(names)}: friction holds them; shown, not judged."] if names else []
+
+
+def _lifted(study: VehicleValidation) -> list[str]:
+    names = [f"{case.record.name} ({', '.join(case.lifted)})" for case in study.cases if case.lifted]
+    return [f"Tires leave the road on {'; '.join(names)}: no linear car does."] if names else []
+
+
 def _beyond(study: VehicleValidation) -> list[str]:
     """Return one sentence on all records that leave what the fit's tests covered; the notes name the channels."""
     names = [case.record.name for case in study.cases if case.beyond]
@@ -169,9 +179,9 @@ def _best(study: VehicleValidation) -> tuple[str, ...]:
     judged = [o for _, o in _judged(study)]
     if not judged:
         return ()
-    said = [f"errors up to {100 * max(o.error for o in judged):.2g} % of the measured RMS"]
+    said = [f"errors up to {100 * max(o.error for o in judged):.3g} % of the measured RMS"]
     if random:
-        said.insert(0, f"RMS within {100 * max(abs(o.level) for o in random):.2g} %")
+        said.insert(0, f"RMS within {100 * max(abs(o.level) for o in random):.3g} %")
     ranked = [trend.rank for trend in study.trends if not trend.is_flat]
     if ranked:
         count = len(study.trends[0].measured)

@@ -32,7 +32,7 @@ class RigRecord:
         means: By channel, SI.
         conditions: As the file says.
         digest: SHA-256 of its file; empty without one.
-        notes: What its preparation found, a sentence each.
+        notes: What its preparation found, a sentence each: lags and drifts are told from random records only.
         frequency: Of a sine [Hz].
     """
 
@@ -81,7 +81,7 @@ def record_of(test: RigTest, model: StateSpace, *, kind: Kind | None = None, nam
         prepared.means[0],
         test.conditions,
         test.sha256,
-        (*prepared.notes, *_missing_loads(series, model, called)),
+        (*(prepared.notes if found.kind == "random" else ()), *_missing_loads(series, model, called)),
         found.frequency,
     )
 

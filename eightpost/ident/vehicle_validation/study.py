@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.common_poles import Ranges
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle_validation.comparison import Comparison, Judging, compare, with_total
+from eightpost.ident.vehicle_validation.coverage import beyond, is_gentle
 from eightpost.ident.vehicle_validation.modes import VehicleMode, modes_of
 from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.vehicle_validation.residual import ErrorSpectrum, error_spectrum
@@ -49,6 +49,8 @@ class Case:
         beyond: Where the record leaves what the fit's tests covered, a sentence each.
         notes: What else a person must know of it.
         is_fit_record: Whether the vehicle was fitted to this very record, so that it validates nothing.
+        is_gentle: Whether the shocks hardly move beside the fit's tests: friction holds them, errors are not judged.
+        lifted: Tires that leave the road.
     """
 
     record: RigRecord
@@ -62,6 +64,8 @@ class Case:
     beyond: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     is_fit_record: bool = False
+    is_gentle: bool = False
+    lifted: tuple[str, ...] = ()
 
     @property
     def judged(self) -> tuple[Comparison, ...]:
@@ -99,8 +103,8 @@ class VehicleValidation:
 
     @property
     def independent(self) -> tuple[Case, ...]:
-        """The cases that can say something: records the vehicle was not fitted to, static ones left out."""
-        return tuple(case for case in self.cases if not case.is_fit_record and case.outputs)
+        """The cases that are judged: records the vehicle was not fitted to, static and too gentle ones left out."""
+        return tuple(case for case in self.cases if case.outputs and not (case.is_fit_record or case.is_gentle))
 
 
 def validate_vehicle(
@@ -161,7 +165,8 @@ class _Judge:
             record,
             "shock laws, ports closed" if laws else "measured shock forces",
             record.series.time,
-            notes=(*record.notes, *_lifted(record), *self._unknown(record, laws)),
+            notes=(*record.notes, *self._unknown(record, laws)),
+            lifted=_lifted(record),
             is_fit_record=bool(record.digest) and record.digest in set(self.fit.sources.values()),
         )
         if record.kind == "static":
@@ -175,7 +180,8 @@ class _Judge:
             without_friction=self._without_friction(record, laws, measured),
             sines=self._sines(record, outputs),
             spectra=self._spectra(record, outputs),
-            beyond=self._beyond(record),
+            beyond=tuple(f"{record.name}: {said}" for said in beyond(record.series, self.fit.ranges)),
+            is_gentle=is_gentle(record.series, self.fit.ranges),
         )
 
     def _inside(self, series: TimeSeries) -> TimeSeries:
@@ -228,13 +234,6 @@ class _Judge:
         spectra = {o.name: error_spectrum(o, rate, band) for o in outputs if o.is_judged}
         return {name: found for name, found in spectra.items() if found is not None}
 
-    def _beyond(self, record: RigRecord) -> tuple[str, ...]:
-        """Say where the record leaves what the fit's tests covered."""
-        if "frequency" not in self.fit.ranges:
-            return ()
-        ranges = Ranges.of_mapping(self.fit.ranges)
-        return tuple(f"{record.name}: {said}" for said in ranges.beyond(record.series))
-
 
 def _predict(vehicle: IdentifiedVehicle, series: TimeSeries, laws: Mapping[str, ShockLaw] | None) -> TimeSeries:
     return open_at_ports(vehicle, series) if laws is None else closed_at_ports(vehicle, series, laws)
@@ -262,12 +261,11 @@ def _around(other: Vehicle, vehicle: IdentifiedVehicle) -> StateSpace:
 
 
 def _lifted(record: RigRecord) -> tuple[str, ...]:
-    """Say which tires leave the road; records whose tire forces are changes from rest cannot say it."""
+    """Return the tires that leave the road; records whose tire forces are changes from rest cannot say it."""
     forces = [name for name in record.series.names if name.rpartition(".")[2] == "tire_force"]
-    lifted = [
+    return tuple(
         name
         for name in forces
         if (mean := record.means.get(name, 0.0)) > record.series[name].std()
         and mean + float(record.series[name].min()) <= _LIFTED * mean
-    ]
-    return (f"{record.name}: tires leave the road ({', '.join(lifted)}); no linear car does",) if lifted else ()
+    )

@@ -18,21 +18,27 @@ if TYPE_CHECKING:
 def overview(study: VehicleValidation) -> ResultTable:
     """Return a row for each record: how it was predicted, and its worst output."""
     heads = (
-        ("record", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""), ("worst error, %", ""),
+        ("record", ""), ("number", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""), ("worst error, %", ""),
         ("of", ""), ("beyond the fit", ""),
     )  # fmt: skip
     rows = tuple(
         (
-            case.record.name + (" (of the fit)" if case.is_fit_record else ""),
+            case.record.name + _remark(case),
+            str(number),
             case.record.kind,
             case.shocks,
             *_worst(case.judged, "level"),
             *_worst(case.judged, "error"),
             "yes" if case.beyond else "no",
         )
-        for case in study.cases
+        for number, case in enumerate(study.cases, start=1)
     )
-    return ResultTable("Records", heads, rows)
+    return ResultTable("Each record and its worst outputs", heads, rows)
+
+
+def _remark(case: Case) -> str:
+    remarks = [text for text, holds in (("of the fit", case.is_fit_record), ("gentle", case.is_gentle)) if holds]
+    return f" ({', '.join(remarks)})" if remarks else ""
 
 
 def _worst(found: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:

@@ -92,11 +92,10 @@ def level_figure(study: VehicleValidation, limits: Limits) -> Figure:
     """Return at a glance by how much RMS is off and how large errors are: a point for each output of each record."""
     places = grid(2, 2, gap=(0.08, 0.0))
     titles = ("RMS predicted less measured [%]", "error [% of measured RMS]")
-    cases = [case for case in study.cases if case.outputs]
+    cases = [case for case in study.cases if case.outputs and not case.is_gentle]
     panels = [Panel(Axis("record"), Axis(""), *place, title=title) for place, title in zip(places, titles, strict=True)]
     figure = Figure(
-        "Every judged output of every record, numbered as in the table of records. Dotted: the limits, which RMS has "
-        "for random records.",
+        "Every judged output, records numbered as in the table. Dotted: the limits, which RMS has for random records.",
         330,
         panels,
     )
