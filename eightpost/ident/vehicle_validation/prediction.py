@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import csr_array
 
+from eightpost.errors import StepError
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.discrete import discretise_by_parts
 from eightpost.ident.vehicle.experiment import channel
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
     Array = NDArray[np.float64]
+
+#: Finer steps that are tried where the forces of a step cannot be found: steep laws.
+_FINER = (1, 2, 4, 8)
 
 
 def ports_of(model: StateSpace) -> tuple[str, ...]:
@@ -71,11 +75,32 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
     model, ports = vehicle.state_space, ports_of(vehicle.state_space)
     drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
     quick = [law for law in laws.values() if isinstance(law, Polylinear | Lpf1 | Lpnl2) and _is_plain(law)]
-    if model.dt is None and len(quick) == len(laws) and set(vehicle.baseline_damping) == set(laws):
+    can = model.dt is None and len(quick) == len(laws)
+    if can and set(vehicle.baseline_damping) == set(laws):
         bank = list({id(law): law for law in quick}.values())
         places = [next(k for k, law in enumerate(bank) if law is laws[port]) for port in vehicle.baseline_damping]
         return _named(model, record.time, ManySetups(vehicle, bank, drive).run([places])[0])
-    return simulate_with_shocks(vehicle, laws, drive).select(model.output_names)
+    return port_by_port(vehicle, drive, laws)
+
+
+def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
+    """Return the same for any law, at the drive's samples.
+
+    Raises:
+        StepError: The laws are too stiff for an eighth of the drive's step too.
+    """
+    for finer in _FINER:
+        fine = drive if finer == 1 else drive.resample(finer * drive.sample_rate)
+        try:
+            found = simulate_with_shocks(vehicle, laws, fine).select(vehicle.state_space.output_names)
+        except StepError:
+            if finer == _FINER[-1]:
+                raise
+            continue
+        channels = {n: (u, np.interp(drive.time, fine.time, row))
+                    for n, u, row in zip(found.names, found.units, found.values, strict=True)}  # fmt: skip
+        return TimeSeries.from_channels(drive.time, channels)
+    raise AssertionError("one of the steps was the last")
 
 
 def _is_plain(law: ShockLaw) -> bool:

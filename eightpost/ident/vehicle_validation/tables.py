@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def overview(study: VehicleValidation) -> ResultTable:
     """Return a row for each record: how it was predicted, and its worst output."""
     heads = (
-        ("record", ""), ("number", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""), ("worst error, %", ""),
-        ("of", ""), ("beyond the fit", ""),
+        ("record", ""), ("number", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""),
+        ("worst error, %", ""), ("of", ""), ("beyond the fit", ""),
     )  # fmt: skip
     rows = tuple(
         (

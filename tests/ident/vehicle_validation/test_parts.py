@@ -1,0 +1,114 @@
+"""Parts with answers that are known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.errors import TooShortError
+from eightpost.ident.vehicle_validation import Comparison, Judging, modes_of, recognise
+from eightpost.ident.vehicle_validation.residual import error_spectrum
+from eightpost.ident.vehicle_validation.sine import sine_output
+from eightpost.ident.vehicle_validation.static import static_outputs
+from eightpost.ident.vehicle_validation.trends import Trend
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Channel, StateSpace
+
+RATE = 250.0
+TIME = np.arange(round(40.0 * RATE)) / RATE
+
+
+def _series(**channels: np.ndarray) -> TimeSeries:
+    return TimeSeries.from_channels(TIME, {name: ("m", values) for name, values in channels.items()})
+
+
+def _comparison(measured: np.ndarray, predicted: np.ndarray) -> Comparison:
+    return Comparison("velocity", "m/s", measured, predicted, is_judged=True)
+
+
+def test_gain_phase_and_harmonics_of_a_sine_are_found() -> None:
+    turns = 2.0 * np.pi * 3.0 * TIME
+    measured = np.sin(turns) + 0.1 * np.sin(3.0 * turns)
+    found = sine_output(_comparison(measured, 1.2 * np.sin(turns + 0.2)), 3.0, RATE)
+    assert found.gain == pytest.approx(1.2, rel=1e-6)
+    assert found.phase == pytest.approx(0.2, rel=1e-6)
+    assert found.harmonics == pytest.approx(0.1 / np.sqrt(1.01), rel=1e-3)
+
+
+def test_an_error_that_is_a_gain_is_linear_and_noise_is_not() -> None:
+    generator = np.random.default_rng(1)
+    predicted, noise = generator.standard_normal((2, TIME.size))
+    gain = error_spectrum(_comparison(1.1 * predicted, predicted), RATE, 100.0)
+    other = error_spectrum(_comparison(predicted + 0.1 * noise, predicted), RATE, 100.0)
+    assert gain is not None
+    assert other is not None
+    assert gain.linear == pytest.approx(1.0, abs=1e-6)
+    assert other.linear < 0.1
+
+
+def test_a_record_too_short_for_spectra_has_none() -> None:
+    short = np.sin(TIME[: round(10.0 * RATE)])
+    assert error_spectrum(_comparison(short, 0.9 * short), RATE, 20.0) is None
+
+
+def test_levels_that_are_held_give_the_static_rate() -> None:
+    load = 100.0 * np.floor(TIME / 5.0)
+    measured = TimeSeries.from_channels(TIME, {"aero_force": ("N", load), "ride_height": ("m", -2e-5 * load)})
+    predicted = TimeSeries.from_channels(TIME, {"ride_height": ("m", -3e-5 * load)})
+    (found,) = static_outputs(measured, predicted, ["aero_force"])
+    assert found.load.size == 8
+    assert found.slopes == pytest.approx((-2e-5, -3e-5), rel=1e-9)
+
+
+def test_loads_that_are_never_held_have_no_levels() -> None:
+    moving = np.sin(2.0 * np.pi * TIME)
+    measured = TimeSeries.from_channels(TIME, {"aero_force": ("N", moving), "ride_height": ("m", moving)})
+    assert static_outputs(measured, measured.select(["ride_height"]), ["aero_force"]) == ()
+
+
+@pytest.mark.parametrize(
+    ("road", "load", "kind"),
+    [
+        (0.01 * np.sin(2.0 * np.pi * 2.0 * TIME), 0.0 * TIME, "sine"),
+        (0.01 * ((TIME % 10.0) < 5.0), 0.0 * TIME, "bump"),
+        (0.0 * TIME, 100.0 * np.floor(TIME / 5.0), "static"),
+        (0.0 * TIME, 100.0 * np.random.default_rng(1).standard_normal(TIME.size), "random"),
+        (0.01 * np.random.default_rng(2).standard_normal(TIME.size), 0.0 * TIME, "random"),
+    ],
+)
+def test_a_record_is_what_drives_it(road: np.ndarray, load: np.ndarray, kind: str) -> None:
+    assert recognise(_series(road=road - road.mean(), load=load), ["road"], ["load"]).kind == kind
+
+
+def test_shapes_that_differ_in_one_sign_have_another_assurance() -> None:
+    def car(second: float) -> StateSpace:
+        A = np.array([[0.0, 1.0], [-(20.0**2), -2.0]])
+        C = np.array([[1.0, 0.0], [second, 0.0]])
+        channels = tuple(Channel(name, "m") for name in ("a", "b"))
+        return StateSpace(A, np.array([[0.0], [1.0]]), C, np.zeros((2, 1)), (Channel("f", "N"),), channels)
+
+    (same,) = modes_of(car(1.0), car(1.0))
+    (turned,) = modes_of(car(1.0), car(-1.0))
+    (half,) = modes_of(car(1.0), car(0.0))
+    assert same.frequency == pytest.approx(20.0 / (2.0 * np.pi))
+    assert same.damping == pytest.approx(0.05)
+    assert (same.mac, turned.mac, half.mac) == pytest.approx((1.0, 0.0, 0.5), abs=1e-9)
+
+
+def test_a_flat_trend_is_not_ranked() -> None:
+    flat = Trend("velocity", "m/s", np.array([1.0, 1.001, 1.002]), np.array([1.002, 1.001, 1.0]))
+    assert flat.is_flat
+    assert flat.rank == pytest.approx(-1.0)
+
+
+def test_what_is_judged_ends_at_the_fits_band() -> None:
+    low, high = np.sin(2.0 * np.pi * 2.0 * TIME), np.sin(2.0 * np.pi * 60.0 * TIME)
+    inside = Judging(20.0, settling=4.0).inside(_series(x=low + high))
+    assert inside.time[0] == pytest.approx(4.0)
+    assert inside["x"].std() == pytest.approx(np.sqrt(0.5), rel=1e-3)
+
+
+def test_a_record_of_which_nothing_is_left_is_refused() -> None:
+    short = TimeSeries.from_channels(TIME[:300], {"x": ("m", np.sin(TIME[:300]))})
+    with pytest.raises(TooShortError, match="less than 1 s is left"):
+        Judging(20.0).inside(short)

@@ -1,0 +1,152 @@
+"""`eightpost validate` on a vehicle: by what the file is, with its exit codes, and its page."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from eightpost.__main__ import main
+from eightpost.files import sha256_of
+from eightpost.ident.vehicle import VehicleFit, write_fit
+from eightpost.shock import Shock, write_shock
+from eightpost.vehicle import shipped
+
+from .conftest import softer
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def folder(
+    corner: VehicleFit, rig_files: Path, shocks: dict[str, Shock], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Vehicles and a shock beside the records."""
+    place = tmp_path_factory.mktemp("cars")
+    write_fit(place / "corner.json", corner)
+    write_fit(place / "slow.json", softer(corner))
+    known = replace(corner.vehicle, sources={"soft.parquet": sha256_of(rig_files / "soft.parquet")})
+    write_fit(place / "own.json", replace(corner, vehicle=known))
+    write_shock(shocks["lpf1"], place / "shock.json")
+    return place
+
+
+@pytest.fixture
+def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.chdir(folder)
+
+    def call(car: str, *words: object, records: tuple[str, ...] = ("soft", "base")) -> Result:
+        files = [str(rig_files / f"{name}.parquet") for name in records]
+        return CliRunner().invoke(main, ["validate", car, *files, *map(str, words)], env={"COLUMNS": "180"})
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
+    """Everything at once, with a page."""
+    page = folder / "out" / "page.html"
+    words = ["validate", str(folder / "corner.json"), str(rig_files), "--against", str(shipped("quarter_car"))]
+    return CliRunner().invoke(main, [*words, "--report", str(page)], env={"COLUMNS": "180"}), page
+
+
+def test_a_good_car_exits_0_and_says_so_with_its_figures(done: tuple[Result, Path]) -> None:
+    result, _ = done
+    assert result.exit_code == 0, result.output
+    for said in ("Each record and its worst outputs", "Trends of RMS", "MAC", "On 7 records that it was not fitted to"):
+        assert said in result.output, said
+
+
+def test_the_page_says_the_verdict_first_and_loads_nothing(done: tuple[Result, Path]) -> None:
+    text = done[1].read_text(encoding="utf-8")
+    assert text.index('id="verdict"') < text.index("<nav>") < text.index('id="records"')
+    assert not re.findall(r'(?:src|href)="(?!#)', text)
+    for section in ("records", "trends", "random", "sine", "bump", "responses", "modes", "notes", "what"):
+        assert f'<section id="{section}">' in text, section
+
+
+def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
+    result = run("slow.json")
+    assert result.exit_code == 1, result.output
+    assert "Do not trust this car." in result.output
+    assert "RMS is wrong by more than 5 %" in result.output
+
+
+def test_limits_are_the_users(run: Run) -> None:
+    assert run("slow.json", "--level", "500", "--limit", "500").exit_code == 0
+    assert run("corner.json", "--limit", "0.01").exit_code == 1
+
+
+def test_a_record_of_the_fit_is_known_by_its_digest(run: Run) -> None:
+    result = run("own.json")
+    assert "The vehicle was fitted to soft.parquet" in result.output
+    assert run("own.json", records=("soft",)).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--cutoff", "40"), "it says nothing to a vehicle"),
+        (("--configuration", "1"), "it says nothing to a vehicle"),
+        (("--shock", "soft"), "write it as NAME=SHOCK.json"),
+        (("--shock", "rear=shock.json"), "of no corner and named by no record"),
+        (("--kind", "track"), "must be one of random, sine, bump, static"),
+        (("--kind", "other.csv=sine"), "none of the records"),
+        (("--report", "page.pdf"), "a report ends in .html"),
+        (("shock.json",), "is a vehicle: validate it alone"),
+    ],
+)
+def test_what_cannot_be_used_exits_2(run: Run, words: tuple[str, ...], said: str) -> None:
+    result = run("corner.json", *words)
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(re.sub(r"[│╭╰╮╯─]", " ", result.output + (result.stderr or "")).split())
+
+
+def test_options_of_vehicles_are_refused_for_shocks(run: Run) -> None:
+    result = run("shock.json", "--level", "3")
+    assert result.exit_code == 2
+    assert "it says nothing to a shock" in result.output
+
+
+def _browser_module() -> Any:
+    place = Path(__file__).parents[2] / "cosim" / "chromium.py"
+    spec = importlib.util.spec_from_file_location("eightpost_chromium_of_vehicles", place)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Any]:
+    module = _browser_module()
+    program = module.program()
+    if program is None:
+        pytest.skip(f"needs {' or '.join(module.NAMES)} on the PATH, and a system with inherited file descriptors")
+    opened = module.Browser(program, tmp_path / "profile")
+    yield opened
+    opened.close()
+
+
+@pytest.mark.slow
+def test_the_page_draws_every_figure_in_either_unit_system(browser: Any, done: tuple[Result, Path]) -> None:
+    browser.call("Page.navigate", url=done[1].as_uri())
+    browser.until("document.body && document.body.dataset.drawn === 'all'")
+    assert browser.evaluate("document.getElementById('trouble').hidden")
+    places = browser.evaluate("document.querySelectorAll('.plot').length")
+    assert places == browser.evaluate("document.querySelectorAll('.js-plotly-plot').length") >= 12
+    assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    titles = "JSON.stringify([...document.querySelectorAll('.plot')].map((p) => p.layout.yaxis.title.text))"
+    assert "RMS [in]" in json.loads(browser.evaluate(titles))
+    browser.evaluate("document.querySelector('input[value=si]').click()")
+    assert "RMS [m]" in json.loads(browser.evaluate(titles))
+    complaints = [e for e in browser.events if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")]
+    assert not complaints
