@@ -45,9 +45,31 @@ settings.load_profile("eightpost")
 @pytest.fixture(scope="session")
 def monolithic() -> ModuleType:
     """The module tests/monolithic.py: the coupled car as one set of equations."""
-    name = "eightpost_tests_monolithic"
+    return _beside("monolithic")
+
+
+@pytest.fixture(scope="session")
+def chromium() -> ModuleType:
+    """The module tests/chromium.py: a browser that draws, is clicked, and tells what it asked for."""
+    return _beside("chromium")
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
+    """Headless Chromium, ended with the module: its start takes longer than a page."""
+    program = chromium.program()
+    if program is None:
+        pytest.skip(f"needs {' or '.join(chromium.NAMES)} on the PATH, and a system with inherited file descriptors")
+    opened = chromium.Browser(program, tmp_path_factory.mktemp("profile"))
+    yield opened
+    opened.close()
+
+
+def _beside(module_name: str) -> ModuleType:
+    """Return a module that lies beside this file."""
+    name = f"eightpost_tests_{module_name}"
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("monolithic.py"))
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{module_name}.py"))
         assert spec is not None and spec.loader is not None
         module = sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)

@@ -1,6 +1,5 @@
 """A component built from functions: coupling is tested without any FMU."""
 
-import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -151,23 +150,3 @@ def quarter_cars(fmus):
         return System(parts, bonds, constants=constants, parameters={f"shock_{name}": parameters for name in names})
 
     return join
-
-
-@pytest.fixture(scope="session")
-def chromium():
-    """The module chromium.py."""
-    spec = importlib.util.spec_from_file_location("eightpost_tests_chromium", Path(__file__).with_name("chromium.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def browser(chromium, tmp_path_factory):
-    """Headless Chromium, ended with the module: its start takes longer than a page."""
-    program = chromium.program()
-    if program is None:
-        pytest.skip(f"needs {' or '.join(chromium.NAMES)} on the PATH, and a system with inherited file descriptors")
-    opened = chromium.Browser(program, tmp_path_factory.mktemp("profile"))
-    yield opened
-    opened.close()

@@ -1,12 +1,8 @@
 """The report in a browser and on paper: it draws every figure, changes units, loads nothing, complains of nothing."""
 
 import base64
-import importlib.util
 import json
 import re
-import shutil
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,26 +12,6 @@ from eightpost.ident.validation.report import write_validation_report
 from eightpost.ident.validation.report.page import page
 
 from .conftest import INCH, POUND, shock_of
-
-
-def _browser_module():
-    place = Path(__file__).parents[1] / "cosim" / "test_report_in_browser.py"
-    spec = importlib.util.spec_from_file_location("eightpost_report_in_browser", place)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture
-def browser(tmp_path):
-    """Headless Chromium, ended with the test."""
-    known = _browser_module()
-    program = next(filter(None, map(shutil.which, known._NAMES)), None)
-    if program is None or sys.platform == "win32":
-        pytest.skip("needs a Chromium on the PATH, and a system with inherited file descriptors")
-    opened = known._Browser(program, tmp_path / "profile")
-    yield opened
-    opened.close()
 
 
 @pytest.fixture(scope="module")
