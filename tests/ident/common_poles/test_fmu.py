@@ -1,0 +1,111 @@
+"""The FMU of an identified car, coupled with shock FMUs, is the library's own closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cosim
+from builder.build import build
+from eightpost.ident.vehicle import simulate_with_shocks
+from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.shock import Lpf1, Polylinear, Shock, StaticCurve, write_shock
+from eightpost.signals import Drivefile, TimeSeries
+from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, discretise, write_vehicle
+
+from .conftest import BASELINE, noisy
+
+ALTERNATE = 0.6 * BASELINE
+RUBBING = {"": Friction(60.0, 0.01)}
+RATE, STOP = 125.0, 1.0
+JUDGED = ("velocity", "tire_force")
+
+
+def _line(rate: float) -> StaticCurve:
+    """F = rate v."""
+    inner, speed = (rate * 0.4, *[0.0] * 14), 0.4
+    return StaticCurve(
+        inner, (rate * speed, rate * speed, 0.0, 0.0), (-rate * speed, -rate * speed, 0.0, 0.0), speed, 0.01, 5.0, 5.0,
+        rate, rate,
+    )  # fmt: skip
+
+
+LAWS = {"straight": Polylinear(_line(ALTERNATE)), "lagging": Lpf1(_line(ALTERNATE), 2e-3)}
+
+
+@pytest.fixture(scope="module")
+def vehicle(quarter_car) -> IdentifiedVehicle:
+    """As identified from an estimate with 1 % noise: its poles are not those of the truth."""
+    return IdentifiedVehicle("car", CommonPoleFit().fit(noisy(quarter_car, 0.01, 3)).model, {"": BASELINE})
+
+
+@pytest.fixture(scope="module")
+def drive() -> TimeSeries:
+    time = np.arange(round(STOP * RATE) + 1) / RATE
+    generator = np.random.default_rng(5)
+    tones = [(f, 0.004 / f * generator.uniform(0.5, 1.0), generator.uniform(0.0, 6.0)) for f in (1.1, 2.3, 4.7, 9.1)]
+    road = sum(a * (np.sin(2.0 * np.pi * f * time + p) - np.sin(p)) for f, a, p in tones)
+    return TimeSeries.from_channels(time, {"road": ("m", np.asarray(road))})
+
+
+@pytest.fixture(scope="module")
+def fmus(vehicle, tmp_path_factory, one_platform):
+    """Shocks by name, the car without and with friction."""
+    folder = tmp_path_factory.mktemp("identified")
+    for name, law in LAWS.items():
+        write_shock(Shock(name, law), folder / f"{name}.json")
+    write_vehicle(folder / "car.json", vehicle)
+    write_vehicle(folder / "rubbing.json", replace(vehicle, friction=RUBBING))
+    with one_platform():
+        return {b.path.stem: b.path for b in build(sorted(folder.glob("*.json")), folder / "fmus")}
+
+
+def coupled(fmus, car, shock, drive, step):
+    system = cosim.System.load({"car": fmus[car], "shock": fmus[shock]}, bonds=[cosim.Bond.between("car", "shock")])
+    series = TimeSeries.from_channels(drive.time, {"road": ("m", drive["road"])})
+    record = tuple(f"car.{name}" for name in JUDGED)
+    system = replace(system, constants={"car.aero_force": 0.0})
+    scenario = cosim.Scenario(STOP, Drivefile(series), record=record, record_step=1.0 / RATE)
+    return cosim.run(system, scenario, algorithm=cosim.Implicit(tolerance=1e-12), step=step).series
+
+
+def closed_loop(vehicle, drive):
+    """The car with the straight shock in it, stepped exactly: the road is linear between samples."""
+    model = discretise(add_port_damping(vehicle.state_space, {"": ALTERNATE - BASELINE}), 1.0 / RATE, "first")
+    road, x, outputs = model.input_names.index("road"), np.zeros(len(model.A)), []
+    for value in drive["road"]:
+        outputs.append(model.C @ x + model.D[:, road] * value)
+        x = model.A @ x + model.B[:, road] * value
+    return dict(zip(model.output_names, np.array(outputs).T, strict=True))
+
+
+def difference(found, expected, name):
+    """RMS difference over standard deviation."""
+    return float(np.std(found[f"car.{name}"] - expected[name]) / np.std(expected[name]))
+
+
+def in_parts(drive, parts):
+    """The same straight pieces of road, each in some parts."""
+    time = np.linspace(0.0, STOP, parts * (len(drive) - 1) + 1)
+    return TimeSeries.from_channels(time, {"road": ("m", np.interp(time, drive.time, drive["road"]))})
+
+
+def test_with_a_straight_shock_the_coupled_fmus_are_the_exact_closed_loop(fmus, vehicle, drive):
+    found, exact = coupled(fmus, "car", "straight", drive, 2e-5), closed_loop(vehicle, drive)
+    for name in JUDGED:
+        assert difference(found, exact, name) < 1e-9
+
+
+@pytest.mark.parametrize("shock", LAWS)
+@pytest.mark.parametrize("car", ["car", "rubbing"])
+def test_the_librarys_loop_comes_to_the_coupled_fmus_in_second_order(fmus, vehicle, drive, car, shock):
+    known = replace(vehicle, friction=RUBBING) if car == "rubbing" else vehicle
+    reference, errors = coupled(fmus, car, shock, drive, 5e-5), []
+    for parts in (8, 16):
+        series = simulate_with_shocks(known, {"": LAWS[shock]}, in_parts(drive, parts))
+        errors.append([difference(reference, {name: series[name][::parts]}, name) for name in JUDGED])
+    coarse, fine = np.array(errors)
+    np.testing.assert_allclose(np.log2(coarse / fine), 2.0, atol=0.15)
+    assert (fine < 2e-4).all()
