@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from eightpost import units
 from eightpost.errors import InputError
-from eightpost.ident.preparation import Decimation, Preparation, prepare
+from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
 from eightpost.ident.vehicle.baseline import Baseline, find_baseline
 from eightpost.ident.vehicle.experiment import experiment_of
 from eightpost.ident.vehicle.fit_plots import plot_fit
@@ -50,6 +50,8 @@ _NOT_ACCEPTABLE = 0.3
               "default: the slope of each baseline shock.")  # fmt: skip
 @click.option("--rate", default="125 Hz", show_default=True, help="To which the records are decimated.")
 @click.option("--settling", default="0 s", show_default=True, help="Left out at the start of every record.")
+@click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
+              help="Rate, settling, delays and geometry from a file (docs/rig_data.md), in their place.")  # fmt: skip
 @click.option("--output-channels", metavar="NAMES", help="Outputs of the model, by commas; default: all it can have.")
 @click.option("--name", help="Of the vehicle; default: the output's name.")
 @click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig.md.")
@@ -66,6 +68,7 @@ def identify(  # one parameter per option
     damping: str | None,
     rate: str,
     settling: str,
+    preparation: Path | None,
     output_channels: str | None,
     name: str | None,
     map_file: Path | None,
@@ -86,7 +89,7 @@ def identify(  # one parameter per option
     console = Console()
     _check(output, rig_files, baseline)
     channel_map = ChannelMap.read(map_file) if map_file else None
-    how = Preparation(Decimation(_si(rate, "Hz", "--rate")), settling=_si(settling, "s", "--settling"))
+    how = read_preparation(preparation) if preparation else _preparation(rate, settling)
     prepared = prepare(_read(console, rig_files, channel_map, flip), how)
     for line in prepared.summary():
         console.print(escape(line), highlight=False, soft_wrap=True)
@@ -112,6 +115,10 @@ def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> 
             f"{rig_files[0]} alone does not tell shock forces from what causes them; give a baseline test and one with "
             "another shock at each corner"
         )
+
+
+def _preparation(rate: str, settling: str) -> Preparation:
+    return Preparation(Decimation(_si(rate, "Hz", "--rate")), settling=_si(settling, "s", "--settling"))
 
 
 def _read(

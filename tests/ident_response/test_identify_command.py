@@ -58,6 +58,23 @@ def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
         assert said in " ".join(done[0].output.split()), said
 
 
+def test_a_preparation_file_takes_the_place_of_rate_and_settling(files: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "prep.toml").write_text('rate = "62.5 Hz"\nsettling = "4 s"\n')
+    result = _identify(
+        *files,
+        "--preparation",
+        tmp_path / "prep.toml",
+        "--plots",
+        "none",
+        "--recipe",
+        "boggs",
+        "-o",
+        tmp_path / "c.json",
+    )
+    assert result.exit_code in (0, 1), result.output
+    assert "decimated to 62.5 Hz" in " ".join(result.output.split())
+
+
 def test_an_identified_vehicle_takes_the_whole_shock_force(done: tuple[Result, Path]) -> None:
     vehicle = read_vehicle(done[1])
     frequency = np.arange(2.0, 5.0, 0.01)
