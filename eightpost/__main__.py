@@ -23,7 +23,7 @@ VERBS = {
     "dyno": "Test a physical shock on the virtual dynamometer.",
     "inspect": "Show what is in a dynamometer or rig file, and what is suspicious in it.",
     "fit": "Fit a shock law to a dynamometer file.",
-    "validate": "Validate fitted shocks on dynamometer records that they were not fitted to.",
+    "validate": "Validate fitted shocks or an identified vehicle on records that they were not fitted to.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
     "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
     "identify": "Identify a vehicle from rig tests.",

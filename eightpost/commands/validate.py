@@ -59,9 +59,10 @@ def validate(  # one parameter per option
     map_file: Path | None,
     flip: tuple[str, ...],
 ) -> None:
-    """Validate fitted shocks on dynamometer records, or an identified vehicle on rig records, not fitted to.
+    """Validate fitted shocks or an identified vehicle on records that they were not fitted to.
 
-    Files that end in .json are shocks or one vehicle, all others records; a folder stands for the records in it.
+    Files that end in .json are shocks, or one vehicle; all others are dynamometer or rig records. A folder stands for
+    the records in it.
 
     Each shock is held against each record, unless both say a condition and they differ. Exits 1 if more than half of a
     record is outside the fitted velocities, if a record has no shock, or if an error is over --limit.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -113,27 +112,6 @@ def test_options_of_vehicles_are_refused_for_shocks(run: Run) -> None:
     result = run("shock.json", "--level", "3")
     assert result.exit_code == 2
     assert "it says nothing to a shock" in result.output
-
-
-def _browser_module() -> Any:
-    place = Path(__file__).parents[2] / "cosim" / "chromium.py"
-    spec = importlib.util.spec_from_file_location("eightpost_chromium_of_vehicles", place)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Any]:
-    module = _browser_module()
-    program = module.program()
-    if program is None:
-        pytest.skip(f"needs {' or '.join(module.NAMES)} on the PATH, and a system with inherited file descriptors")
-    opened = module.Browser(program, tmp_path / "profile")
-    yield opened
-    opened.close()
 
 
 @pytest.mark.slow
