@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.ident.vehicle_validation.comparison import quantity
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
 
     Array = NDArray[np.float64]
+
+#: What has a level.
+_STATIC = ("displacement", "tire_force", "ride_height")
 
 #: Loads that change by less than this part of their range over `_LOOK` [s] are held; a hold lasts `_SHORTEST` [s].
 _STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
@@ -63,7 +68,7 @@ def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[
     if len(holds) < 2:
         return ()
     signs = np.sign(rows @ rows[0])  # pitch and roll pull where others push
-    names = [name for name in predicted.names if name in measured]
+    names = [name for name in predicted.names if name in measured and quantity(name) in _STATIC]
     load = _levels(signs @ rows, holds)
     return tuple(
         StaticOutput(n, measured.unit(n), load, _levels(measured[n], holds), _levels(predicted[n], holds))

@@ -19,13 +19,16 @@ if TYPE_CHECKING:
 
 _COLUMNS = 3
 
+#: Outputs of a static record that are drawn, from the last: tire forces and ride heights.
+_STATIC = 6
+
 
 def trend_figure(trends: Sequence[Trend]) -> Figure:
     """Return the RMS of each record, measured and predicted, a panel for each output (Fig 6.27)."""
     number = np.arange(1.0, len(trends[0].measured) + 1.0)
     panels = [
         Panel(Axis("record"), Axis("RMS", one.unit), *place, title=f"{one.name}: rank {_rank(one)}")
-        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.12)), strict=True)
+        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.18)), strict=True)
     ]
     caption = "RMS of each random record, in the order of the table of records, as Fig 6.27."
     figure = Figure(caption, _height(len(trends)), panels)
@@ -39,7 +42,7 @@ def correlation_figure(trends: Sequence[Trend]) -> Figure:
     """Return predicted over measured RMS with the line of equality, a panel for each output (Fig 6.28)."""
     panels = [
         Panel(Axis("measured RMS", one.unit), Axis("predicted", one.unit), *place, title=_titled(one))
-        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.12)), strict=True)
+        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.18)), strict=True)
     ]
     caption = "Predicted over measured RMS of the random records, as Fig 6.28; the line is equality."
     figure = Figure(caption, _height(len(trends)), panels)
@@ -74,11 +77,11 @@ def sine_figure(cases: Sequence[Case]) -> Figure:
 
 
 def static_figure(case: Case) -> Figure:
-    """Return the holds of a static record, up to six outputs that move most for their quantity."""
-    shown = [one for one in case.holds if quantity(one.name) in ("ride_height", "tire_force", "displacement")][-6:]
+    """Return the holds of a static record, tire forces and ride heights."""
+    shown = case.holds[-_STATIC:]
     panels = [
         Panel(Axis("load", "N"), Axis("change", one.unit), *place, title=one.name)
-        for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, 0.12)), strict=True)
+        for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, 0.18)), strict=True)
     ]
     caption = f"{case.record.name}: levels held, about their means, as Fig 6.32. Friction makes the measured ones loop."
     figure = Figure(caption, _height(len(shown)), panels)
@@ -129,4 +132,4 @@ def _titled(trend: Trend) -> str:
 
 
 def _height(count: int) -> int:
-    return 110 + 190 * (-(-count // _COLUMNS))
+    return 110 + 205 * (-(-count // _COLUMNS))
