@@ -28,11 +28,11 @@ import numpy as np
 from builder.build import build
 from cosim.difference import difference
 from cosim.study import Study, StudyResult
-from cosim.study.evaluator import Evaluator
+from cosim.study.running.evaluator import Evaluator
+from cosim.study.running.sweep import run_study
+from cosim.study.running.trace import coupling_of
+from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study_file import read_study, source_files
-from cosim.study.sweep import run_study
-from cosim.study.trace import coupling_of
-from cosim.study.workers import ProcessWorkers
 from eightpost.rig.track import track_drivefile
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from cosim.component import Variable
 from cosim.conversion import convert_between, named_unit
 from cosim.fmu_component import FmuComponent
-from cosim.study.evaluator import ports
 from cosim.study.families import Car, family
 from cosim.study.measures import Measure
+from cosim.study.running.evaluator import ports
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
 from cosim.study.toml_place import line_of, line_with
 from eightpost import units

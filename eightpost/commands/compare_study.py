@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from cosim.study.compare import Comparison
-from cosim.study.compare_file import write_comparisons
-from cosim.study.compare_plot import plot_comparisons
-from cosim.study.compare_runs import Measured, MeasuredRun, comparisons, measured_runs, read_run_list
+from cosim.study.choice.compare import Comparison
+from cosim.study.choice.compare_file import write_comparisons
+from cosim.study.choice.compare_plot import plot_comparisons
+from cosim.study.choice.compare_runs import Measured, MeasuredRun, comparisons, measured_runs, read_run_list
+from cosim.study.choice.selection_file import read_selection
 from cosim.study.result import StudyResult
-from cosim.study.selection_file import read_selection
 from eightpost import units
 from eightpost.commands.study_page import RESULTS, SELECTION
 from eightpost.errors import InputError

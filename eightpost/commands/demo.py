@@ -13,8 +13,8 @@ from builder.check import check as check_fmu
 from cosim.plots import plot_measures, plot_spectra, plot_traces
 from cosim.study import Build, Drive, Study, Term, Vehicle
 from cosim.study.measures import ride_measures
-from cosim.study.sweep import Sweep
-from cosim.study.workers import ProcessWorkers
+from cosim.study.running.sweep import Sweep
+from cosim.study.running.workers import ProcessWorkers
 from cosim.system_file import read_case
 from eightpost.commands.build import build_with_progress, show_built
 from eightpost.commands.check import show_report

@@ -11,12 +11,12 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
+from cosim.study.choice.robust import OBJECTIVE, REACH, Spread, spreads_of
+from cosim.study.choice.robust_file import Uncertainty, read_uncertainty
+from cosim.study.choice.robust_study import Draws, leading, run_draws
+from cosim.study.choice.robust_table import write_spreads
 from cosim.study.result import StudyResult
-from cosim.study.robust import OBJECTIVE, REACH, Spread, spreads_of
-from cosim.study.robust_file import Uncertainty, read_uncertainty
-from cosim.study.robust_study import Draws, leading, run_draws
-from cosim.study.robust_table import write_spreads
-from cosim.study.workers import ProcessWorkers
+from cosim.study.running.workers import ProcessWorkers
 from eightpost import units
 from eightpost.commands.shock_uncertainty import uncertainty_of
 from eightpost.commands.study_page import RESULTS, SPREADS, write_page

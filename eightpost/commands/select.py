@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from cosim.study.choice.selection import POOL, TOTAL, Selection
+from cosim.study.choice.selection import select as choose
+from cosim.study.choice.selection_file import BASELINE_RUNS, write_selection
 from cosim.study.result import StudyResult
-from cosim.study.selection import POOL, TOTAL, Selection
-from cosim.study.selection import select as choose
-from cosim.study.selection_file import BASELINE_RUNS, write_selection
 from eightpost import units
 from eightpost.commands.study_page import RESULTS, SELECTION, write_page
 from eightpost.errors import InputError

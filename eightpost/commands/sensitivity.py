@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cosim.study.choice.sensitivity import Sensitivity, sensitivities_of
+from cosim.study.choice.sensitivity_table import write_terms
 from cosim.study.result import StudyResult
-from cosim.study.sensitivity import Sensitivity, sensitivities_of
-from cosim.study.sensitivity_table import write_terms
 from eightpost.commands.study_page import RESULTS
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from cosim.study.robust_draws import Uncertain
+from cosim.study.choice.robust_draws import Uncertain
 from eightpost.errors import FileFormatError
 from eightpost.shock import read_shock
 from eightpost.shock.laws import own_parameters

@@ -15,13 +15,13 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
-from cosim.study.evaluator import Coupling
 from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import Coupling
+from cosim.study.running.sweep import Sweep
+from cosim.study.running.trace import traces
+from cosim.study.running.workers import ProcessWorkers, Workers
 from cosim.study.study import Study
 from cosim.study.study_file import read_study, source_files
-from cosim.study.sweep import Sweep
-from cosim.study.trace import traces
-from cosim.study.workers import ProcessWorkers, Workers
 from eightpost.commands.build import build_with_progress
 from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
@@ -105,7 +105,7 @@ def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
 def running_workers(count: int | None, scheduler: str | None) -> Iterator[Workers]:
     """The workers that were asked for, ended at last."""
     if scheduler is not None:
-        from cosim.study.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra
+        from cosim.study.running.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra
 
         pool: Workers = DaskWorkers(scheduler)
     else:

@@ -8,13 +8,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from cosim.study.choice.robust import Spread
+from cosim.study.choice.robust_table import read_spreads
+from cosim.study.choice.selection import Selection
+from cosim.study.choice.selection_file import read_selection
 from cosim.study.report import write_study_report
 from cosim.study.result import StudyResult
-from cosim.study.robust import Spread
-from cosim.study.robust_table import read_spreads
-from cosim.study.selection import Selection
-from cosim.study.selection_file import read_selection
-from cosim.study.trace import traces
+from cosim.study.running.trace import traces
 from eightpost.errors import FileFormatError
 
 #: Names in a study's folder.

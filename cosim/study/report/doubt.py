@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
+from cosim.study.choice.robust import REACH, Spread
 from cosim.study.report.sheet import Array, Doubt
 from cosim.study.result import StudyResult
-from cosim.study.robust import REACH, Spread
 
 
 def doubt_of(result: StudyResult, band: Spread) -> Doubt:

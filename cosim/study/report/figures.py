@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cosim.study.pareto import pareto_front
+from cosim.study.choice.pareto import pareto_front
 from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
 from cosim.study.report.sheet import Column, Indices, Sheet

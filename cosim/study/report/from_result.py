@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from cosim.study.factor import factors_of, levels_of, varied
+from cosim.study.choice.factor import factors_of, levels_of, varied
+from cosim.study.choice.robust import Spread
+from cosim.study.choice.sensitivity import Sensitivity, sensitivity
 from cosim.study.measures import Measure
 from cosim.study.report.doubt import better_end, doubt_of
 from cosim.study.report.scale import Scale
 from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
 from cosim.study.result import DONE, StudyResult
-from cosim.study.robust import Spread
-from cosim.study.sensitivity import Sensitivity, sensitivity
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from eightpost.errors import InputError
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from cosim.report.packing import Store
 from cosim.report.traces import CAPACITY, traces
+from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.colors import build_colors
 from cosim.study.report.scale import Scale
 from cosim.study.report.sheet import Array, Column, Doubt, Sheet
-from cosim.study.sensitivity import Sensitivity
 from eightpost.signals import TimeSeries
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from markupsafe import Markup
 
 from cosim.report.provenance import versions
+from cosim.study.choice.selection import Selected
+from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
 from cosim.study.report.packed import packed, shown_columns
 from cosim.study.report.sheet import Column, Sheet
 from cosim.study.report.summary import MATTERS, extremes, fixed, shares, tiles, verdict
-from cosim.study.selection import Selected
-from cosim.study.sensitivity import Sensitivity
 from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries
 

@@ -9,9 +9,9 @@ from math import floor, log10
 import numpy as np
 
 from cosim.report.figures import figure, percent
+from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.scale import Scale, Shown
 from cosim.study.report.sheet import Column, Sheet
-from cosim.study.sensitivity import Sensitivity
 
 #: Share of a measure's variance [1] from which a corner is said to matter to it.
 MATTERS = 0.05

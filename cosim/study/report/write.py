@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.study.choice.robust import Spread
+from cosim.study.choice.selection import Selection
+from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import write_figures
 from cosim.study.report.from_result import sensitivities_of, sheet_of
@@ -13,9 +16,6 @@ from cosim.study.report.page import Extras, page
 from cosim.study.report.sheet import Sheet
 from cosim.study.report.workbook import write_workbook
 from cosim.study.result import StudyResult
-from cosim.study.robust import Spread
-from cosim.study.selection import Selection
-from cosim.study.sensitivity import Sensitivity
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
 

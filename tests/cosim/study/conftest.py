@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.study import Build, Drive, Measure, Study, Vehicle, work
+from cosim.study import Build, Drive, Measure, Study, Vehicle
+from cosim.study.running import work
 
 CORNERS = ("lf", "rf", "lr", "rr")
 TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"

@@ -6,8 +6,8 @@ import pytest
 
 from cosim.difference import difference
 from cosim.study import Build
-from cosim.study.choose_coupling import choose_coupling
-from cosim.study.evaluator import Evaluator
+from cosim.study.running.choose_coupling import choose_coupling
+from cosim.study.running.evaluator import Evaluator
 from eightpost.errors import StepError
 
 CORNERS = ("lf", "rf", "lr", "rr")

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.compare import Comparison
-from cosim.study.compare_runs import Measured, comparisons, measured_runs, read_run_list
+from cosim.study.choice.compare import Comparison
+from cosim.study.choice.compare_runs import Measured, comparisons, measured_runs, read_run_list
+from cosim.study.choice.selection import select
+from cosim.study.choice.selection_file import BASELINE_RUNS, read_selection, write_selection
 from cosim.study.measures import Measure
-from cosim.study.selection import select
-from cosim.study.selection_file import BASELINE_RUNS, read_selection, write_selection
 from cosim.study.study import Drive
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import TimeSeries

@@ -9,11 +9,11 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.compare_runs import read_run_list
+from cosim.study.choice.compare_runs import read_run_list
+from cosim.study.choice.selection import select
+from cosim.study.choice.selection_file import write_selection
 from cosim.study.result import StudyResult
-from cosim.study.selection import select
-from cosim.study.selection_file import write_selection
-from cosim.study.sweep import run_study
+from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main
 from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
 from eightpost.shock import Port

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from cosim.study.digest import file_digests, study_digest
-from cosim.study.sweep import Sweep, run_study
+from cosim.study.running.digest import file_digests, study_digest
+from cosim.study.running.sweep import Sweep, run_study
 from eightpost.errors import InputError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
-from cosim.study import Study, dask_workers  # noqa: E402 -- after the skip
+from cosim.study import Study  # noqa: E402 -- after the skip
+from cosim.study.running import dask_workers  # noqa: E402
 
 CORNERS = ("lf", "rf", "lr", "rr")
 

@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.optimise import Scores, optimise
-from cosim.study.pareto import hypervolume
+from cosim.study.choice.optimise import Scores, optimise
+from cosim.study.choice.pareto import hypervolume
 from cosim.study.setup import SetupSpace
 from eightpost.errors import InputError
 

@@ -7,10 +7,10 @@ from math import inf
 import numpy as np
 import pytest
 
-from cosim.study.optimise_study import Search, scores_of, search_study, violation
-from cosim.study.requested import Requested
+from cosim.study.choice.optimise_study import Search, scores_of, search_study, violation
+from cosim.study.running.requested import Requested
+from cosim.study.running.sweep import run_study
 from cosim.study.study import Constraint, Term
-from cosim.study.sweep import run_study
 from eightpost.errors import InputError
 
 from .constructed import result

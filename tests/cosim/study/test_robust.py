@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.robust import Spread, run_to_run, spreads_of
-from cosim.study.robust_draws import Uncertain, drawn_studies
-from cosim.study.robust_table import read_spreads, write_spreads
+from cosim.study.choice.robust import Spread, run_to_run, spreads_of
+from cosim.study.choice.robust_draws import Uncertain, drawn_studies
+from cosim.study.choice.robust_table import read_spreads, write_spreads
 from eightpost.errors import FileFormatError, InputError
 
 from .constructed import result, study

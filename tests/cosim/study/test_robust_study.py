@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.compare_file import write_comparisons
-from cosim.study.compare_runs import Measured, comparisons
-from cosim.study.robust import OBJECTIVE, spreads_of
-from cosim.study.robust_draws import Uncertain, drawn_studies
-from cosim.study.robust_file import read_uncertainty
-from cosim.study.robust_study import Draws, leading, run_draws
+from cosim.study.choice.compare_file import write_comparisons
+from cosim.study.choice.compare_runs import Measured, comparisons
+from cosim.study.choice.robust import OBJECTIVE, spreads_of
+from cosim.study.choice.robust_draws import Uncertain, drawn_studies
+from cosim.study.choice.robust_file import read_uncertainty
+from cosim.study.choice.robust_study import Draws, leading, run_draws
+from cosim.study.running.sweep import run_study
 from cosim.study.study import Term
-from cosim.study.sweep import run_study
 from eightpost.errors import FileFormatError
 
 from .constructed import CORNERS, result

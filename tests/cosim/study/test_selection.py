@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.robust import spreads_of
-from cosim.study.robust_table import write_spreads
-from cosim.study.selection import select
-from cosim.study.selection_file import write_selection
+from cosim.study.choice.robust import spreads_of
+from cosim.study.choice.robust_table import write_spreads
+from cosim.study.choice.selection import select
+from cosim.study.choice.selection_file import write_selection
 from cosim.study.study import Term
 from eightpost.commands.study_page import chosen_so_far
 from eightpost.errors import InputError

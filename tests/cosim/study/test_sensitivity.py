@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cosim.study.factor import Factor
-from cosim.study.sensitivity import sensitivities_of, sensitivity
+from cosim.study.choice.factor import Factor
+from cosim.study.choice.sensitivity import sensitivities_of, sensitivity
 from eightpost.errors import InputError
 
 from .constructed import result

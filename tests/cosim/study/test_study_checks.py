@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from cosim.study import Build, Drive, Measure, Term, Vehicle
-from cosim.study.sweep import Sweep
+from cosim.study.running.sweep import Sweep
 from eightpost.errors import FmuError, InputError, StepError, WiringError
 
 CORNERS = ("lf", "rf", "lr", "rr")

@@ -8,10 +8,10 @@ import pytest
 
 import cosim
 from cosim.study import Build, Constraint, Measure, StudyResult, Term
-from cosim.study.evaluator import Evaluator
-from cosim.study.sweep import Sweep, run_study
-from cosim.study.trace import coupling_of, traces
-from cosim.study.workers import ProcessWorkers
+from cosim.study.running.evaluator import Evaluator
+from cosim.study.running.sweep import Sweep, run_study
+from cosim.study.running.trace import coupling_of, traces
+from cosim.study.running.workers import ProcessWorkers
 from eightpost.errors import FileFormatError
 from eightpost.signals import Drivefile
 

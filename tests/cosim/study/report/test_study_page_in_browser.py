@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from cosim.study.choice.selection import select
 from cosim.study.report.from_result import sensitivities_of, sheet_of
 from cosim.study.report.page import Extras, page
-from cosim.study.selection import select
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 IN, LBF = 0.0254, 4.4482216152605  # exact definitions

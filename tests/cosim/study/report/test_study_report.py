@@ -11,6 +11,8 @@ import numpy as np
 import openpyxl
 import pytest
 
+from cosim.study.choice.robust import Spread
+from cosim.study.choice.selection import select
 from cosim.study.report import write_study_report
 from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
@@ -22,8 +24,6 @@ from cosim.study.report.scale import Scale
 from cosim.study.report.summary import verdict
 from cosim.study.report.workbook import write_workbook
 from cosim.study.result import StudyResult
-from cosim.study.robust import Spread
-from cosim.study.selection import select
 from cosim.study.study import Build, Constraint, Term
 from eightpost.signals.csv_file import read_csv
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.compare import FEWEST, Comparison
+from cosim.study.choice.compare import FEWEST, Comparison
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace

@@ -118,7 +118,7 @@ def spreads_of(
 
     Args:
         result: With the best parameters.
-        draws: Results of the drawn studies (cosim.study.robust_draws); setups that one of them lacks are left out.
+        draws: Results of the drawn studies (`robust_draws`); setups that one of them lacks are left out.
         noise: Standard deviation of one rig run by measure [SI]; a measure that is not named has none.
         runs: Rig runs of each setup that would be averaged.
 

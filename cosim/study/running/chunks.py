@@ -12,9 +12,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet
 
-from cosim.study.evaluator import Coupling, Row
+from cosim.study.running.evaluator import Coupling, Row
+from cosim.study.running.workers import Chunk
 from cosim.study.study import Study
-from cosim.study.workers import Chunk
 from eightpost.errors import DataError
 from eightpost.files import atomic_path
 

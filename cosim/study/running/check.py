@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from cosim.algorithm import GaussSeidel
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.evaluator import Evaluator, ports
 from cosim.study.measures import Measure
 from cosim.study.own_measure import own_function
+from cosim.study.running.evaluator import Evaluator, ports
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.system import System

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cosim.study.evaluator import Coupling, Evaluator
 from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import Coupling, Evaluator
 from eightpost.signals import TimeSeries
 
 

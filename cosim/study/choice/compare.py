@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cosim.study.robust import REACH
+from cosim.study.choice.robust import REACH
 from eightpost.errors import InputError
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from cosim.study.robust import Spread
+from cosim.study.choice.robust import Spread
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.automatic import FIRST_STEP, Automatic, run_automatic
 from cosim.difference import difference
 from cosim.result import Result
-from cosim.study.evaluator import Coupling, Evaluator, local_error
+from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.setup import Setup
 from eightpost.errors import EightpostError, StepError
 

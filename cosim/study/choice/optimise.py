@@ -9,9 +9,9 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.factor import factors_of, indices_of, levels_of
-from cosim.study.optimise_genetic import Scores, evolve
-from cosim.study.pareto import pareto_front
+from cosim.study.choice.factor import factors_of, indices_of, levels_of
+from cosim.study.choice.optimise_genetic import Scores, evolve
+from cosim.study.choice.pareto import pareto_front
 from cosim.study.setup import SetupSpace
 from eightpost.errors import InputError
 

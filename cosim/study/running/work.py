@@ -6,8 +6,8 @@ import signal
 import threading
 from collections.abc import Sequence
 
-from cosim.study.choose_coupling import choose_coupling
-from cosim.study.evaluator import Coupling, Evaluator, Row
+from cosim.study.running.choose_coupling import choose_coupling
+from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.study import Study
 
 #: Each thread has an evaluator of its own: an FMU's instance is stepped by one at a time.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.study.compare import Comparison
+from cosim.study.choice.compare import Comparison
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path

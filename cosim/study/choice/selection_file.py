@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from cosim.study.choice.selection import ENDS, Selected, Selection, selection_of
 from cosim.study.result import StudyResult
-from cosim.study.selection import ENDS, Selected, Selection, selection_of
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path

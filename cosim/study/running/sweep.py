@@ -8,13 +8,13 @@ from pathlib import Path
 from threading import Event
 
 from cosim.interrupt import interrupts_deferred
-from cosim.study.check import check_study
-from cosim.study.chunks import ChunkFolder, cut
-from cosim.study.digest import file_digests, study_digest
-from cosim.study.evaluator import Coupling, Evaluator
 from cosim.study.result import Provenance, StudyResult, in_order, study_schema
+from cosim.study.running.check import check_study
+from cosim.study.running.chunks import ChunkFolder, cut
+from cosim.study.running.digest import file_digests, study_digest
+from cosim.study.running.evaluator import Coupling, Evaluator
+from cosim.study.running.workers import Workers
 from cosim.study.study import Study
-from cosim.study.workers import Workers
 from eightpost.files import check_output_folder
 
 #: Told how many setups are done, and of how many.

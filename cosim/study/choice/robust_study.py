@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.requested import Requested
+from cosim.study.choice.robust_draws import Uncertain, drawn_studies
 from cosim.study.result import StudyResult
-from cosim.study.robust_draws import Uncertain, drawn_studies
-from cosim.study.trace import coupling_of
-from cosim.study.workers import Workers
+from cosim.study.running.requested import Requested
+from cosim.study.running.trace import coupling_of
+from cosim.study.running.workers import Workers
 
 Integers = NDArray[np.int64]
 

@@ -1,4 +1,4 @@
-"""Who runs the setups of a study: processes of this machine, or (cosim.study.dask_workers) of many."""
+"""Who runs the setups of a study: processes of this machine, or (cosim.study.running.dask_workers) of many."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from itertools import islice
 from multiprocessing import get_context
 from typing import Any, Protocol
 
-from cosim.study import work
-from cosim.study.evaluator import Coupling, Row
 from cosim.study.result import FAILED
+from cosim.study.running import work
+from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.study import Study
 from eightpost.errors import StepError
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.study.compare import Comparison
+from cosim.study.choice.compare import Comparison
 from eightpost import units
 from eightpost.files import atomic_path
 

@@ -16,8 +16,8 @@ from cosim.fmu_component import FmuComponent
 from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import Session
-from cosim.study.drive import read_drive
 from cosim.study.result import DONE, FAILED
+from cosim.study.running.drive import read_drive
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, System

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.factor import levels_of
+from cosim.study.choice.factor import levels_of
 from cosim.study.result import StudyResult
 from cosim.study.setup import Setup
 from eightpost.errors import InputError

@@ -9,13 +9,13 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.evaluator import Coupling
-from cosim.study.optimise import Optimum, optimise
-from cosim.study.optimise_genetic import Scores
-from cosim.study.requested import Requested
+from cosim.study.choice.optimise import Optimum, optimise
+from cosim.study.choice.optimise_genetic import Scores
 from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import Coupling
+from cosim.study.running.requested import Requested
+from cosim.study.running.workers import Workers
 from cosim.study.study import Constraint, Study
-from cosim.study.workers import Workers
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

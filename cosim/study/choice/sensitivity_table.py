@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet
 
-from cosim.study.sensitivity import Sensitivity
+from cosim.study.choice.sensitivity import Sensitivity
 from eightpost.files import atomic_path
 
 _COLUMNS = pa.schema(

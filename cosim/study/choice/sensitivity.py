@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from cosim.study.factor import Factor, factors_of, levels_of, varied
+from cosim.study.choice.factor import Factor, factors_of, levels_of, varied
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 

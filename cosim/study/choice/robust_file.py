@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cosim.study.compare_file import read_run_to_run
+from cosim.study.choice.compare_file import read_run_to_run
+from cosim.study.choice.robust_draws import Uncertain
 from cosim.study.result import StudyResult
-from cosim.study.robust_draws import Uncertain
 from cosim.study.toml_place import line_of
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.chunks import ChunkFolder
-from cosim.study.evaluator import Coupling, Row
 from cosim.study.result import StudyResult, result_table
+from cosim.study.running.chunks import ChunkFolder
+from cosim.study.running.evaluator import Coupling, Row
+from cosim.study.running.sweep import Sweep
+from cosim.study.running.workers import Chunk, Workers
 from cosim.study.study import Study
-from cosim.study.sweep import Sweep
-from cosim.study.workers import Chunk, Workers
 
 Integers = NDArray[np.int64]
 

@@ -10,11 +10,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from cosim.study import work
-from cosim.study.digest import file_digests, file_paths
-from cosim.study.evaluator import Coupling, Row
+from cosim.study.running import work
+from cosim.study.running.digest import file_digests, file_paths
+from cosim.study.running.evaluator import Coupling, Row
+from cosim.study.running.workers import Chunk, lost_row
 from cosim.study.study import Study
-from cosim.study.workers import Chunk, lost_row
 from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path, sha256_of
 
