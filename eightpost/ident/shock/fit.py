@@ -176,20 +176,25 @@ def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str]
     """Return the solution, what was held on the way, and how many samples were weighed down."""
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     gas, held = gas_columns(runs, choices.gas)
-    recipe = Boggs() if choices.recipe == "boggs" else Joint(choices.shape, choices.order)
+    joint = Joint(choices.shape, choices.order)
     dynamics = dynamics_for(LAWS[law], limits)
     models = Models(runs, gas, dynamics)
-    solution = recipe.fit(models)
+    solution = (Boggs() if choices.recipe == "boggs" else joint).fit(models)
     notes = [*dynamics.changes(), *models.changes, *held]
     weigh = None if choices.recipe == "boggs" else weights_for(choices.robust)
     if weigh is None:
         return solution, notes, 0
-    for _ in range(_WEIGHINGS):
+    first = solution
+    for count in range(_WEIGHINGS):
         residual = solution.model.rows(solution.parameters) - runs.target
         weights = weigh(residual, runs.deviation)
         if np.abs(weights - solution.model.runs.weights).max() < 0.05:
             break
-        solution = recipe.fit(Models(runs.weighted(weights), gas, dynamics))
+        if count and (weights == first.model.runs.weights).all():
+            solution = first  # no outliers after all; to weigh again would go round in a circle
+            break
+        # The order of the curve may change when outliers first lose their weight, and then no more.
+        solution = joint.refit(solution, weights) if count else joint.fit(Models(runs.weighted(weights), gas, dynamics))
     down = weighed_down(solution.model.runs.weights)
     samples = round(down * runs.measured.size / runs.weights.size)
     if samples:

@@ -82,8 +82,23 @@ class Joint:
         minimum = self._minimum(tied, free, tau)
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
         notes += [] if minimum.problem.model.basis is free.basis else [_JOINED]
-        notes += [_RISING if tied.dynamics.needs_rise else _HELD[self.shape]] if minimum.leans else []
-        return minimum.solution(tuple(notes))
+        return minimum.solution((*notes, *self._shape_notes(minimum)))
+
+    def refit(self, solution: Solution, weights: Array) -> Solution:
+        """Return the solution at other weights (R,) of the rows, from where it is: same order, cubics joined alike."""
+        model = replace(solution.model, runs=solution.model.runs.weighted(weights))
+        if model.dynamics.needs_rise:
+            hold = rising_hold(model.basis, solution.parameters[: model.curve_count])
+            minimum = Problem(model).held(hold, solution.parameters)
+        else:
+            minimum = self._shaped(Problem(model).followed(solution.parameters))
+        kept = [note for note in solution.notes if note not in (_RISING, *_HELD.values())]
+        return minimum.solution((*kept, *self._shape_notes(minimum)))
+
+    def _shape_notes(self, minimum: Minimum) -> list[str]:
+        if not minimum.leans:
+            return []
+        return [_RISING if minimum.problem.model.dynamics.needs_rise else _HELD[self.shape]]
 
     def _minimum(self, tied: ForceModel, free: ForceModel, tau: float | None) -> Minimum:
         dynamics, start = tied.dynamics, projected(tied, tied.curve_rows(tau))[0]
