@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 import uuid
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -65,3 +66,17 @@ def document_kind(path: str | Path) -> str | None:
     except (OSError, ValueError):
         return None  # whoever reads it in full tells what is wrong with it
     return document.get("kind") if isinstance(document, dict) else None
+
+
+def toml_content(path: Path) -> dict[str, Any]:
+    """Return what a TOML file says.
+
+    Raises:
+        FileFormatError: There is no such file, or it is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise FileFormatError("there is no such file", path=path) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error

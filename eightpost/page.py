@@ -17,11 +17,13 @@ from plotly.offline import get_plotlyjs
 def template(package: str, filters: Mapping[str, Callable[..., Any]]) -> jinja2.Template:
     """Return a package's page.html: what is filled in is escaped, and a name that is missing is an error.
 
+    It may include what all pages share: `page_parts/` beside this file.
+
     Raises:
         jinja2.TemplateNotFound: The package has none.
     """
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(package, "."),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, "."), jinja2.PackageLoader("eightpost", ".")]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

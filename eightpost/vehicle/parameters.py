@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from scipy.constants import g
 
 import eightpost
 from eightpost.errors import FileFormatError, ParameterError, UnknownUnitError
-from eightpost.files import atomic_path
+from eightpost.files import atomic_path, toml_content
 from eightpost.units import compatible, convert
 from eightpost.vehicle.quantities import CORNERS, Corners
 from eightpost.vehicle.quarter_car import QuarterCar
@@ -46,7 +45,7 @@ def read_toml(path: str | Path) -> StructuralVehicle:
         UnknownUnitError: A unit is not known or of another dimension.
     """
     path = Path(path)
-    content = _load(path)
+    content = toml_content(path)
     check_schema(path, content, SCHEMA)
     model = content.get("model")
     if model not in MODELS:
@@ -94,15 +93,6 @@ def check_schema(path: Path, content: dict[str, Any], newest: int) -> None:
             "the file; update eightpost to read it",
             path=path,
         )
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
 
 
 def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:

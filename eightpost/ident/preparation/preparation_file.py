@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.errors import InputError, ParameterError
+from eightpost.files import toml_content
 from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.preparation import Preparation
 from eightpost.rig.post.car import Geometry
@@ -42,7 +42,7 @@ def read_preparation(path: str | Path) -> Preparation:
         ParameterError: A key or a value cannot be used; the message says which and what to do.
     """
     path = Path(path)
-    content = _load(path)
+    content = toml_content(path)
     _check_keys(path, content, _KEYS, "")
     given: dict[str, Any] = {}
     if "rate" in content:
@@ -73,15 +73,6 @@ def _geometry(path: Path, table: Mapping[str, Any]) -> Geometry:
             f"{path}: [geometry] lacks {', '.join(missing)}; give them, such as {missing[0]} = '60 in'"
         )
     return Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
 
 
 def _check_keys(path: Path, table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
