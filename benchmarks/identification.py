@@ -1,6 +1,6 @@
 """Identified vehicles against cars whose truth is known: how well response measures of unseen setups are predicted.
 
-    python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N]
+    python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N] [--seeds N]
 
 Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
 eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3 as laws that the model knows),
@@ -8,8 +8,10 @@ eight_post_fitted (the same with physical dampers, of which the model knows fits
 10 % of each other). --quick: the same records, 100 setups. Prints Markdown; --json leaves rows {case, method, setups,
 all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS measures and setups,
 the lowest rank correlations over the measures, and the processor time of the identification. quarter_car adds
-mode_frequency_percent, mode_damping_points (the worse of two modes) and tire_force_rms_lbf (RMS over the shocks of the
-deviation of the tire force's standard deviation). Seeds are in benchmarks/identification_cases.py.
+mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and tire_force_max_lbf (over the shocks, of the
+deviation of the tire force's standard deviation). --seeds: so many sets of rig tests with other noise each, on the same
+drive and truths; two rows per method, the worst of every figure over the seeds and its median. Seeds are in
+benchmarks/identification_cases.py.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -28,13 +32,14 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, Case, records_of, truths
-from benchmarks.identification_measures import agreement, measures_of
+from benchmarks.identification_cases import CASES, DRIVE, LAP, Case, noise_seeds, records_of, truths
+from benchmarks.identification_measures import Agreement, agreement, measures_of
 from benchmarks.identification_methods import methods
+from benchmarks.identification_seeds import over_seeds
 from eightpost.errors import EightpostError
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.rational_fit import RationalFit
-from eightpost.ident.vehicle.recipes import VehicleRecipe
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -61,46 +66,63 @@ def main() -> None:
 
 
 def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row]:
-    """Return a row per method; the truths are computed once."""
-    task = progress.add_task(f"{case.name}: rig tests (drive {DRIVE}, noise from {NOISE}, lap {LAP})", total=None)
-    records, experiment = records_of(case)
+    """Return a row per method, of several seeds two; the truths are computed once."""
     lap, setups = case.lap(), case.chosen(100 if options.quick else options.setups)
-    progress.update(task, description=f"{case.name}: {len(setups)} truths", total=len(setups), completed=0)
+    task = progress.add_task(f"{case.name}: {len(setups)} truths (lap {LAP})", total=len(setups))
     true: Measures = []
     for row in truths(case, lap, setups):
         true.append(row)
         progress.advance(task)
-    rows = []
-    chosen = methods()
-    for name in options.methods.split(";") if options.methods else chosen:
-        progress.update(task, description=f"{case.name}: {name}", completed=0)
-        rows.append(_row(case, name, true, lambda n=name: _judged(case, chosen[n], records, experiment, lap, setups)))
-        print(_line(rows[-1]), file=sys.stderr, flush=True)
-    return rows
+    judged = _Judged(case, lap, setups, true)
+    chosen = options.methods.split(";") if options.methods else list(methods())
+    rows: dict[str, list[Row]] = {name: [] for name in chosen}
+    for noise in noise_seeds(options.seeds):
+        progress.update(task, description=f"{case.name}: rig tests (drive {DRIVE}, noise from {noise})", total=None)
+        tests = records_of(case, noise)
+        for name in chosen:
+            progress.update(task, description=f"{case.name}: {name}, noise from {noise}")
+            rows[name].append(judged.row(name, *tests))
+            print(f"noise from {noise}: {_line(rows[name][-1])}", file=sys.stderr, flush=True)
+    return [row for found in rows.values() for row in (over_seeds(found) if len(found) > 1 else found)]
 
 
-def _judged(case: Case, method: VehicleRecipe, records: Any, experiment: Any, lap: TimeSeries, setups: Any) -> Any:
-    started = process_time()
-    fit = method.identify(records, experiment)
-    seconds = process_time() - started
-    simulation = ManySetups(fit.vehicle, case.laws(), lap, _EVERY)
-    names, rate = fit.vehicle.state_space.output_names, lap.sample_rate / _EVERY
-    found: Measures = []
-    for k in range(0, len(setups), _TOGETHER):
-        found += [measures_of(names, y, rate) for y in simulation.run(setups[k : k + _TOGETHER])]
-    return fit, found, seconds
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What every method is judged by.
 
+    Attributes:
+        case: The case.
+        lap: What the actuators do.
+        setups: Which shock at which corner.
+        true: The setups' true measures.
+    """
 
-def _row(case: Case, name: str, true: Measures, judged: Any) -> Row:
-    row: Row = {"case": case.name, "method": name, "setups": len(true)}
-    keys = ("all_percent", "max_percent", "spearman_min", "kendall_min")
-    try:
-        fit, found, seconds = judged()
-    except EightpostError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return row | dict.fromkeys(keys) | {"seconds": None}
-    row |= dict(zip(keys, agreement(true, found), strict=True)) | {"seconds": round(seconds, 2)}
-    return row | (_quarter(fit, true, found) if case.name == "quarter_car" else {})
+    case: Case
+    lap: TimeSeries
+    setups: Sequence[Sequence[int]]
+    true: Measures
+
+    def row(self, name: str, records: Sequence[TimeSeries], experiment: Experiment) -> Row:
+        """Return what a method makes of records; one that fails has no figures."""
+        row: Row = {"case": self.case.name, "method": name, "setups": len(self.true)}
+        started = process_time()
+        try:
+            fit = methods()[name].identify(records, experiment)
+            seconds = process_time() - started
+            found = self._predicted(fit)
+        except EightpostError as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            return row | dict.fromkeys(Agreement._fields) | {"seconds": None}
+        row |= agreement(self.true, found)._asdict() | {"seconds": round(seconds, 2)}
+        return row | (_quarter(fit, self.true, found) if self.case.name == "quarter_car" else {})
+
+    def _predicted(self, fit: VehicleFit) -> Measures:
+        simulation = ManySetups(fit.vehicle, self.case.laws(), self.lap, _EVERY)
+        names, rate = fit.vehicle.state_space.output_names, self.lap.sample_rate / _EVERY
+        found: Measures = []
+        for k in range(0, len(self.setups), _TOGETHER):
+            found += [measures_of(names, y, rate) for y in simulation.run(self.setups[k : k + _TOGETHER])]
+        return found
 
 
 def _quarter(fit: VehicleFit, true: Measures, found: Measures) -> Row:
@@ -113,6 +135,7 @@ def _quarter(fit: VehicleFit, true: Measures, found: Measures) -> Row:
         "mode_frequency_percent": max(100.0 * abs(m[0] / t[0] - 1.0) for m, t in pairs),
         "mode_damping_points": max(100.0 * abs(m[1] - t[1]) for m, t in pairs),
         "tire_force_rms_lbf": float(np.sqrt(np.mean(np.square(wrong)))),
+        "tire_force_max_lbf": float(np.abs(wrong).max()),
     }
 
 
@@ -147,6 +170,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="100 setups")
     parser.add_argument("--setups", type=int, help="at most so many setups, chosen at random")
     parser.add_argument("--methods", default="", help="only these, separated by semicolons")
+    parser.add_argument("--seeds", type=int, default=1, help="so many sets of rig tests with other noise")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

@@ -82,14 +82,14 @@ class Case:
         """The truth."""
         return TRUTHS[self.truth]()
 
-    def tests(self) -> Iterator[RigTest]:
-        """Yield the rig tests: baseline, then the alternate shock at each corner, all on one drive."""
+    def tests(self, noise: int = NOISE) -> Iterator[RigTest]:
+        """Yield the rig tests: baseline, then the alternate shock at each corner, on one drive; seeds from `noise`."""
         car, drive = self.car, self._identification_drive()
         baseline, alternate = self.baseline(), self.alternate()
         for number in range(len(car.corners) + 1):
             shocks = [alternate if place == number - 1 else baseline for place in range(len(car.corners))]
             sensors = RigSensors.perfect(relative=self.noise)
-            yield run_test(car, drive, shocks, seed=NOISE + number, sensors=sensors, drift=NO_DRIFT)
+            yield run_test(car, drive, shocks, seed=noise + number, sensors=sensors, drift=NO_DRIFT)
 
     def _identification_drive(self) -> Drivefile:
         return random_drive(self.car, DRIVE, duration=self.duration)
@@ -110,9 +110,14 @@ class Case:
         return [tuple(int(i) for i in row) for row in every]
 
 
-def records_of(case: Case) -> tuple[tuple[TimeSeries, ...], Experiment]:
-    """Return the case's records at 125 Hz, baseline first, and the experiment that they make."""
-    prepared = prepare(case.tests(), Preparation())
+def noise_seeds(count: int) -> tuple[int, ...]:
+    """Return the first noise seed of each of `count` sets of rig tests; no two tests share one."""
+    return tuple(NOISE + 10 * k for k in range(count))
+
+
+def records_of(case: Case, noise: int = NOISE) -> tuple[tuple[TimeSeries, ...], Experiment]:
+    """Return records at 125 Hz with noise seeds from `noise`, baseline first, and the experiment that they make."""
+    prepared = prepare(case.tests(noise), Preparation())
     found = find_baseline(prepared.records, prepared.corners, test=0)
     experiment = experiment_of(prepared.channels, found.damping, name=case.name)
     names = [n for n in experiment.outputs if n.endswith((*QUANTITIES, "displacement"))]

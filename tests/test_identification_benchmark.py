@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.identification import markdown
-from benchmarks.identification_cases import CASES, DRIVE, LAP
+from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, noise_seeds
 from benchmarks.identification_measures import TOTAL, agreement, measures_of
 from benchmarks.identification_methods import methods
+from benchmarks.identification_seeds import over_seeds
 
 RATE = 250.0
 
@@ -63,3 +64,26 @@ def test_each_methods_file_gives_recipes_by_name() -> None:
 def test_what_failed_stands_in_the_table_as_a_dash() -> None:
     row = {"case": "c", "method": "m", "setups": 3, "all_percent": None, "spearman_min": 0.99987}
     assert markdown([row]).splitlines()[-1] == "| c | m | 3 | - | 0.9999 |"
+
+
+def _rows(*figures: tuple[float | None, float | None]) -> list[dict[str, object]]:
+    return [
+        {"case": "c", "method": "m", "setups": 3, "max_percent": high, "spearman_min": low} for high, low in figures
+    ]
+
+
+def test_over_seeds_the_worst_error_is_the_largest_and_the_worst_correlation_the_lowest() -> None:
+    worst, middle = over_seeds(_rows((1.0, 0.99), (3.0, 0.98), (2.0, 0.90)))
+    assert (worst["seeds"], worst["max_percent"], worst["spearman_min"]) == ("3, worst", 3.0, 0.90)
+    assert (middle["seeds"], middle["max_percent"], middle["spearman_min"]) == ("3, median", 2.0, 0.98)
+
+
+def test_a_seed_that_failed_leaves_no_figure() -> None:
+    worst, middle = over_seeds(_rows((1.0, 0.99), (None, None)))
+    assert worst["max_percent"] is middle["max_percent"] is None
+
+
+def test_no_two_rig_tests_share_a_noise_seed() -> None:
+    seeds = noise_seeds(20)
+    assert seeds[0] == NOISE
+    assert len({seed + test for seed in seeds for test in range(5)}) == 100
