@@ -8,10 +8,10 @@ eight_post_fitted (the same with physical dampers, of which the model knows fits
 10 % of each other). --quick: the same records, 100 setups. Prints Markdown; --json leaves rows {case, method, setups,
 all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS measures and setups,
 the lowest rank correlations over the measures, and the processor time of the identification. quarter_car adds
-mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and tire_force_max_lbf (over the shocks, of the
-deviation of the tire force's standard deviation). --seeds: so many sets of rig tests with other noise each, on the same
-drive and truths; two rows per method, the worst of every figure over the seeds and its median. Seeds are in
-benchmarks/identification_cases.py.
+mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and tire_force_max_lbf (of
+the deviations of the tire force's standard deviation over the shocks). --seeds: so many sets of rig tests with other
+noise each, on the same drive and truths; two rows per method, the worst of every figure over the seeds and its median.
+Seeds are in benchmarks/identification_cases.py.
 """
 
 from __future__ import annotations
