@@ -65,6 +65,7 @@ class Case:
         alternate: The other shock, one corner at a time.
         shocks: The bank as the truth has it.
         laws: The bank as the identified vehicle is simulated with.
+        changes: What makes the truth another one, in turn.
     """
 
     name: str
@@ -76,11 +77,15 @@ class Case:
     alternate: Callable[[], Shock]
     shocks: Callable[[], Sequence[Shock]]
     laws: Callable[[], Sequence[Lpnl2]]
+    changes: tuple[Callable[[Car], Car], ...] = ()
 
     @property
     def car(self) -> Car:
         """The truth."""
-        return TRUTHS[self.truth]()
+        car = TRUTHS[self.truth]()
+        for change in self.changes:
+            car = change(car)
+        return car
 
     def tests(self, noise: int = NOISE) -> Iterator[RigTest]:
         """Yield the rig tests: baseline, then the alternate shock at each corner, on one drive; seeds from `noise`."""
