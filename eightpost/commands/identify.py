@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,10 +15,11 @@ from eightpost import units
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
 from eightpost.ident.vehicle.baseline import Baseline, find_baseline
+from eightpost.ident.vehicle.common_poles import plot_stabilisation
 from eightpost.ident.vehicle.experiment import experiment_of
 from eightpost.ident.vehicle.fit_plots import plot_fit
 from eightpost.ident.vehicle.recipes import recipe, recipe_names
-from eightpost.ident.vehicle.summary import damping_sentence, residual_table
+from eightpost.ident.vehicle.summary import damping_sentence, friction_table, residual_table, trust_table
 from eightpost.ident.vehicle.vehicle_fit import write_fit
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap
@@ -136,6 +138,7 @@ def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: 
     rate = _si(damping, "N.s/m", "--damping") if damping else None
     rates = {port: slope if rate is None else rate for port, slope in found.damping.items()}
     experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
+    experiment = replace(experiment, means=prepared.means[found.test])
     return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
 
 
@@ -148,6 +151,10 @@ def _say_baseline(console: Console, rig_files: Sequence[Path], found: Baseline) 
 
 def _show(console: Console, fit: VehicleFit) -> None:
     console.print(residual_table(fit))
+    if fit.trust is not None and fit.trust.outputs:
+        console.print(trust_table(fit.trust))
+    if fit.trust is not None and fit.trust.friction:
+        console.print(friction_table(fit, fit.trust))
     console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor", highlight=False)
     for note in fit.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
@@ -157,10 +164,13 @@ def _show(console: Console, fit: VehicleFit) -> None:
 
 def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
     wanted = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
-    drawn = []
+    folder, drawn = output.with_name(f"{output.stem}_plots"), []
     for name in wanted:
-        drawn.append(output.with_name(f"{output.stem}_plots") / f"{name}.png")
+        drawn.append(folder / f"{name}.png")
         plot_fit(fit, name, drawn[-1])
+    if plots != "none" and fit.trust is not None and fit.trust.orders is not None:
+        drawn.append(folder / "stabilisation.png")
+        plot_stabilisation(fit.trust.orders, drawn[-1])
     return drawn
 
 

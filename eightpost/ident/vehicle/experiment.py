@@ -24,6 +24,7 @@ class Experiment:
         baseline_damping: C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
         static: Values of the static state by output, SI, as in `IdentifiedVehicle`.
         sources: SHA-256 digests of the files, by name.
+        means: Of the first test's outputs, where its records are without means, SI: they tell tires that lift.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Experiment:
     baseline_damping: Mapping[str, float]
     static: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
+    means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that every port has a velocity and a damping."""

@@ -12,6 +12,7 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, write_response
+from eightpost.ident.vehicle.trust import Trust
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class VehicleFit:
         stable: Whether the vehicle settles with the baseline dampers and with every other damping that was tried.
         ranges: What the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty where
             the recipe does not say.
+        trust: What the fit says of itself: deviations, friction, flags, orders; None where the recipe does not.
     """
 
     vehicle: IdentifiedVehicle
@@ -45,6 +47,7 @@ class VehicleFit:
     seconds: float = 0.0
     stable: bool = True
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    trust: Trust | None = None
 
     @property
     def sources(self) -> Mapping[str, str]:
@@ -87,6 +90,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "seconds": fit.seconds,
         "stable": fit.stable,
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
+        "trust": None if fit.trust is None else fit.trust.as_json(),
     }
     with atomic_path(story_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -116,6 +120,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             float(story["seconds"]),
             bool(story["stable"]),
             {str(name): (float(low), float(high)) for name, (low, high) in story.get("ranges", {}).items()},
+            None if story.get("trust") is None else Trust.of_json(story["trust"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         what = f"does not hold a fit as this version writes it ({error})"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, plot_stabilisation, stabilisation
+from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, orders_of, plot_stabilisation
 from eightpost.ident.vehicle.common_poles.points import points_of
 from eightpost.vehicle import Channel, StateSpace, discretise
 
@@ -97,9 +97,13 @@ def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(
     quarter_car: StateSpace, tmp_path: Path
 ) -> None:
     found = CommonPoleFit(high=HIGH, most_states=10).fit(noisy(quarter_car, 0.01, 4))
-    placed = stabilisation(found.start.study)
+    orders = orders_of(found)
     for mode in quarter_car.modes():
-        kept = [p.order for p in placed if p.steady and abs(p.frequency / mode.frequency_hz - 1.0) < 0.02]
-        assert {6, 8, 10} <= set(kept)
-    plot_stabilisation(found, tmp_path / "diagram.png")
+        near = {
+            one.states for one in orders.tried for p in one.poles
+            if p.steady and abs(p.frequency / mode.frequency_hz - 1.0) < 0.02
+        }  # fmt: skip
+        assert {6, 8, 10} <= near
+    assert (orders.chosen, orders.is_clear) == (4, True)
+    plot_stabilisation(orders, tmp_path / "diagram.png")
     assert (tmp_path / "diagram.png").read_bytes().startswith(b"\x89PNG")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from eightpost.files import atomic_path
+from eightpost.ident.vehicle.common_poles.order import CLEAR_GAP
+from eightpost.ident.vehicle.trust import Orders, PlacedPole, TriedOrder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,25 +28,23 @@ if TYPE_CHECKING:
 STEADY_FREQUENCY, STEADY_DAMPING = 0.01, 0.05
 
 
-class PlacedPole(NamedTuple):
-    """One pole pair of one model: order, frequency [Hz], damping ratio, and whether the order before has it too."""
-
-    order: int
-    frequency: float
-    damping: float
-    steady: bool
+def orders_of(found: CommonPoleModel) -> Orders:
+    """Return how a model's number of states was chosen, with the poles of all orders."""
+    study = found.start.study
+    return Orders(stabilisation(study), found.order, study.clear and found.order == study.suggested, found.band[1])
 
 
-def stabilisation(study: OrderStudy) -> tuple[PlacedPole, ...]:
+def stabilisation(study: OrderStudy) -> tuple[TriedOrder, ...]:
     """Return the pole pairs of all orders."""
-    placed: list[PlacedPole] = []
+    tried: list[TriedOrder] = []
     before = np.zeros((0, 2))
-    for order, poles in zip(study.orders, study.poles, strict=True):
+    for order, gap, poles in zip(study.orders, study.gaps, study.poles, strict=True):
         upper = poles[poles.imag > 0.0]
         now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
-        placed += [PlacedPole(order, float(f), float(d), _stayed(f, d, before)) for f, d in now]
+        placed = tuple(PlacedPole(float(f), float(d), _stayed(f, d, before)) for f, d in now)
+        tried.append(TriedOrder(order, float(gap), placed))
         before = now
-    return tuple(placed)
+    return tuple(tried)
 
 
 def _stayed(frequency: float, damping: float, before: Array) -> bool:
@@ -52,26 +53,32 @@ def _stayed(frequency: float, damping: float, before: Array) -> bool:
     return bool((near & alike).any())
 
 
-def plot_stabilisation(found: CommonPoleModel, path: str | Path) -> None:
+def plot_stabilisation(orders: Orders, path: str | Path) -> None:
     """Write a PNG: poles over frequency and order, and the gaps of the singular values by which an order is chosen."""
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     poles, gaps = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
-    _poles(poles, found)
-    study = found.start.study
-    gaps.barh(study.orders, study.gaps, height=1.2)
-    gaps.axhline(found.order, color="tab:red", linewidth=1.0)
+    _poles(poles, orders)
+    gaps.barh([one.states for one in orders.tried], [one.gap for one in orders.tried], height=1.2)
+    gaps.axhline(orders.chosen, color="tab:red", linewidth=1.0)
+    gaps.axvline(CLEAR_GAP, color="0.5", linewidth=1.0, linestyle="--", label="clear")
     gaps.set(title="gap", xlabel="singular value over the next", xscale="log")
+    gaps.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=6))
+    gaps.xaxis.set_minor_locator(NullLocator())
+    gaps.xaxis.set_major_formatter("{x:g}")
+    gaps.legend(fontsize="small", loc="upper right")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
 
 
-def _poles(axes: Axes, found: CommonPoleModel) -> None:
-    placed = [pole for pole in stabilisation(found.start.study) if pole.frequency <= 1.2 * found.band[1]]
+def _poles(axes: Axes, orders: Orders) -> None:
+    placed = [(one.states, pole) for one in orders.tried for pole in one.poles if pole.frequency <= 1.2 * orders.high]
     for steady, marker, label in ((True, "o", "as at the order before"), (False, "x", "moved")):
-        chosen = [pole for pole in placed if pole.steady is steady]
-        axes.plot([p.frequency for p in chosen], [p.order for p in chosen], marker, markersize=5, label=label)
-    axes.axhline(found.order, color="tab:red", linewidth=1.0, label=f"{found.order} states")
-    axes.set(title="stabilisation diagram", xlabel="frequency [Hz]", ylabel="states")
+        chosen = [(pole.frequency, states) for states, pole in placed if pole.steady is steady]
+        axes.plot([f for f, _ in chosen], [states for _, states in chosen], marker, markersize=5, label=label)
+    why = "a clear gap" if orders.is_clear else "no clear gap"
+    axes.axhline(orders.chosen, color="tab:red", linewidth=1.0, label=f"{orders.chosen} states, {why}")
+    top = orders.tried[-1].states + 5.0  # the legend's place
+    axes.set(title="stabilisation diagram", xlabel="frequency [Hz]", ylabel="states", ylim=(0.0, top))
     axes.legend(loc="upper left", ncols=3, fontsize="small")
     axes.grid(alpha=0.3)

@@ -91,37 +91,52 @@ def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tu
     return Ranges(frequency, {name: (low[name], high[name]) for name in names})
 
 
-def unmodelled(response: FrequencyResponse, found: CommonPoleModel, tests: Sequence[TimeSeries]) -> tuple[str, ...]:
-    """Return what hints at something that is not in the model, a sentence each."""
-    return (*_misfits(found), *_lifted(tests), *_coherence(response, found))
+def unmodelled(
+    response: FrequencyResponse, found: CommonPoleModel, tests: Sequence[TimeSeries], means: Mapping[str, float]
+) -> dict[str, str]:
+    """Return what hints at something that is not in the model, a sentence each, by what it is.
+
+    Args:
+        response: What was fitted.
+        found: The model.
+        tests: The records, without means.
+        means: Of the tire forces, where the records had some [N].
+    """
+    said = {"misfit": _misfits(found), "lift-off": _lifted(tests, means), "unexplained": _coherence(response, found)}
+    return {what: sentence for what, sentence in said.items() if sentence}
 
 
-def _misfits(found: CommonPoleModel) -> list[str]:
-    bad = {name: value for name, value in found.excess.items() if value > EXCESS}
-    if not bad:
-        return []
-    listed = ", ".join(f"{name} {value:.1f}" for name, value in bad.items())
-    return [f"The misfit is more than noise (in deviations: {listed}): states or direct terms are missing."]
+def _misfits(found: CommonPoleModel) -> str:
+    worst: dict[str, float] = {}
+    for name, value in found.excess.items():
+        quantity = name.rpartition(".")[2]
+        worst[quantity] = max(value, worst.get(quantity, 0.0))
+    listed = ", ".join(f"{quantity} {value:.1f}" for quantity, value in worst.items() if value > EXCESS)
+    if not listed:
+        return ""
+    return (
+        f"The misfit is more than noise (in deviations, worst of each: {listed}): what is not linear, friction that "
+        "sticks above all, or states that are missing. Deviations of responses and measures are raised by it."
+    )
 
 
-def _lifted(tests: Sequence[TimeSeries]) -> list[str]:
-    names = [name for name in tests[0].names if name.rpartition(".")[2] == "tire_force"]
+def _lifted(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> str:
+    """Say which tires leave the ground; means near zero are changes from rest, which cannot say it."""
     lifted = {
-        name
-        for name in names
-        for test in tests
-        if float(test[name].mean()) > 0.5 * float(test[name].max() - test[name].min()) * _LIFTED
-        and float(test[name].min()) <= _LIFTED * float(test[name].mean())
+        name: min(float(test[name].min()) + mean for test in tests) / mean
+        for name, mean in means.items()
+        if name.rpartition(".")[2] == "tire_force" and name in tests[0] and mean > float(tests[0][name].std())
     }
-    if not lifted:
-        return []
-    return [f"Tires leave the ground ({', '.join(sorted(lifted))}): no linear car does; lower the road's peak."]
+    names = sorted(name for name, least in lifted.items() if least <= _LIFTED)
+    if not names:
+        return ""
+    return f"Tires leave the ground ({', '.join(names)}): no linear car does; lower the road's peak."
 
 
-def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> list[str]:
+def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> str:
     """Say it where outputs are noisy though coherent: friction and springs do that and coherence hides it."""
     if response.coherence is None:
-        return []
+        return ""
     low, high = found.band
     inside = (response.frequency >= low) & (response.frequency <= high)
     left = np.sqrt(1.0 - np.median(response.coherence[:, inside], axis=1))
@@ -131,8 +146,8 @@ def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> list[str]
         if _NOISY < share < np.sqrt(1.0 - _FINE**2)
     ]
     if not names:
-        return []
-    return [
+        return ""
+    return (
         f"Not explained by any linear response, though coherence is fine: {', '.join(names)} of the output; where the "
         "sensors are better than that, friction or springs are at work."
-    ]
+    )

@@ -1,6 +1,6 @@
 """How far a common-pole model may be from the truth by noise alone: models of responses with other noise.
 
-Noise of the estimate's own size is added to the response and the likelihood's minimum is followed there by two steps of
+Noise of the estimate's own size is added to the response and the likelihood's minimum is followed there by one step of
 its refinement. The scatter of what the models say, a response or a setup's measures, is its standard deviation.
 """
 
@@ -67,5 +67,5 @@ def _sampled(found: CommonPoleModel, generator: np.random.Generator, length: int
     window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
     noise = window.sum(axis=3) / np.sqrt(length)
     noisy = replace(points, H=points.H + np.where(points.known, points.deviation, 0.0) * noise)
-    refined = Refinement(most_iterations=2).refine(noisy, solution.blocks, solution.through)
+    refined = Refinement(most_iterations=1).refine(noisy, solution.blocks, solution.through)
     return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)

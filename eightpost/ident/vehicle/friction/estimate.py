@@ -18,6 +18,7 @@ from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction.bands import bands
 from eightpost.ident.vehicle.friction.law import with_directions
 from eightpost.ident.vehicle.friction.projection import Found, found_in
+from eightpost.ident.vehicle.trust import SIGNIFICANT, FoundForce
 from eightpost.vehicle import Friction
 
 if TYPE_CHECKING:
@@ -25,10 +26,6 @@ if TYPE_CHECKING:
 
     from eightpost.ident.vehicle.experiment import Experiment
     from eightpost.signals import TimeSeries
-
-
-#: A force of fewer standard deviations than this is none.
-_SIGNIFICANT = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +88,11 @@ class FrictionEstimate:
     profile: tuple[tuple[float, float], ...]
 
     @property
+    def found(self) -> Mapping[str, FoundForce]:
+        """Every port's force with its deviation."""
+        return {port: FoundForce(force, self.deviation[port]) for port, force in self.force.items()}
+
+    @property
     def acts(self) -> bool:
         """Whether there is friction at any port."""
         return any(law.force > 0.0 for law in self.friction.values())
@@ -104,10 +106,7 @@ class FrictionEstimate:
         """Return the forces and what they explain as a sentence."""
         if not self.acts:
             return "No friction at the ports is told from noise."
-        forces = ", ".join(
-            f"{port or 'port'} {law.force:.1f} +- {2.0 * self.deviation[port]:.1f} N"
-            for port, law in self.friction.items()
-        )
+        forces = ", ".join(f"{port or 'port'} {force.said}" for port, force in self.found.items())
         width = 1e3 * next(iter(self.friction.values())).velocity
         left = 100.0 * float(np.mean(list(self.residual.values())))
         return (
@@ -134,7 +133,7 @@ def _estimate(
     experiment: Experiment, found: Found, width: float, profile: tuple[tuple[float, float], ...]
 ) -> FrictionEstimate:
     deviation = np.sqrt(np.diag(found.covariance))
-    held = np.where(found.forces > _SIGNIFICANT * deviation, found.forces, 0.0)
+    held = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)
     ports = experiment.ports
     return FrictionEstimate(
         {port: Friction(float(force), width) for port, force in zip(ports, held, strict=True)},
