@@ -12,7 +12,9 @@ from rich.progress import track
 
 from eightpost.commands.validate_paths import RecordChoices, pair, show_table
 from eightpost.ident.vehicle import read_fit
+from eightpost.ident.vehicle.summary import trust_table
 from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, verdict
+from eightpost.ident.vehicle_validation.fit_tables import port_table
 from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, trend_table
 from eightpost.rig.post import read_rig_test
 from eightpost.shock import read_shock
@@ -88,9 +90,10 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
     for case in study.cases:
         said = f"{escape(case.record.name)}: {case.record.kind}, {escape(case.record.reason)}"
         console.print(said, soft_wrap=True, highlight=False)
-    tables = (overview(study), trend_table(study), friction_table(study), mode_table(study))
-    for table in tables:
+    for table in (overview(study), trend_table(study), friction_table(study), port_table(study.fit), mode_table(study)):
         show_table(console, table)
+    if study.fit.trust is not None and study.fit.trust.outputs:
+        console.print(trust_table(study.fit.trust))
     for note in (note for case in study.cases for note in case.beyond + case.notes):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     found = verdict(study, limits)

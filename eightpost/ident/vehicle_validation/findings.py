@@ -19,6 +19,13 @@ _LINEAR, _MATTERS = 0.5, 0.1
 #: Records of trends from which a wrong order is more than one swap.
 _RANKED = 4
 
+#: What a fit may flag and its model has not, in words.
+_FLAGS = {
+    "springs": "springs that are not straight",
+    "lift-off": "tires that leave the ground",
+    "misfit": "a misfit beyond noise",
+}
+
 #: Records that a sentence names.
 _LISTED = 4
 
@@ -100,6 +107,7 @@ def doubts(study: VehicleValidation) -> tuple[str, ...]:
     said += [*_gentle(study), *_lifted(study), *_linear(study)]
     said += _beyond(study)
     said += [note for case in cases for note in case.notes]
+    said += _flagged(study)
     if not study.of_kind("random"):
         said.append("No random or track record: levels of setups were not validated.")
     return tuple(dict.fromkeys(said))
@@ -155,6 +163,13 @@ def _beyond(study: VehicleValidation) -> list[str]:
         return []
     listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
     return [f"Amplitudes or frequencies on {listed} are beyond what it was fitted to; the notes say which."]
+
+
+def _flagged(study: VehicleValidation) -> list[str]:
+    """Return one sentence on what the fit found in the car and its model has not."""
+    flags = {} if study.fit.trust is None else study.fit.trust.flags
+    found = [_FLAGS[name] for name in flags if name in _FLAGS]
+    return [f"The fit itself flags {', '.join(found)}; see what it says of itself."] if found else []
 
 
 def _linear(study: VehicleValidation) -> list[str]:

@@ -13,6 +13,7 @@ from eightpost.ident.validation.field_units import field_factor, field_unit
 from eightpost.ident.validation.report.page import caption, cell, unit
 from eightpost.ident.vehicle_validation import tables
 from eightpost.ident.vehicle_validation.findings import Limits, verdict
+from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
 from eightpost.ident.vehicle_validation.report.level_figures import (
     correlation_figure,
     level_figure,
@@ -20,6 +21,7 @@ from eightpost.ident.vehicle_validation.report.level_figures import (
     static_figure,
     trend_figure,
 )
+from eightpost.ident.vehicle_validation.report.order_figure import order_figure
 from eightpost.ident.vehicle_validation.report.response_figures import response_figures, spectrum_figure
 from eightpost.ident.vehicle_validation.report.time_figures import time_figure
 from eightpost.page import compressed, insert, plotly, template
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
     from eightpost.ident.validation.report.figure import Figure
     from eightpost.ident.validation.tables import ResultTable
+    from eightpost.ident.vehicle import VehicleFit
     from eightpost.ident.vehicle_validation.study import VehicleValidation
 
     Section = tuple[str, str, str, list[ResultTable], list[Figure]]
@@ -94,12 +97,14 @@ def _sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
     yield from _of_times(study)
     friction = tables.friction_table(study)
     if friction.rows:
-        yield "friction", "Friction", _friction(study), [friction], []
+        yield "friction", "Friction", _friction(study), [friction, port_table(study.fit)], []
     if study.of_kind("static"):
         drawn = [static_figure(case) for case in study.of_kind("static") if case.holds]
         yield "static", "Static records", _static(study), [tables.static_table(study)], drawn
     yield "responses", "Responses", "", [tables.path_table(study)], list(response_figures(study.paths))
     yield "modes", "Modes", _MODES, [tables.mode_table(study)], []
+    if study.fit.trust is not None:
+        yield "fit", "The fit of itself", _of_itself(study.fit), _fit_tables(study), list(_orders(study.fit))
 
 
 def _of_times(study: VehicleValidation) -> Iterator[Section]:
@@ -140,6 +145,23 @@ def _friction(study: VehicleValidation) -> str:
     laws = study.fit.vehicle.friction
     said = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in laws.items())
     return f"The identification found friction at the ports: {said}. Without it, the same model errs so much:"
+
+
+def _of_itself(fit: VehicleFit) -> str:
+    flags = {} if fit.trust is None else fit.trust.flags
+    if not flags:
+        return "It found nothing in the car that a linear model has not."
+    return " ".join(flags.values())
+
+
+def _fit_tables(study: VehicleValidation) -> list[ResultTable]:
+    found = [certainty_table(study.fit)] if study.fit.trust is not None and study.fit.trust.outputs else []
+    return found if tables.friction_table(study).rows else [*found, port_table(study.fit)]
+
+
+def _orders(fit: VehicleFit) -> Iterator[Figure]:
+    if fit.trust is not None and fit.trust.orders is not None:
+        yield order_figure(fit.trust.orders)
 
 
 def _placed(section: Section, figures: list[dict[str, Any]]) -> dict[str, Any]:

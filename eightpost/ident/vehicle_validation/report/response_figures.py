@@ -31,7 +31,7 @@ def response_figures(paths: Sequence[Path]) -> Iterator[Figure]:
 
 
 def _responses(rows: Sequence[Sequence[Path]]) -> Figure:
-    places = grid(3 * len(rows), 3, gap=(0.07, 0.42 / (3 * len(rows))))
+    places = grid(3 * len(rows), 3, gap=(0.07, 0.27 / len(rows)))
     panels: list[Panel] = []
     for k, paths in enumerate(rows):
         x = Axis("frequency [Hz]" if k == len(rows) - 1 else "", kind="log")
