@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 
 from cosim.engine.march import Grid
-from cosim.engine.plan import DONE, STOPPED, Drive
+from cosim.engine.plan import DONE, STOPPED, Drive, Integers
 from cosim.session.failure import failure
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
-from cosim.session.times import Times, joined, step_sizes
+from cosim.session.times import Times, coupling_times, joined, step_sizes
+from eightpost.signals import Drivefile
 
 
 def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
@@ -40,21 +44,51 @@ def _reached(setup: Setup, running: Running) -> float:
 def _grid(setup: Setup) -> Grid:
     """Coupling points, and with them the drive's own points between them."""
     scenario, times = setup.scenario, setup.times
-    if scenario.drive is not None and setup.following:
-        own = scenario.drive.series.time - scenario.drive_start
-        times = joined(times, own[(own > 0.0) & (own < scenario.stop)])
-    begins = np.searchsorted(times, setup.times) if times.size > setup.times.size else np.arange(times.size)
-    steps = step_sizes(setup.times, setup.step)
-    return Grid(setup.times, steps, setup.recorded, begins, Drive(times, *_drive_rows(setup, times)))
+    steps = step_sizes(times, setup.step)
+    if scenario.drive is None:
+        return Grid(times, steps, setup.recorded, np.arange(times.size), _without_drive(times))
+    asked = _Asked(scenario.stop, setup.step, scenario.drive_start, bool(setup.following), setup.system.ramps)
+    begins, drive = _driven(scenario.drive, asked)
+    return Grid(times, steps, setup.recorded, begins, drive)
 
 
-def _drive_rows(setup: Setup, times: Times) -> tuple[Times, Times]:
-    """The drive (T+1, D) at times (T+1,) [s], and its means between them (T, D), 0 where no component asks for them."""
-    drive = setup.scenario.drive
-    if drive is None:
-        return np.zeros((times.size, 0)), np.zeros((times.size - 1, 0))
-    times = times + setup.scenario.drive_start
+class _Asked(NamedTuple):
+    """What is asked of a drive.
+
+    Args:
+        stop: Duration of the run [s].
+        step: Coupling step [s].
+        start: Time in the drive at which the run starts [s].
+        follows: Whether a component goes from each of the drive's points to the next.
+        ramps: Whether all components ramp their inputs, so that none asks for means.
+    """
+
+    stop: float
+    step: float
+    start: float
+    follows: bool
+    ramps: bool
+
+
+def _without_drive(times: Times) -> Drive:
+    return Drive(times, np.zeros((times.size, 0)), np.zeros((times.size - 1, 0)))
+
+
+@lru_cache(maxsize=4)
+def _driven(drive: Drivefile, asked: _Asked) -> tuple[Integers, Drive]:
+    """Which of the drive's rows each step begins with (K+1,), and the rows. Kept: runs of a study ask for the same."""
+    coupling = coupling_times(asked.stop, asked.step)
+    times = coupling
+    if asked.follows:
+        own = drive.series.time - asked.start
+        times = joined(times, own[(own > 0.0) & (own < asked.stop)])
+    begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
+    return begins, Drive(times, *_drive_rows(drive, times + asked.start, asked.ramps))
+
+
+def _drive_rows(drive: Drivefile, times: Times, ramps: bool) -> tuple[Times, Times]:
+    """The drive (T+1, D) at its own times (T+1,) [s], and its means between them (T, D), 0 where none asks for them."""
     samples = np.ascontiguousarray(drive.sample(times).T)
-    if setup.system.ramps:
+    if ramps:
         return samples, np.zeros((times.size - 1, 0))
     return samples, np.ascontiguousarray(drive.means(times).T)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from eightpost.errors import InputError
 
@@ -16,11 +17,35 @@ Array = NDArray[np.float64]
 _ORDER = 4
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sections:
+    """A filter and the state in which it answers a unit step with its final value: it is long to find anew.
+
+    Args:
+        rows: Second-order sections (S, 6).
+        rest: State (S, 2).
+    """
+
+    rows: Array
+    rest: Array
+
+    def forward_and_backward(self, values: Array, pad: int) -> Array:
+        """Return what scipy's sosfiltfilt does, values (N,) continued by `pad` samples turned about their ends."""
+        before = 2.0 * values[0] - values[pad:0:-1]
+        after = 2.0 * values[-1] - values[-2 : -(pad + 2) : -1]
+        forward = self._once(np.concatenate((before, values, after)))
+        return self._once(forward[::-1])[::-1][pad:-pad]
+
+    def _once(self, values: Array) -> Array:
+        filtered, _ = sosfilt(self.rows, values, zi=self.rest * values[0])
+        return np.asarray(filtered, dtype=np.float64)
+
+
 def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) -> Array:
     """Return what lies within a band, without phase; the mean stays where the band begins at 0.
 
     Args:
-        values: (..., N), time last.
+        values: (N,).
         rate: Samples per second [Hz].
         band: Lower and upper edge [Hz]; 0 and infinity leave a side open.
         what: The measure, for the message.
@@ -37,20 +62,21 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
     sections = _sections(low, high, rate)
     if sections is None:
         return values
-    pad = 3 * (2 * len(sections) + 1)
+    pad = 3 * (2 * len(sections.rows) + 1)
     if values.shape[-1] <= pad:
         raise InputError(f"measure {what!r}: {values.shape[-1]} samples are too few for a band-pass filter")
-    filtered: Array = np.asarray(sosfiltfilt(sections, values, axis=-1), dtype=np.float64)
-    return filtered
+    return sections.forward_and_backward(values, pad)
 
 
 @lru_cache(maxsize=64)
-def _sections(low: float, high: float, rate: float) -> Array | None:
-    """The filter's second-order sections; None where both sides are open."""
+def _sections(low: float, high: float, rate: float) -> _Sections | None:
+    """The filter; None where both sides are open."""
     if low > 0.0 and np.isfinite(high):
-        return np.asarray(butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos"))
-    if low > 0.0:
-        return np.asarray(butter(_ORDER, low, btype="highpass", fs=rate, output="sos"))
-    if np.isfinite(high):
-        return np.asarray(butter(_ORDER, high, btype="lowpass", fs=rate, output="sos"))
-    return None
+        rows = butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
+    elif low > 0.0:
+        rows = butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
+    elif np.isfinite(high):
+        rows = butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
+    else:
+        return None
+    return _Sections(np.asarray(rows), np.asarray(sosfilt_zi(rows)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.study.band import band_pass
+from cosim.study.filtered import Filtered
 from cosim.study.own_measure import own_function
 from cosim.study.statistics import Array, Response, options_for, rms, statistic
 from eightpost.errors import InputError
@@ -88,7 +88,11 @@ class Measure:
             MissingChannelError: The series lacks one of its channels.
             InputError: Its section holds no two samples, or its band does not fit the sample rate.
         """
-        response = Response(self._rows(series, start), _step(series), self.options)
+        return self.drawn_from(Filtered(series), start=start)
+
+    def drawn_from(self, run: Filtered, *, start: float = -np.inf) -> float:
+        """Return the same as `of`, from a run that keeps what several measures filter."""
+        response = Response(self._rows(run, start), _step(run.series), self.options)
         if self.function:
             return float(own_function(self.function)(response))
         return statistic(self.statistic).of(response)
@@ -102,13 +106,15 @@ class Measure:
         own = self.function_unit if self.function else statistic(self.statistic).unit
         return own or channel
 
-    def _rows(self, series: TimeSeries, start: float) -> Array:
-        """Its channels (C, N): weighted, filtered, within its window."""
-        rows = np.stack([series[name] for name in self.channels])
-        if self.weights:
-            rows = rows * np.array(self.weights)[:, None]
-        if self.band is not None:
-            rows = band_pass(rows, series.sample_rate, self.band, self.name)
+    def _rows(self, run: Filtered, start: float) -> Array:
+        """Its channels (C, N): filtered, within its window, weighted."""
+        window = self._window(run.series, start)
+        channels = [run.channel(name, self.band, self.name)[window] for name in self.channels]
+        rows: Array = channels[0][np.newaxis] if len(channels) == 1 else np.stack(channels)
+        return rows * np.array(self.weights)[:, None] if self.weights else rows
+
+    def _window(self, series: TimeSeries, start: float) -> slice:
+        """Its samples: those of its section that lie behind the settling time."""
         first, last = self.section or (-np.inf, np.inf)
         begin, end = np.searchsorted(series.time, (max(first, start) - 1e-9, last + 1e-9))
         if end - begin < 2:
@@ -116,8 +122,7 @@ class Measure:
             raise InputError(
                 f"measure {self.name!r}: no two samples from {max(first, start):g} to {last:g} s in {span}"
             )
-        window: Array = rows[:, begin:end]
-        return window
+        return slice(begin, end)
 
 
 def _step(series: TimeSeries) -> float:

@@ -19,10 +19,11 @@ from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Sweep
 from cosim.study.running.trace import traces
-from cosim.study.running.workers import ProcessWorkers, Workers
+from cosim.study.running.workers import PATIENCE, ProcessWorkers, Workers
 from cosim.study.study import Study
 from cosim.study.study_file import read_study, source_files
 from eightpost.commands.build import build_with_progress
+from eightpost.commands.rig_shocks import si
 from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
@@ -39,6 +40,8 @@ _NAMED, _SHOWN = 5, 3
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
 @click.option("--scheduler", metavar="ADDRESS",
               help="Run the setups on a Dask cluster: tcp://host:8786 (docs/scale.md).")  # fmt: skip
+@click.option("--patience", default=f"{PATIENCE:g} s", show_default=True, metavar="TIME",
+              help="A worker that gives no sign for so long is ended, and its setup marked failed.")  # fmt: skip
 @click.option("--rank", metavar="MEASURE", help="Rank by this measure, least first; default the study's objective.")
 @click.option("--top", type=click.IntRange(min=1), default=10, show_default=True, help="Rows of the ranking.")
 @click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
@@ -50,6 +53,7 @@ def study(
     output: Path,
     workers: int | None,
     scheduler: str | None,
+    patience: str,
     rank: str | None,
     top: int,
     traced: tuple[int, ...],
@@ -68,7 +72,7 @@ def study(
       eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
       eightpost study examples/study.toml -o out/ --trace 1200
     """
-    console = Console()
+    console, longest = Console(), si(patience, "s", "--patience")
     check_output_folder(output)
     described = read_with_fmus(console, study_file, output)
     if rank is not None:
@@ -77,7 +81,7 @@ def study(
         described.space.setup(index)
     sweep = Sweep(described, output)
     show_study(console, sweep)
-    with running_workers(workers, scheduler) as pool:
+    with running_workers(workers, scheduler, patience=longest) as pool:
         result = run_with_workers(console, sweep, pool)
     show_result(console, result, rank=rank, top=top)
     for index, series in traces(result, traced).items():
@@ -102,14 +106,14 @@ def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
 
 
 @contextmanager
-def running_workers(count: int | None, scheduler: str | None) -> Iterator[Workers]:
+def running_workers(count: int | None, scheduler: str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
     """The workers that were asked for, ended at last."""
     if scheduler is not None:
         from cosim.study.running.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra
 
         pool: Workers = DaskWorkers(scheduler)
     else:
-        pool = ProcessWorkers(count or os.cpu_count() or 1)
+        pool = ProcessWorkers(count or os.cpu_count() or 1, patience=patience)
     try:
         yield pool
     finally:

@@ -14,6 +14,7 @@ I. M. Sobol', Mathematics and Computers in Simulation 55 (2001) 271, doi:10.1016
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -99,15 +100,31 @@ def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
     Raises:
         InputError: Nothing can be chosen anywhere, or too few setups were run for the main effects.
     """
-    factors = factors_of(result.study.space)
-    free = varied(factors)
-    if not free:
+    factors, levels = _varied(result)
+    if not factors:
         raise InputError(
             f"{result.study.name}: every corner has one build only, so there is nothing to be sensitive to"
         )
-    levels = levels_of(result.study.space, result.setups)[:, free]
     names = (measure.name for measure in result.measures)
-    return tuple(sensitivity([factors[n] for n in free], levels, result.values(name), name) for name in names)
+    return tuple(sensitivity(factors, levels, result.values(name), name) for name in names)
+
+
+def told_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
+    """Return the same of those measures that the setups tell it of: none where nothing can be chosen."""
+    factors, levels = _varied(result)
+    names = [measure.name for measure in result.measures if np.isfinite(result.values(measure.name)).any()]
+    found = list[Sensitivity]()
+    for name in names if factors else ():
+        with suppress(InputError):  # too few setups were run
+            found.append(sensitivity(factors, levels, result.values(name), name))
+    return tuple(found)
+
+
+def _varied(result: StudyResult) -> tuple[list[Factor], Integers]:
+    """The factors that have a choice, and their levels (N, F), a row per setup."""
+    factors = factors_of(result.study.space)
+    free = varied(factors)
+    return [factors[k] for k in free], levels_of(result.study.space, result.setups)[:, free]
 
 
 def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, measure: str = "") -> Sensitivity:

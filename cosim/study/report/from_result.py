@@ -10,16 +10,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from cosim.study.choice.factor import factors_of, levels_of, varied
 from cosim.study.choice.robust import Spread
-from cosim.study.choice.sensitivity import Sensitivity, sensitivity
 from cosim.study.measures import Measure
 from cosim.study.report.doubt import better_end, doubt_of
 from cosim.study.report.scale import Scale
 from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
-from eightpost.errors import InputError
 
 
 def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
@@ -63,21 +60,6 @@ def background(result: StudyResult, trace_command: str) -> Background:
         origins=tuple(_origins(result)),
         trace_command=trace_command,
     )
-
-
-def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
-    """Return which corner matters for which measure; measures that the setups do not tell it of are left out."""
-    return tuple(found for measure in result.measures if (found := _sensitivity(result, measure.name)))
-
-
-def _sensitivity(result: StudyResult, measure: str) -> Sensitivity | None:
-    space, values = result.study.space, result.values(measure)
-    factors, levels = factors_of(space), levels_of(space, result.setups)
-    free = varied(factors) if np.isfinite(values).any() else []
-    try:
-        return sensitivity([factors[k] for k in free], levels[:, free], values, measure) if free else None
-    except InputError:  # too few setups were run
-        return None
 
 
 def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:

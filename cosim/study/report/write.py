@@ -8,10 +8,10 @@ from pathlib import Path
 
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.selection import Selection
-from cosim.study.choice.sensitivity import Sensitivity
+from cosim.study.choice.sensitivity import Sensitivity, told_sensitivities
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import write_figures
-from cosim.study.report.from_result import sensitivities_of, sheet_of
+from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
 from cosim.study.report.sheet import Sheet
 from cosim.study.report.workbook import write_workbook
@@ -61,7 +61,7 @@ def write_study_report(
         trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
     """
     sheet = sheet_of(result, bands=bands or (), trace_command=trace_command)
-    terms = sensitivities_of(result) if sensitivities is None else sensitivities
+    terms = told_sensitivities(result) if sensitivities is None else sensitivities
     return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
 
 

@@ -10,6 +10,7 @@ from cosim.automatic import FIRST_STEP, Automatic, run_automatic
 from cosim.difference import difference
 from cosim.result import Result
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
+from cosim.study.running.signs import sign
 from cosim.study.setup import Setup
 from eightpost.errors import EightpostError, StepError
 
@@ -113,7 +114,7 @@ def _reference(evaluator: Evaluator, setup: Setup) -> Result:
     study = evaluator.study
     system, extra = evaluator.system(setup), sorted(evaluator.decisive(setup))
     scenario = replace(evaluator.scenario(study.drives[0], extra=extra), record=tuple(extra))
-    return run_automatic(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", None)
+    return run_automatic(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", sign)
 
 
 def _errors(

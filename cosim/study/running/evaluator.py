@@ -16,8 +16,10 @@ from cosim.fmu_component import FmuComponent
 from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import Session
+from cosim.study.filtered import Filtered
 from cosim.study.result import DONE, FAILED
 from cosim.study.running.drive import read_drive
+from cosim.study.running.signs import sign
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, System
@@ -99,7 +101,8 @@ class Evaluator:
             StepError: An FMU failed, or the coupling diverged.
         """
         system = self.system(setup)
-        return Session(system, self.scenario(drive, extra=extra), coupling.algorithm(system), coupling.step).run()
+        scenario = self.scenario(drive, extra=extra)
+        return Session(system, scenario, coupling.algorithm(system), coupling.step).run(progress=sign)
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
         """Run a setup on every drive and return its row; what fails is said in it and does not raise."""
@@ -150,8 +153,9 @@ class Evaluator:
             result = self.run(setup, drive, coupling)
             if not result.converged:
                 return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
+            run = Filtered(result.series)
             for measure in self.study.measures_of(drive):
-                values[measure.name] = measure.of(result.series, start=self.study.settling)
+                values[measure.name] = measure.drawn_from(run, start=self.study.settling)
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
             worst = max(worst, coupling.share * local_error(result))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Sequence
+from typing import Any
 
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
+from cosim.study.running.signs import sign, take_place, working
 from cosim.study.study import Study
 
 #: Each thread has an evaluator of its own: an FMU's instance is stepped by one at a time.
@@ -22,17 +24,28 @@ def evaluator_for(study: str) -> Evaluator:
     return evaluator
 
 
+def open_study(study: str) -> None:
+    """Open a study, by its JSON, so that its first setup need not wait for it."""
+    evaluator_for(study)
+
+
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, by its JSON."""
-    return choose_coupling(evaluator_for(study))
+    with working():
+        return choose_coupling(evaluator_for(study))
 
 
 def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
     """Run setups by number."""
-    evaluator = evaluator_for(study)
-    return [evaluator.row(evaluator.study.space.setup(index), coupling) for index in indices]
+    with working():
+        evaluator, found = evaluator_for(study), list[Row]()
+        for index in indices:
+            sign()
+            found.append(evaluator.row(evaluator.study.space.setup(index), coupling))
+        return found
 
 
-def begin_worker() -> None:
-    """Leave Ctrl-C to the process that gives the work: it lets what runs come to its end."""
+def begin_worker(*signs: Any) -> None:
+    """Take a place among `signs`; leave Ctrl-C to the process that gives the work, which lets what runs end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    take_place(*signs)

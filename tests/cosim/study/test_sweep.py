@@ -172,6 +172,32 @@ def test_several_processes_and_one_that_is_killed_give_the_same_table(small_stud
     assert several.done.all() and table(several).equals(table(alone))
 
 
+@pytest.mark.slow
+def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study, here, tmp_path):
+    """The worker hangs in a measure: whatever hangs in a process, hangs like this."""
+    corners = dict.fromkeys(CORNERS, ("stiff",)) | {"lf": ("soft", "stiff")}
+    plain = run_study(small_study(corners=corners), tmp_path / "plain", here)
+    levels = plain.values("front ride height, RMS")
+    (tmp_path / "mine.py").write_text(
+        "import time\n"
+        "def rms(response):\n"
+        f"    while response.total.std() > {levels.mean()}:\n"
+        "        time.sleep(60.0)\n"
+        "    return response.total.std()\n"
+    )
+    own = Measure("own", ("car.front.ride_height",), function=f"{tmp_path}/mine.py:rms")
+    workers = ProcessWorkers(1, patience=10.0)
+    try:
+        sweep = Sweep(small_study(corners=corners, measures=(own,)), tmp_path / "hanging")
+        found = sweep.run(workers, coupling_of(plain))
+    finally:
+        workers.close()
+    hung = levels > levels.mean()
+    assert (found.done == ~hung).all() and found.values("own")[~hung] == levels[~hung]
+    (message,) = np.array(found.table["message"].to_pylist())[hung]
+    assert "gave no sign for 10 s" in message and "hangs" in message
+
+
 def test_a_result_comes_back_from_its_file_as_it_was(finished, tmp_path):
     path = tmp_path / "whole" / "results.parquet"
     loaded = StudyResult.load(path)

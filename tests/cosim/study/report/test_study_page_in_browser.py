@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.selection import select
-from cosim.study.report.from_result import sensitivities_of, sheet_of
+from cosim.study.choice.sensitivity import told_sensitivities
+from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
@@ -104,7 +105,7 @@ def written(whole, lap, tmp_path_factory):
     best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
     extras = Extras(
         traces={best: lap(1), baseline: lap(2)},
-        sensitivities=sensitivities_of(whole),
+        sensitivities=told_sensitivities(whole),
         selection=select(whole, [FRONT, TIRE, HUB], total=20).chosen,
     )
     path = tmp_path_factory.mktemp("page") / "report.html"

@@ -13,12 +13,13 @@ import pytest
 
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.selection import select
+from cosim.study.choice.sensitivity import told_sensitivities
 from cosim.study.report import write_study_report
 from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import front, write_figures
-from cosim.study.report.from_result import sensitivities_of, sheet_of
+from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
 from cosim.study.report.scale import Scale
 from cosim.study.report.summary import verdict
@@ -85,7 +86,7 @@ def test_every_unit_is_shown_in_both_systems():
 
 
 def test_the_page_says_which_is_best_what_failed_and_where_it_comes_from(few, sheet):
-    html = page(sheet, Extras(sensitivities=sensitivities_of(few)))
+    html = page(sheet, Extras(sensitivities=told_sensitivities(few)))
     text = _text(html)
     best = few.setup(int(few.ranking()[0]))
     assert f"Best: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
@@ -116,14 +117,14 @@ def test_the_page_of_a_study_in_which_nothing_ran_says_why(few, tmp_path):
     table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
     broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
     sheet = sheet_of(broken)
-    text = _text(page(sheet, Extras(sensitivities=sensitivities_of(broken))))
+    text = _text(page(sheet, Extras(sensitivities=told_sensitivities(broken))))
     assert "No setup ran." in text and "no licence" in text
     assert write_figures(sheet, tmp_path) == ()
 
 
 def test_an_interrupted_study_says_so(few):
     part = StudyResult(few.study, few.table.slice(0, 50), few.provenance, partial=True)
-    text = _text(page(sheet_of(part), Extras(sensitivities=sensitivities_of(part))))
+    text = _text(page(sheet_of(part), Extras(sensitivities=told_sensitivities(part))))
     assert "The study is not complete: 50 of 81 setups were run" in text
 
 
