@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from eightpost.errors import InputError
+from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
@@ -80,3 +81,28 @@ def _sections(low: float, high: float, rate: float) -> _Sections | None:
     else:
         return None
     return _Sections(np.asarray(rows), np.asarray(sosfilt_zi(rows)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filtered:
+    """A run and what bands leave of it: each channel is filtered once, whatever number of measures asks.
+
+    Args:
+        series: The run.
+    """
+
+    series: TimeSeries
+    _kept: dict[tuple[str, tuple[float, float]], Array] = field(init=False, repr=False, default_factory=dict)
+
+    def channel(self, name: str, band: tuple[float, float] | None, what: str) -> Array:
+        """Return a channel (N,) in SI, as it is or within a band [Hz]; `what` is the measure, for the message.
+
+        Raises:
+            MissingChannelError: There is no such channel.
+            InputError: The band does not fit the sample rate.
+        """
+        if band is None:
+            return self.series[name]
+        if (name, band) not in self._kept:
+            self._kept[name, band] = band_pass(self.series[name], self.series.sample_rate, band, what)
+        return self._kept[name, band]

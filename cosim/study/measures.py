@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.study.filtered import Filtered
+from cosim.study.band import Filtered
 from cosim.study.own_measure import own_function
 from cosim.study.statistics import Array, Response, options_for, rms, statistic
 from eightpost.errors import InputError

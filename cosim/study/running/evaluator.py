@@ -16,7 +16,7 @@ from cosim.fmu_component import FmuComponent
 from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import Session
-from cosim.study.filtered import Filtered
+from cosim.study.band import Filtered
 from cosim.study.result import DONE, FAILED
 from cosim.study.running.drive import read_drive
 from cosim.study.running.signs import sign
