@@ -21,7 +21,8 @@ from eightpost.rig.post.program import (
     program,
     random_test,
 )
-from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
+from eightpost.rig.post.rig_faults import MismatchedRateError
+from eightpost.rig.post.rig_signs import SwappedCornersError
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
 from eightpost.rig.post.run_test import run_test
 from eightpost.rig.post.shocks import LinearDamper, Shock

@@ -1,8 +1,4 @@
-"""What goes wrong in rig records, each with its own error: dead, clipped, slow, reversed and swapped channels.
-
-Signs and corners are judged by physics that holds for every car and setup: a damper's force opposes its motion, a
-wheel's inertia and its pan's load go with its accelerations, and a wheel follows its own wheelloader best.
-"""
+"""What goes wrong in rig records, each with its own error: dead, clipped, slow, reversed and swapped channels."""
 
 from __future__ import annotations
 
@@ -10,19 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.errors import ClippedChannelError, DataError, WrongSignError
+from eightpost.errors import ClippedChannelError, DataError
+from eightpost.rig.post.rig_signs import check_corners_and_signs
 from eightpost.signals import faults
-from eightpost.signals.filters import derivative, lowpass, velocity_from_displacement
 from eightpost.signals.origin import IN_MEMORY, Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     from eightpost.signals.timeseries import TimeSeries
-
-    Array = NDArray[np.float64]
 
 #: Shortest record [s] and fewest samples.
 SHORTEST, FEWEST = 4.0, 1000
@@ -32,30 +22,11 @@ HELD = 0.4
 #: ... while it is longer in motion than this share of the record.
 MOVING = 0.9
 
-#: Another corner's correlation must exceed a channel's own by this much before corners are called swapped [1].
-SWAPPED_BY = 0.15
-
-#: Correlation below which a sign is called wrong [1]: weaker ones say nothing.
-REVERSED = -0.2
-
-#: A reference that moves less than this part of the largest says nothing of its corner [1].
-RESTING = 0.2
-
-#: Correlations count from this many standard deviations of what noise of the band and the record's length gives.
-CERTAIN = 5.0
-
-#: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
-_BAND = 12.0
-
 _RESPONSES = ("tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
 
 
 class MismatchedRateError(DataError):
     """A channel was sampled at another rate than the others."""
-
-
-class SwappedCornersError(DataError):
-    """A channel belongs to another corner."""
 
 
 def check_rig_record(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin = IN_MEMORY) -> None:
@@ -66,7 +37,7 @@ def check_rig_record(series: TimeSeries, corners: tuple[str, ...], *, origin: Or
     judge.dead_channels()
     judge.held_channels()
     judge.clipped_loads()
-    judge.corners_and_signs()
+    check_corners_and_signs(series, corners, origin=origin)
 
 
 class _Judge:
@@ -75,14 +46,9 @@ class _Judge:
     def __init__(self, series: TimeSeries, corners: tuple[str, ...], origin: Origin) -> None:
         self._series, self._corners, self._origin = series, corners, origin
         self._rate = series.sample_rate
-        self._cutoff = min(_BAND, 0.4 * self._rate)
-        self._chance = CERTAIN / np.sqrt(2.0 * self._cutoff * series.duration)
 
     def _name(self, corner: str, quantity: str) -> str:
         return f"{corner}.{quantity}" if corner else quantity
-
-    def _there(self, quantity: str) -> bool:
-        return all(self._name(corner, quantity) in self._series for corner in self._corners)
 
     def dead_channels(self) -> None:
         """Every response moves in every test, and every actuator that is told to."""
@@ -143,80 +109,3 @@ class _Judge:
                     "cell or its amplifier is clipped; record again with a larger range, or with less drive"
                 )
                 raise self._origin.fault(ClippedChannelError, what, channel=name, sample=int(found[0]))
-
-    def corners_and_signs(self) -> None:
-        """Compare what must go together, at its own corner and at the others'."""
-        self._compare("force", self._plain("force"), "velocity", self._plain("velocity"))
-        if self._there("displacement"):
-            self._compare("velocity", self._plain("velocity"), "displacement", self._slope("displacement"))
-        if self._there("hub_acceleration"):
-            self._compare("hub_acceleration", self._plain("hub_acceleration"), "road", self._curvature("road"))
-        if self._there("hub_acceleration") and self._there("chassis_acceleration"):
-            self._check_loads()
-
-    def _plain(self, quantity: str) -> Callable[[str], Array]:
-        return lambda corner: self._low(self._series[self._name(corner, quantity)])
-
-    def _slope(self, quantity: str) -> Callable[[str], Array]:
-        return lambda corner: velocity_from_displacement(
-            self._series[self._name(corner, quantity)], self._rate, self._cutoff
-        )
-
-    def _curvature(self, quantity: str) -> Callable[[str], Array]:
-        slope = self._slope(quantity)
-        return lambda corner: self._low(derivative(slope(corner), self._rate))
-
-    def _low(self, values: Array) -> Array:
-        return lowpass(values - values.mean(), self._rate, self._cutoff)
-
-    def _compare(
-        self, quantity: str, own: Callable[[str], Array], against: str, reference: Callable[[str], Array]
-    ) -> None:
-        """Raise unless every corner's `quantity` goes with its own reference and with none better."""
-        references = np.stack([reference(corner) for corner in self._corners])
-        size = references.std(axis=1)
-        for place, corner in enumerate(self._corners):
-            if size[place] < RESTING * size.max():
-                continue  # with one actuator at a time the others rest, and what rests tells nothing
-            likeness = _correlations(own(corner), references)
-            best = int(np.argmax(np.abs(likeness)))
-            if abs(likeness[best]) > abs(likeness[place]) + max(SWAPPED_BY, self._chance):
-                self._say_swapped(corner, quantity, against, place, best, likeness)
-            if likeness[place] < min(REVERSED, -self._chance):
-                self._say_reversed(self._name(corner, quantity), self._name(corner, against), likeness[place])
-
-    def _say_swapped(self, corner: str, quantity: str, against: str, place: int, best: int, likeness: Array) -> None:
-        other = self._corners[best]
-        what = (
-            f"it goes with {self._name(other, against)} (correlation {likeness[best]:.2f}) rather than with "
-            f"{self._name(corner, against)} ({likeness[place]:.2f}): the corners are swapped, of this channel or of "
-            "that one; look which of the two goes with its neighbours, and exchange the columns in the channel map"
-        )
-        raise self._origin.header_fault(SwappedCornersError, what, channel=self._name(corner, quantity))
-
-    def _say_reversed(self, name: str, against: str, likeness: float) -> None:
-        what = (
-            f"it correlates with {against} at {likeness:.2f}, so one is positive the other way (docs/ports.md); "
-            f"set gain = -1 in the channel map for the one that is wrong, or pass --flip {name}"
-        )
-        raise self._origin.header_fault(WrongSignError, what, channel=name)
-
-    def _check_loads(self) -> None:
-        """A tire force carries its wheel and its share of the chassis: it goes with their accelerations."""
-        names = ("hub_acceleration", "chassis_acceleration", "aero")
-        known = [name for name in names if self._there(name)]
-        parts = {corner: np.stack([self._plain(name)(corner) for name in known]) for corner in self._corners}
-
-        def inertia(corner: str) -> Array:
-            load = self._plain("tire_force")(corner)
-            shares = np.linalg.lstsq(parts[corner].T, load, rcond=None)[0]
-            return np.asarray(np.abs(shares) @ parts[corner])
-
-        self._compare("tire_force", self._plain("tire_force"), "chassis_acceleration", inertia)
-
-
-def _correlations(values: Array, references: Array) -> Array:
-    """Return the correlation of `values` (N,) with each reference (C, N), 0 where one does not move."""
-    scale = np.linalg.norm(values) * np.linalg.norm(references, axis=1)
-    products = references @ values
-    return np.asarray(np.divide(products, scale, out=np.zeros_like(products), where=scale > 0.0))
