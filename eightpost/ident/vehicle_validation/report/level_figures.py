@@ -28,7 +28,7 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
     number = np.arange(1.0, len(trends[0].measured) + 1.0)
     panels = [
         Panel(Axis("record"), Axis("RMS", one.unit), *place, title=f"{one.name}: rank {_rank(one)}")
-        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.18)), strict=True)
+        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, _gap(len(trends)))), strict=True)
     ]
     caption = "RMS of each random record, in the order of the table of records, as Fig 6.27."
     figure = Figure(caption, _height(len(trends)), panels)
@@ -42,7 +42,7 @@ def correlation_figure(trends: Sequence[Trend]) -> Figure:
     """Return predicted over measured RMS with the line of equality, a panel for each output (Fig 6.28)."""
     panels = [
         Panel(Axis("measured RMS", one.unit), Axis("predicted", one.unit), *place, title=_titled(one))
-        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, 0.18)), strict=True)
+        for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, _gap(len(trends)))), strict=True)
     ]
     caption = "Predicted over measured RMS of the random records, as Fig 6.28; the line is equality."
     figure = Figure(caption, _height(len(trends)), panels)
@@ -81,7 +81,7 @@ def static_figure(case: Case) -> Figure:
     shown = case.holds[-_STATIC:]
     panels = [
         Panel(Axis("load", "N"), Axis("change", one.unit), *place, title=one.name)
-        for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, 0.18)), strict=True)
+        for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, _gap(len(shown)))), strict=True)
     ]
     caption = f"{case.record.name}: levels held, about their means, as Fig 6.32. Friction makes the measured ones loop."
     figure = Figure(caption, _height(len(shown)), panels)
@@ -133,3 +133,8 @@ def _titled(trend: Trend) -> str:
 
 def _height(count: int) -> int:
     return 110 + 205 * (-(-count // _COLUMNS))
+
+
+def _gap(count: int) -> float:
+    """Return the gap between rows [1]: of 60 px, for a title and a label."""
+    return 60.0 / (205.0 * (-(-count // _COLUMNS)))
