@@ -41,6 +41,12 @@ SPAN = 60.0
 #: Up to this a lag is what a filter or a shock's own lag makes of it [s].
 SAME_LAG = 2e-3
 
+#: A lag is told from none by this many of its standard deviations.
+CERTAIN = 5.0
+
+#: How far from its top a correlation's fall is measured [s].
+_FALL = 0.025
+
 #: Lags of a likeness below this are chance, or another mechanism than the one looked for.
 LIKE = 0.6
 
@@ -54,6 +60,7 @@ class Lag(NamedTuple):
         seconds: Positive where `channel` comes late [s].
         likeness: Multiple correlation at that lag [1].
         usual: Lag up to which nothing is wrong [s].
+        spread: Standard deviation of the lag [s]: noise moves the flat top of a slow motion's correlation far.
     """
 
     channel: str
@@ -61,11 +68,12 @@ class Lag(NamedTuple):
     seconds: float
     likeness: float
     usual: float
+    spread: float = 0.0
 
     @property
     def is_notable(self) -> bool:
         """Whether the channel is out of step."""
-        return self.likeness >= LIKE and abs(self.seconds) > self.usual
+        return self.likeness >= LIKE and abs(self.seconds) > self.usual + CERTAIN * self.spread
 
     def __str__(self) -> str:
         where = "after" if self.seconds >= 0.0 else "before"
@@ -90,18 +98,35 @@ def time_lag(values: Array, references: Array, rate: float, *, longest: float = 
     Returns:
         The lag [s] and the multiple correlation [1]; (0, 0) where something does not move.
     """
+    found = _peak(values, references, rate, longest)
+    return found.seconds, found.likeness
+
+
+class _Peak(NamedTuple):
+    """The top of a correlation over lags."""
+
+    seconds: float
+    likeness: float
+    spread: float
+
+
+def _peak(values: Array, references: Array, rate: float, longest: float = LONGEST) -> _Peak:
     v, refs = values - values.mean(), np.atleast_2d(references)
     refs = refs - refs.mean(axis=1, keepdims=True)
     scale = np.linalg.norm(refs, axis=1)
     energy = float(v @ v)
     if energy == 0.0 or not scale.all():
-        return 0.0, 0.0
+        return _Peak(0.0, 0.0, 0.0)
     refs = refs / scale[:, None]
     reach = max(1, min(v.size - 2, round(longest * rate)))
     products = _products(v, refs, reach)
     explained = np.einsum("cl,cl->l", products, np.linalg.lstsq(refs @ refs.T, products, rcond=1e-10)[0]) / energy
     best = int(np.argmax(explained))
-    return (best - reach + _vertex(explained, best)) / rate, float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
+    likeness = float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
+    # What is differentiated twice has its noise in the last third of the band.
+    independent = 2.0 / 3.0 * min(BAND, 0.4 * rate) * v.size / rate
+    spread = _spread(explained, best, max(1, round(_FALL * rate)), independent) / rate
+    return _Peak((best - reach + _vertex(explained, best)) / rate, likeness, spread)
 
 
 def _products(v: Array, refs: Array, reach: int) -> Array:
@@ -148,7 +173,10 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     )
     changes = [
         late._replace(
-            seconds=late.seconds - early.seconds, likeness=min(early.likeness, late.likeness), usual=2.0 * SAME_LAG
+            seconds=late.seconds - early.seconds,
+            likeness=min(early.likeness, late.likeness),
+            usual=2.0 * SAME_LAG,
+            spread=float(np.hypot(early.spread, late.spread)),
         )
         for early, late in pairs
     ]
@@ -202,6 +230,18 @@ def shifted(series: TimeSeries, delays: Mapping[str, float]) -> TimeSeries:
     late, early = max(0.0, *moved.values()), max(0.0, *(-delay for delay in moved.values()))
     kept = slice(int(np.ceil(early / step - 1e-9)), len(series) - int(np.ceil(late / step - 1e-9)))
     return TimeSeries(time[kept], values[:, kept], series.names, series.units)
+
+
+def _spread(explained: Array, top: int, reach: int, independent: float) -> float:
+    """Return the standard deviation of a top's place in samples.
+
+    The share that a lag explains falls from its top E by E (w l)^2, w the motion's RMS frequency, and noise moves the
+    top by sqrt((1 - E) / (n E)) / w, n the number of independent samples. The fall is measured `reach` samples to
+    either side: nearer, ripples of the noise are in it.
+    """
+    at, last = float(explained[top]), explained.size - 1
+    fall = at - 0.5 * float(explained[max(0, top - reach)] + explained[min(last, top + reach)])
+    return reach * float(np.sqrt(max(0.0, 1.0 - at) / (independent * fall))) if fall > 0.0 else np.inf
 
 
 _AT_CORNERS = (
@@ -264,8 +304,8 @@ class _Compared:
         return self._lag("tire_force", "the accelerometers", total, inertia, SAME_LAG)
 
     def _lag(self, channel: str, against: str, values: Array, references: Array, usual: float) -> Lag:
-        seconds, likeness = time_lag(values, references, self._rate)
-        return Lag(channel, against, seconds, likeness, max(usual, 0.5 / self._rate))
+        top = _peak(values, references, self._rate)
+        return Lag(channel, against, top.seconds, top.likeness, max(usual, 0.5 / self._rate), top.spread)
 
     def _sum(self, quantity: str, corners: Sequence[str]) -> Array:
         return np.asarray(np.sum([self._low[_name(corner, quantity)] for corner in corners], axis=0))
