@@ -1,14 +1,15 @@
 """The setup study: what 2401 setups of seven builds cost on the shipped car, and how well they are coupled.
 
-    python benchmarks/study.py [--quick] [--workers NUMBERS] [--json FILE]
+    python benchmarks/study.py [--quick] [--workers NUMBERS] [--peers] [--json FILE]
 
 Seven builds (examples/bank) at four corners, a 33 s lap, 26 measures, accuracy 0.2 %; with --quick three builds: 81
 setups. Prints Markdown; --json leaves rows {path, setups, seconds, workers, coupling_error_percent, checked_percent,
 cpu_seconds}. `seconds` is wall time of all but building FMUs: beginning the workers, choosing the coupling,
 running, measuring, writing the table. `coupling_error_percent` is the largest that a row states; `checked_percent` the
 largest found on five drawn setups against runs at an eighth of the step, over bond velocities and forces and tire
-forces, in percent of each signal's standard deviation. `cpu_seconds` is the workers' processor time. Times are of this
-machine and this run.
+forces, in percent of each signal's standard deviation. `cpu_seconds` is the workers' processor time. With --workers
+1,2 a second table has the parallel efficiency: time of one worker over time of all times their number. --peers adds
+what other engines would take (benchmarks/study_peers.py). Times are of this machine and this run.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.study_peers import Cost, peer_costs
+from benchmarks.study_peers import markdown as peers_table
 from builder.build import build
 from cosim.difference import difference
 from cosim.study import Study, StudyResult
@@ -47,13 +50,18 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Run the table."""
+    """Run the tables."""
     options = _options()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         study = shipped_study(folder, builds=3 if options.quick else 7)
         found = [measure(study, folder / f"{count}", count) for count in options.workers]
-    print(markdown(found))
+        print(markdown(found))
+        if len(found) > 1:
+            print(f"\n{efficiency(found)}")
+        if options.peers:
+            result = StudyResult.load(folder / f"{options.workers[-1]}" / "results.parquet")
+            print(f"\n{beside_peers(result, found[-1], folder / 'peers')}")
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
@@ -119,6 +127,25 @@ def markdown(rows: list[Row]) -> str:
     return "\n".join([head, f"|{'---|' * 7}", *cells])
 
 
+def efficiency(rows: list[Row]) -> str:
+    """Return how well more workers than the first row's share the work."""
+    first = rows[0]
+    head = "| workers | wall [s] | speed-up | parallel efficiency |"
+    cells = (
+        f"| {r['workers']} | {r['seconds']:.1f} | {first['seconds'] / r['seconds']:.2f} | "
+        f"{first['seconds'] * first['workers'] / (r['seconds'] * r['workers']):.0%} |"
+        for r in rows
+    )
+    return "\n".join([head, f"|{'---|' * 4}", *cells])
+
+
+def beside_peers(result: StudyResult, row: Row, folder: Path) -> str:
+    """Return what other engines would take for the study, as a table."""
+    step, setups, workers = coupling_of(result).step, row["setups"], row["workers"]
+    ours = Cost("eightpost", 1.0 / step, row["checked_percent"], row["seconds"] * workers / setups)
+    return peers_table(list(peer_costs(result, folder)), ours, result.study.accuracy, setups, workers)
+
+
 def _children() -> float:
     """Processor time of worker processes that have ended [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -129,6 +156,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three builds: 81 setups")
     parser.add_argument("--workers", type=_counts, default=(os.cpu_count() or 1,), help="numbers, by commas: 1,2")
+    parser.add_argument("--peers", action="store_true", help="other engines too: fmpy, libcosim")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

@@ -83,7 +83,7 @@ def test_ctrl_c_in_the_terminal_leaves_what_is_done_and_the_next_call_goes_on(fi
     assert called.returncode == 1 and "partial" in said and "Traceback" not in said, said
     first = StudyResult.load(out / "results.parquet")
     assert first.partial and first.done.all() and 0 < len(first) < 16
-    again = CliRunner().invoke(main, [*command[3:]])
+    again = CliRunner().invoke(main, [*command[3:-1], "1"])  # one worker more to begin would tell nothing more
     assert again.exit_code == 0 and f"16 setups, {16 - len(first)} to be run" in again.output
 
 

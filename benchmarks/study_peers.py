@@ -1,0 +1,136 @@
+"""What the study of 2401 setups would take with other engines, beside ours and the dissertation's 20 hours.
+
+One setup of the study (its baseline) runs in a loop over fmpy and in libcosim (benchmarks/engines): the same FMUs, the
+same lap, values exchanged at the start of each step and held, which is what both do. Measured is the time of the loop
+alone, without loading, recording ten outputs and four forces; all else that a study does is left out in their favour.
+Errors are against our own run at an eighth of the study's step, as those of the study's rows: of shock velocities and
+tire forces, worst corner, in percent of the standard deviation. The exchange is of first order, so the rate at which
+its error would be the study's accuracy follows from the finest rate's error; time is in proportion to the rate.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.engines.drive_fmu import write_drive
+from benchmarks.engines.job import CORNERS, Diverged, Job, Recording
+from benchmarks.engines.peers import PEERS, run_peer
+from cosim.study import StudyResult
+from cosim.study.running.evaluator import Evaluator
+from cosim.study.running.trace import coupling_of
+from eightpost.signals import Drivefile, TimeSeries
+
+Array = NDArray[np.float64]
+
+#: Engines that are run, and at which rates [Hz].
+ENGINES, RATES = ("fmpy", "libcosim"), (1000.0, 4000.0)
+
+#: An error that is no error any more [%].
+_LOST = 100.0
+
+#: What the dissertation estimates for the same number of setups (Table 7.1) [s].
+DISSERTATION = 20.0 * 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What one setup costs in an engine.
+
+    Attributes:
+        engine: Its name.
+        rate: Coupling steps per second [Hz].
+        error: The larger one of shock velocity and tire force [%]; None where it diverged.
+        seconds: Wall time of the steps [s].
+    """
+
+    engine: str
+    rate: float
+    error: float | None
+    seconds: float
+
+    def at(self, accuracy: float) -> Cost | None:
+        """Return the cost at the rate at which a scheme of first order has this error [%]; None where it diverged."""
+        if self.error is None:
+            return None
+        more = max(self.error / accuracy, 1.0)
+        return replace(self, rate=more * self.rate, error=self.error / more, seconds=more * self.seconds)
+
+
+def peer_costs(result: StudyResult, folder: Path, rates: Sequence[float] = RATES) -> Iterator[Cost]:
+    """Run the baseline of a study in the engines that are installed."""
+    fine = _reference(result)
+    _lay_out(result, folder)
+    for peer in (peer for peer in PEERS if peer.engine in ENGINES and peer.version):
+        works = {rate: folder / f"{peer.module}_{rate:g}" for rate in rates}
+        for work in works.values():
+            work.mkdir()
+        jobs = [
+            Job(str(folder), peer.schemes[0], rate, float(fine.time[-1]), str(work)) for rate, work in works.items()
+        ]
+        for job, found in zip(jobs, run_peer(peer, jobs), strict=True):
+            yield _cost(peer.engine, job.rate, found, fine.window(result.study.settling, fine.time[-1]))
+
+
+def _cost(engine: str, rate: float, found: Recording | Diverged, fine: TimeSeries) -> Cost:
+    if isinstance(found, Diverged):
+        return Cost(engine, rate, None, float("nan"))
+    at = np.searchsorted(found.time, fine.time - 1e-7)
+    return Cost(engine, rate, _error(found.values[:8, np.minimum(at, found.time.size - 1)], fine.values), found.seconds)
+
+
+def _error(found: Array, fine: Array) -> float | None:
+    """The worst signal's error [%] of its standard deviation; None where it is as large as the signal itself."""
+    worst = float(np.max(100.0 * np.sqrt(np.mean((found - fine) ** 2, axis=1)) / np.std(fine, axis=1)))
+    return worst if worst < _LOST else None
+
+
+def _reference(result: StudyResult) -> TimeSeries:
+    """Shock velocities and tire forces of the baseline at an eighth of the study's step."""
+    study, coupling = result.study, coupling_of(result)
+    evaluator, drive = Evaluator(study), study.drives[0]
+    names = [f"{study.vehicle.name}.{c}.{what}" for what in ("velocity", "tire_force") for c in CORNERS]
+    setup = study.space.find(study.baseline)
+    fine = evaluator.run(setup, drive, replace(coupling, step=coupling.step / 8.0), extra=names).series
+    return fine.select(names)
+
+
+def _lay_out(result: StudyResult, folder: Path) -> None:
+    """What the engines look for: car.fmu, shock.fmu and the drive."""
+    folder.mkdir(parents=True, exist_ok=True)
+    builds = set(result.study.baseline.values())
+    shutil.copy(result.study.vehicle.fmu, folder / "car.fmu")
+    shutil.copy(result.study.bank[builds.pop()].fmu, folder / "shock.fmu")
+    write_drive(Drivefile.read(result.study.drives[0].file), folder)
+
+
+def markdown(costs: Sequence[Cost], ours: Cost, accuracy: float, setups: int, workers: int) -> str:
+    """Return the costs as a table; times of all setups are those of one, shared by the workers without loss."""
+    head = f"| | rate [Hz] | error [%] | a setup [s] | {setups} setups, {workers} workers |"
+    lines = [head, "|---" * 5 + "|", _line("eightpost study, measured as a whole", ours, setups, workers)]
+    for cost in costs:
+        lines.append(_line(f"{cost.engine}, held values", cost, setups, workers))
+    finest = {cost.engine: cost.at(accuracy) for cost in costs if cost.error is not None}
+    lines += [
+        _line(f"{name}, at that accuracy (by first order)", c, setups, workers) for name, c in finest.items() if c
+    ]
+    return "\n".join([*lines, f"| dissertation (Table 7.1, estimated) | | | 30 | {_duration(DISSERTATION)} |"])
+
+
+def _line(name: str, cost: Cost, setups: int, workers: int) -> str:
+    if cost.error is None:
+        return f"| {name} | {cost.rate:.0f} | diverges | | |"
+    whole = cost.seconds * setups / workers
+    return f"| {name} | {cost.rate:.0f} | {cost.error:.2g} | {cost.seconds:.3g} | {_duration(whole)} |"
+
+
+def _duration(seconds: float) -> str:
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
