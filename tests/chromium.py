@@ -16,7 +16,7 @@ _LAUNCH = (
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
             "--remote-debugging-pipe", "--window-size=1440,900")  # fmt: skip
-_PATIENCE = 30.0
+_PATIENCE = 120.0
 
 
 class Browser:
