@@ -6,15 +6,18 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import cosim
 from builder.build import build
 from cosim.system_file import read_case
+from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.shock import write_shock
 from eightpost.signals import Drivefile, TimeSeries, read_series
@@ -57,7 +60,7 @@ def shorten_study(path):
 
 
 @pytest.mark.slow
-def test_the_commands_of_readme_run_as_they_stand(workplace):
+def test_the_commands_of_readme_run_as_they_stand(workplace, monkeypatch, one_platform):
     text = (ROOT / "README.md").read_text()
     commands = re.findall(r"^eightpost (.*)$", text, re.MULTILINE)
     assert [c.split()[0] for c in commands] == ["inspect", "fit", "build", "check", "run", "study"]
@@ -65,9 +68,12 @@ def test_the_commands_of_readme_run_as_they_stand(workplace):
     case = workplace / "examples" / "seven_dof.toml"
     case.write_text(case.read_text().replace('stop = "30 s"', 'stop = "3 s"'))
     shorten_study(workplace / "examples" / "study.toml")
+    monkeypatch.chdir(workplace)
     for command in commands:
-        ran = python("-m", "eightpost", *command.split(), cwd=workplace)
-        assert ran.returncode == 0, f"{command}\n{ran.stdout}\n{ran.stderr}"
+        # What `build` makes is checked for all platforms; the study's eight FMUs are only stepped.
+        with one_platform() if command.startswith("study") else nullcontext():
+            ran = CliRunner().invoke(main, command.split())
+        assert ran.exit_code == 0, f"{command}\n{ran.output}\n{ran.exception!r}"
     series = read_series(workplace / "out" / "series.parquet")
     assert series.time[-1] == pytest.approx(3.0)
     assert 0.02 < series["car.lf.velocity"].std() < 0.3
