@@ -17,18 +17,22 @@ COULOMB = convert(15.0, "lbf", "N")
 BASELINE, ALTERNATE = (convert(rate, "lbf/(in/s)", "N.s/m") for rate in (17.5, 8.0))
 
 
-def rig_tests(coulomb: float, seed: int, noise: float = 0.01) -> list[TimeSeries]:
+def rig_tests(
+    coulomb: float, seed: int, noise: float = 0.01, *, progression: float = 0.0, noise_seed: int = 0
+) -> list[TimeSeries]:
     """Baseline and alternate damper, 60 s each, at 125 Hz."""
     one = np.ones((1, 1))
     stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
-    car = replace(quarter_truth(), friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one))
+    car = quarter_truth()
+    springs = replace(car.springs, progression=progression * one)
+    car = replace(car, friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one), springs=springs)
     return [
         _at_125_hz(
             run_test(
                 car,
                 random_drive(car, seed + k, duration=60.0),
                 (LinearDamper(damping),),
-                seed=seed + k,
+                seed=seed + k + 1000 * noise_seed,
                 sensors=RigSensors.perfect(relative=noise),
                 drift=NO_DRIFT,
             ).series

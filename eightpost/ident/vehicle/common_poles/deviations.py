@@ -33,7 +33,7 @@ _SECONDS, _FREQUENCIES = 60.0, 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TestDrive:
+class Excitation:
     """Spectra of what drove a test.
 
     Attributes:
@@ -47,7 +47,7 @@ class TestDrive:
     spectra: Complex
 
     @classmethod
-    def of(cls, test: TimeSeries, names: Sequence[str], band: tuple[float, float]) -> TestDrive:
+    def of(cls, test: TimeSeries, names: Sequence[str], band: tuple[float, float]) -> Excitation:
         """Return the drive in the first minute of a record, in a band [Hz]."""
         rows = np.stack([test[name] for name in names])[:, : round(_SECONDS * test.sample_rate)]
         rows = (rows - rows.mean(axis=1, keepdims=True)) * np.hanning(rows.shape[1])
@@ -89,7 +89,7 @@ def output_trust(
     frequency = np.geomspace(*found.band, _FREQUENCIES)
     whole = np.abs(found.model.frequency_response(frequency))
     response = _relative(response_deviation(models, frequency), whole)
-    drive = TestDrive.of(tests[0], experiment.rig, found.band)
+    drive = Excitation.of(tests[0], experiment.rig, found.band)
     sizes = drive.rms(found.model, experiment.baseline_damping)
     scatter = spread(models, lambda model: drive.rms(model, experiment.baseline_damping))
     measure = (scatter / np.maximum(sizes, 1e-300)).max(axis=0)
