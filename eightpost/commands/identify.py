@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eightpost import units
+from eightpost.commands.identify_static import with_static_state
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
 from eightpost.ident.vehicle.baseline import Baseline, find_baseline
@@ -54,6 +55,8 @@ _NOT_ACCEPTABLE = 0.3
 @click.option("--settling", default="0 s", show_default=True, help="Left out at the start of every record.")
 @click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
               help="Rate, settling, delays and geometry from a file (docs/rig_data.md), in their place.")  # fmt: skip
+@click.option("--static", "static_files", metavar="RIG", multiple=True, type=click.Path(path_type=Path),
+              help="Tests that hold loads: the car's static tire forces and ride heights (6.4.4).")  # fmt: skip
 @click.option("--output-channels", metavar="NAMES", help="Outputs of the model, by commas; default: all it can have.")
 @click.option("--name", help="Of the vehicle; default: the output's name.")
 @click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig.md.")
@@ -71,6 +74,7 @@ def identify(  # one parameter per option
     rate: str,
     settling: str,
     preparation: Path | None,
+    static_files: tuple[Path, ...],
     output_channels: str | None,
     name: str | None,
     map_file: Path | None,
@@ -86,6 +90,7 @@ def identify(  # one parameter per option
     Examples:
       eightpost identify rig/*.parquet -o car.json
       eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
+      eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
       eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
     """
     console = Console()
@@ -98,6 +103,8 @@ def identify(  # one parameter per option
     found = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
     experiment = _experiment(prepared, found, damping, name or output.stem, output_channels)
     _say_baseline(console, rig_files, found)
+    if static_files:
+        experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
     with console.status(f"identifying {len(experiment.outputs)} outputs of {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in found.order], experiment)
     _show(console, fit)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.ident.vehicle.holds import holds
 from eightpost.ident.vehicle_validation.comparison import quantity
 
 if TYPE_CHECKING:
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 
 #: What has a level.
 _STATIC = ("displacement", "tire_force", "ride_height")
-
-#: Loads that change by less than this part of their range over `_LOOK` [s] are held; a hold lasts `_SHORTEST` [s].
-_STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,28 +62,17 @@ def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[
     if not there:
         return ()
     rows = np.stack([measured[name] for name in there])
-    holds = _holds(rows, measured.sample_rate)
-    if len(holds) < 2:
+    held = holds(rows, measured.sample_rate)
+    if len(held) < 2:
         return ()
     signs = np.sign(rows @ rows[0])  # pitch and roll pull where others push
     names = [name for name in predicted.names if name in measured and quantity(name) in _STATIC]
-    load = _levels(signs @ rows, holds)
+    load = _levels(signs @ rows, held)
     return tuple(
-        StaticOutput(n, measured.unit(n), load, _levels(measured[n], holds), _levels(predicted[n], holds))
-        for n in names
+        StaticOutput(n, measured.unit(n), load, _levels(measured[n], held), _levels(predicted[n], held)) for n in names
     )
 
 
-def _holds(rows: Array, rate: float) -> list[slice]:
-    """Return the second half of every hold, where what rang has settled."""
-    look = max(1, round(_LOOK * rate))
-    change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
-    still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))
-    edges = np.flatnonzero(np.diff(still.astype(int)))
-    spans = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST * rate]
-    return [slice((start + stop) // 2, stop) for start, stop in spans]
-
-
-def _levels(values: Array, holds: Sequence[slice]) -> Array:
-    found = np.array([values[hold].mean() for hold in holds])
+def _levels(values: Array, held: Sequence[slice]) -> Array:
+    found = np.array([values[hold].mean() for hold in held])
     return np.asarray(found - found.mean())

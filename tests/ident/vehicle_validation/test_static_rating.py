@@ -1,0 +1,98 @@
+"""The static rating against a car whose stiffness is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.errors import InputError
+from eightpost.ident.vehicle.static_rating import rate_statically
+from eightpost.rig.post import NO_DRIFT, Car, LinearDamper, RigSensors, run_test, stand_in_truth, static_drive
+from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.signals import TimeSeries
+
+LOADS = ("lf.aero", "rf.aero", "lr.aero", "rr.aero")
+
+
+@pytest.fixture(scope="module")
+def straight() -> Car:
+    """The stand-in without friction, on straight springs: then its stiffness matrix is exact."""
+    car = stand_in_truth().without_friction()
+    zero = np.zeros_like(car.springs.progression)
+    return replace(car, springs=replace(car.springs, progression=zero, stop_gap=zero + np.inf))
+
+
+@pytest.fixture(scope="module")
+def records(straight: Car) -> list[TimeSeries]:
+    """Heave, pitch, roll, warp, so gentle that no tire lifts."""
+    return [_held(straight, kind) for kind in ("heave", "pitch", "roll", "warp")]
+
+
+def _held(car: Car, kind: str) -> TimeSeries:
+    drive = static_drive(car, kind, most=1000.0, levels=2, hold=3.0)
+    sensors = RigSensors.perfect()
+    return run_test(car, drive, [LinearDamper(9e3)] * 4, sensors=sensors, drift=NO_DRIFT).series.resample(125.0)
+
+
+def _stiffness(car: Car) -> np.ndarray:
+    """The spring matrix between the aeroloaders, from the car's own elements by virtual work."""
+    springs, tires = car.springs.rate[:, 0], car.tires.stiffness[:, 0]
+    whole = car.stiffness + car.spring.T @ np.diag(springs) @ car.spring + car.wheel.T @ np.diag(tires) @ car.wheel
+    return np.linalg.inv(car.load @ np.linalg.solve(whole, car.load.T))
+
+
+def test_the_spring_matrix_is_that_of_the_cars_elements(straight: Car, records: list[TimeSeries]) -> None:
+    found = rate_statically(records, LOADS)
+    assert found.stiffness is not None
+    assert found.unexplained is not None
+    exact = _stiffness(straight)
+    np.testing.assert_allclose(found.stiffness, exact, atol=5e-3 * np.abs(exact).max())
+    assert found.unexplained.max() < 0.01
+
+
+def test_the_matrix_of_the_modes_is_that_of_the_aeroloaders_transformed(
+    straight: Car, records: list[TimeSeries]
+) -> None:
+    found = rate_statically(records, LOADS)
+    assert found.modal is not None
+    assert straight.geometry is not None
+    T_f, T_x = force_modes(straight.geometry), displacement_modes(straight.geometry)
+    expected = T_f @ _stiffness(straight) @ np.linalg.inv(T_x)
+    np.testing.assert_allclose(found.modal, expected, atol=5e-3 * np.abs(expected).max())
+
+
+def test_tires_carry_the_car_at_zero_load(straight: Car, records: list[TimeSeries]) -> None:
+    found = rate_statically(records, LOADS)
+    for corner, load in zip(straight.corners, straight.tires.static_load[:, 0], strict=True):
+        assert found.zero[f"{corner}.tire_force"] == pytest.approx(load, rel=2e-3)
+    assert abs(found.zero["front.ride_height"]) < 1e-4
+
+
+def test_one_way_of_loading_gives_levels_and_no_matrix(straight: Car, records: list[TimeSeries]) -> None:
+    found = rate_statically(records[:1], LOADS)
+    assert found.stiffness is None
+    assert found.zero["lf.tire_force"] == pytest.approx(float(straight.tires.static_load[0, 0]), rel=2e-3)
+
+
+def test_levels_at_which_a_tire_carries_nothing_are_left_out(straight: Car, records: list[TimeSeries]) -> None:
+    lifting = run_test(
+        straight,
+        static_drive(straight, "rf.aero", most=-12e3, levels=4, hold=3.0),
+        [LinearDamper(9e3)] * 4,
+        sensors=RigSensors.perfect(),
+        drift=NO_DRIFT,
+    ).series.resample(125.0)
+    found = rate_statically([*records, lifting], LOADS)
+    assert found.lifted > 0
+    assert found.zero["rf.tire_force"] == pytest.approx(float(straight.tires.static_load[1, 0]), rel=2e-3)
+
+
+def test_records_that_hold_nothing_are_refused(records: list[TimeSeries]) -> None:
+    time = np.arange(1000) / 125.0
+    moving = TimeSeries.from_channels(time, {"lf.aero": ("N", 1e3 * np.sin(6.0 * time)), "lf.tire_force": ("N", time)})
+    with pytest.raises(InputError, match="0 levels"):
+        rate_statically([moving], ["lf.aero"])
+    with pytest.raises(InputError, match="none of the loads"):
+        rate_statically(records, ["aero_force"])
