@@ -7,7 +7,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.laws.compiled import _number_of, lagged_columns, machine, stepped_force
+from eightpost.ident.shock.laws.compiled import lagged_columns, machine, number_of, stepped_force
 from eightpost.ident.shock.record.lagging import lag
 from eightpost.shock import Maxwell
 
@@ -44,7 +44,7 @@ def test_it_is_looked_for_under_another_number_when_a_file_changes(tmp_path):
         path.write_text(f"def core(x):\n    return {factor} * x\n")
         module = module_from_spec(spec_from_file_location("law", path))
         module.__spec__.loader.exec_module(module)
-        numbers.append(_number_of({module.core}))
+        numbers.append(number_of({module.core}))
     assert numbers[0] != numbers[1]
     assert min(numbers) > 0
 

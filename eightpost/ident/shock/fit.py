@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.ident.shock.record.runs import Runs
+    from eightpost.ident.shock.solvers.sketch import Sketch
     from eightpost.ident.shock.solvers.solution import Solution
 
     Array = NDArray[np.float64]
@@ -176,27 +177,39 @@ def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str]
     """Return the solution, what was held on the way, and how many samples were weighed down."""
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     gas, held = gas_columns(runs, choices.gas)
-    joint = Joint(choices.shape, choices.order)
     dynamics = dynamics_for(LAWS[law], limits)
     models = Models(runs, gas, dynamics)
-    solution = (Boggs() if choices.recipe == "boggs" else joint).fit(models)
     notes = [*dynamics.changes(), *models.changes, *held]
-    weigh = None if choices.recipe == "boggs" else weights_for(choices.robust)
-    if weigh is None:
-        return solution, notes, 0
-    first = solution
-    for count in range(_WEIGHINGS):
-        residual = solution.model.rows(solution.parameters) - runs.target
-        weights = weigh(residual, runs.deviation)
-        if np.abs(weights - solution.model.runs.weights).max() < 0.05:
-            break
-        if count and (weights == first.model.runs.weights).all():
-            solution = first  # no outliers after all; to weigh again would go round in a circle
-            break
-        # The order of the curve may change when outliers first lose their weight, and then no more.
-        solution = joint.refit(solution, weights) if count else joint.fit(Models(runs.weighted(weights), gas, dynamics))
+    if choices.recipe == "boggs":
+        return Boggs().fit(models), notes, 0
+    solution = _weighed(Joint(choices.shape, choices.order), models, weights_for(choices.robust))
     down = weighed_down(solution.model.runs.weights)
     samples = round(down * runs.measured.size / runs.weights.size)
     if samples:
         notes.append(f"{samples} samples ({100.0 * down / runs.weights.size:.2g} %) were weighed down as outliers")
     return solution, notes, samples
+
+
+def _weighed(joint: Joint, models: Models, weigh: Callable[[Array, float], Array] | None) -> Solution:
+    """Return the solution at the weights of its own errors; without `weigh` all weigh alike."""
+    if weigh is None:
+        return joint.fit(models)
+    sketch = _outliers_weighed(joint, joint.sketch(models), weigh)
+    whole = joint.finished(sketch)
+    if not sketch.is_final and (sketch.weights < 1.0).any():
+        whole = joint.weighed(whole, weigh(whole.error, models.runs.deviation))
+    return joint.solution(whole)
+
+
+def _outliers_weighed(joint: Joint, first: Sketch, weigh: Callable[[Array, float], Array]) -> Sketch:
+    """Return a sketch at the weights of its own errors, or nearly so; the last weighing is the whole record's."""
+    sketch = first
+    for count in range(_WEIGHINGS if first.is_final else _WEIGHINGS - 1):
+        weights = weigh(sketch.error, sketch.models.runs.deviation)
+        if np.abs(weights - sketch.weights).max() < 0.05:
+            break
+        if count and (weights == first.weights).all():
+            return first  # no outliers after all; to weigh again would go round in a circle
+        # The order of the curve may change when outliers first lose their weight, and then no more.
+        sketch = joint.weighed(sketch, weights) if count else joint.reordered(sketch, weights)
+    return sketch

@@ -55,15 +55,16 @@ class CurveBasis:
 
         Args:
             velocity: (N,) damper velocity [m/s].
+
+        Returns:
+            With one column behind the other in memory.
         """
         share = self.outer_share(np.abs(velocity))
         reach = 1.0 + 0.5 * self.transition_width / self.transition_speed
-        inner = np.vander(np.clip(velocity / self.transition_speed, -reach, reach), INNER_ORDER + 1, increasing=True)
-        outer = np.vander(
-            (np.abs(velocity) - self.transition_speed) / self.transition_speed, OUTER_ORDER + 1, increasing=True
-        )
-        sides = [np.where(side, share, 0.0)[:, None] * outer for side in (velocity > 0.0, velocity <= 0.0)]
-        return np.hstack([(1.0 - share)[:, None] * inner[:, 1:], *sides])
+        inner = _powers(np.clip(velocity / self.transition_speed, -reach, reach), INNER_ORDER)
+        outer = _powers(np.abs(velocity) / self.transition_speed - 1.0, OUTER_ORDER)
+        sides = [np.where(side, share, 0.0) * outer for side in (velocity > 0.0, velocity <= 0.0)]
+        return np.vstack([(1.0 - share) * inner[1:], *sides]).T
 
     def outer_share(self, speed: Array) -> Array:
         """Return the weight (N,) [1] of the outer cubics at speeds (N,) [m/s], not negative."""
@@ -86,6 +87,14 @@ class CurveBasis:
             ties[start : start + tied.shape[0], :INNER_ORDER] = tied
         ties[:, order:INNER_ORDER] = 0.0
         return ties[:, np.abs(ties).sum(axis=0) > 0.0]
+
+
+def _powers(base: Array, highest: int) -> Array:
+    """Return the powers (highest + 1, N) of a base (N,), from 0 on."""
+    powers = np.ones((highest + 1, base.size))
+    for k in range(highest):
+        np.multiply(powers[k], base, out=powers[k + 1])
+    return powers
 
 
 def _joined(join: Join, sign: float) -> Array:

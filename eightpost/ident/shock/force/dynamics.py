@@ -48,6 +48,10 @@ class Dynamics(ABC):
         """Whether the law takes no curve but one that rises all over."""
         return False
 
+    def sketched_on(self, model: ForceModel) -> ForceModel:
+        """Return the model that starts, shape and outliers are found with: on the thinned record."""
+        return model.coarse
+
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta (k,)."""
         return np.empty(0), np.empty(0)

@@ -126,10 +126,25 @@ class ForceModel:
         by = max((k for k in shared if self.runs.rate / k >= _COARSE_RATE), default=1)
         return self if by == 1 else self.thinned(by)
 
+    def has_curve_of(self, other: ForceModel) -> bool:
+        """Return whether the curve parameters of another model, of a thinned record perhaps, mean the same here."""
+        return self.basis.to_curve is other.basis.to_curve
+
     def with_dynamics(self, dynamics: Dynamics) -> ForceModel:
         """Return the model of another law on the same curve; what was computed of the curve is kept."""
-        other = replace(self, dynamics=dynamics)
-        for name in ("gas_rows", "_spectra"):
-            if name in self.__dict__:
-                other.__dict__[name] = self.__dict__[name]
+        other = self._with_kept(replace(self, dynamics=dynamics))
+        if "coarse" in self.__dict__ and self.coarse is not self:
+            other.__dict__["coarse"] = self.coarse.with_dynamics(dynamics)
+        return other
+
+    def weighted(self, weights: Array) -> ForceModel:
+        """Return the model at other weights (R,) of the rows; what was computed of the curve is kept."""
+        other = self._with_kept(replace(self, runs=self.runs.weighted(weights)))
+        if "coarse" in self.__dict__ and self.coarse is not self:
+            other.__dict__["coarse"] = self.coarse.weighted(weights)
+        return other
+
+    def _with_kept(self, other: ForceModel) -> ForceModel:
+        kept = ("gas_rows", "_spectra")
+        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
         return other

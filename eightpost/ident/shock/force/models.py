@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from eightpost.ident.shock.curve.basis import CurveBasis, working_basis
 from eightpost.ident.shock.force.force_model import ForceModel
+from eightpost.shock.curve import INNER_ORDER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from eightpost.ident.shock.curve.basis import Join
@@ -40,27 +39,41 @@ class Models:
     runs: Runs
     gas: GasColumns
     dynamics: Dynamics
+    _made: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
 
     def __call__(self, join: Join, order: int) -> ForceModel:
-        """Return the model of a join and an order; sides that have too few samples are straight."""
-        basis = working_basis(self.curve, self.runs.velocity, self._ties(join, order))
-        return ForceModel(self.runs, basis, self.gas, self.dynamics)
+        """Return the model of a join and an order, always the same; sides that have too few samples are straight."""
+        found = self._made.get((join, order))
+        if found is None:
+            basis = working_basis(self.curve, self.runs.velocity, self._ties(join, order))
+            found = ForceModel(self.runs, basis, self.gas, self.dynamics)
+        elif found.runs.weights is not self.runs.weights:
+            found = found.weighted(self.runs.weights)
+        self._made[join, order] = found
+        return found
+
+    def weighted(self, weights: Array) -> Models:
+        """Return the models at other weights (R,) of the rows; what was computed of their curves is kept."""
+        return replace(self, runs=self.runs.weighted(weights))
 
     @property
     def curve(self) -> CurveBasis:
         """The functions of the curve at the runs' transition."""
         return CurveBasis(self.runs.first.transition_speed, self.runs.first.transition_width)
 
-    def rows_by_order(self, time_constant: float | None) -> Callable[[int], Array]:
-        """Return what gives the columns (R, n) of an order at the rows, behind one lag [s] if given."""
-        runs = self.runs
+    def order_rows(self, time_constant: float | None) -> Array:
+        """Return columns (R, n) at the rows, behind one lag [s] if given; lower orders leave out the last ones.
+
+        Gas and outer cubics, which join in value and slope, come first, then the powers of the inner polynomial.
+        """
+        runs, ties = self.runs, self._ties("slope", INNER_ORDER)
         design = self.curve.design(runs.velocity).T
         rows = [
             f.rows_of(f.spectrum(design[:, part]), time_constant=time_constant).T
             for f, part in zip(runs.filters, runs.parts, strict=True)
         ]
-        all_rows, gas = np.concatenate(rows), runs.rows(self.gas.columns.T).T
-        return lambda order: np.hstack([all_rows @ self._ties("slope", order), gas])
+        powers, cubics = np.split(np.concatenate(rows) @ ties, [INNER_ORDER], axis=1)
+        return np.hstack([runs.rows(self.gas.columns.T).T, cubics, powers])
 
     def _ties(self, join: Join, order: int) -> Array:
         compression, rebound = ("straight" if side in self.straight else join for side in ("compression", "rebound"))

@@ -57,6 +57,10 @@ class NoLag(Dynamics):
         columns = model.curve_rows()
         return columns, np.empty((columns.shape[0], 0))
 
+    def sketched_on(self, model: ForceModel) -> ForceModel:
+        """Return the model itself: it is linear."""
+        return model
+
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
         """Return the Polylinear law."""
         return Polylinear(curve, port=port)
@@ -85,6 +89,10 @@ class FullLag(Dynamics):
         step = _TAU_STEP * theta[0]
         by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
         return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
+
+    def sketched_on(self, model: ForceModel) -> ForceModel:
+        """Return the model itself: a lag costs next to nothing in its spectrum."""
+        return model
 
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
         """Return the LPF1 law."""
@@ -148,23 +156,35 @@ class FadingLag(Dynamics):
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """In closed form: of F_s, of F_lag and of alpha."""
         static, columns = model.static(b), model.basis.columns.T
-        by_curve, partials = np.empty_like(columns), np.empty((theta.size, static.size))
+        changes = np.empty((columns.shape[0] + theta.size, static.size))
+        by_curve, by_theta = np.split(changes, [columns.shape[0]])
         for p, part in zip(model.runs.prepared, model.runs.parts, strict=True):
-            blend = self.blend(static[part], theta, p.step)
-            here = columns[:, part]
-            by_curve[:, part] = (1.0 - blend.weight + blend.slope) * here
-            by_curve[:, part] += blend.weight * lag(here.T, theta[0], p.step).T
-            partials[:, part] = blend.partials
-        return model.runs.rows(by_curve).T, model.runs.rows(partials).T
+            blend, here = self.blend(static[part], theta, p.step), columns[:, part]
+            lagged = lag(here.T, theta[0], p.step).T
+            lagged *= blend.weight
+            np.multiply(here, 1.0 - blend.weight + blend.slope, out=by_curve[:, part])
+            by_curve[:, part] += lagged
+            by_theta[:, part] = blend.partials
+        by_curve, by_theta = np.split(model.runs.rows(changes), [columns.shape[0]])
+        return by_curve.T, by_theta.T
 
-    def faded_rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """Return the rows (R, n) of the curve's columns with alpha held at that of a curve b: linear, for starts."""
-        tau, full, zero = self.values(theta)
-        weight = np.clip((zero - np.abs(model.static(b))) / (zero - full), 0.0, 1.0)
-        columns = model.basis.columns.T
-        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        behind = [lag(columns[:, part].T, tau, p.step).T - columns[:, part] for p, part in pairs]
-        return model.runs.rows(columns + weight * np.hstack(behind)).T
+    def behind(self, model: ForceModel, time_constant: float) -> Array:
+        """Return what a lag [s] adds to the curve's columns (n, N)."""
+        columns, pairs = model.basis.columns.T, zip(model.runs.prepared, model.runs.parts, strict=True)
+        return np.hstack([lag(columns[:, part].T, time_constant, p.step).T for p, part in pairs]) - columns
+
+    def faded_rows(self, model: ForceModel, static: Array, theta: Array, behind: Array) -> Array:
+        """Return the rows (R, n) of the curve's columns, alpha held at that of a static force: linear, for starts.
+
+        Args:
+            model: Of the force.
+            static: (N,) F_s [N].
+            theta: (3,).
+            behind: (n, N) of theta's lag.
+        """
+        _, full, zero = self.values(theta)
+        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
+        return model.runs.rows(model.basis.columns.T + weight * behind).T
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
         """alpha = 1 up to the peak of the static force."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from functools import cache
-from math import expm1
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
@@ -54,7 +53,7 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
     module = law_module(law)
     advance_core, weight_core = module.advance_core, module.weight_core
     # numba looks for a change in this file only: the number is part of what it finds the code on disk by.
-    number = _number_of(_registered(advance_core, weight_core, valve_force))
+    number = number_of(registered(advance_core, weight_core, valve_force))
 
     def loop(valve: Any, own: Any, velocity: Any, step: Any, force: Any) -> None:
         if number == 0:
@@ -70,38 +69,40 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
             force[n] = weight * lagged + (1.0 - weight) * after
             before = after
 
-    return _kept(loop)
+    return kept(loop)
 
 
 def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
     """Return columns (N, n) behind a first-order lag that varies; each starts where it is.
 
     Args:
-        columns: (N, n), one row behind the other in memory.
+        columns: (N, n), one column behind the other in memory, as what is returned.
         time_constant: (N,) [s]; between two samples their mean.
         step: [s].
     """
-    lagged = np.empty(columns.shape)
-    _lag_machine()(np.ascontiguousarray(columns), time_constant, step, lagged)
-    return lagged
+    lagged = np.empty(columns.shape[::-1])
+    tau = np.maximum(0.5 * (time_constant[:-1] + time_constant[1:]), _SHORTEST_SHARE * step)
+    rise = -np.expm1(-step / tau)
+    _lag_machine()(np.ascontiguousarray(columns.T), rise, 1.0 - rise * tau / step, lagged)
+    return lagged.T
 
 
 @cache
 def _lag_machine() -> Callable[..., None]:
-    def loop(columns: Any, time_constant: Any, step: Any, lagged: Any) -> None:
-        lagged[0] = columns[0]
-        for n in range(1, columns.shape[0]):
-            tau = max(0.5 * (time_constant[n - 1] + time_constant[n]), _SHORTEST_SHARE * step)
-            rise = -expm1(-step / tau)
-            weight = 1.0 - rise * tau / step
-            for j in range(columns.shape[1]):
-                before, start = lagged[n - 1, j], columns[n - 1, j]
-                lagged[n, j] = before + (start - before) * rise + (columns[n, j] - start) * weight
+    def loop(series: Any, rise: Any, weight: Any, lagged: Any) -> None:
+        for j in range(series.shape[0]):
+            before, start = series[j, 0], series[j, 0]
+            lagged[j, 0] = before
+            for n in range(rise.size):
+                end = series[j, n + 1]
+                before += (start - before) * rise[n] + (end - start) * weight[n]
+                lagged[j, n + 1] = before
+                start = end
 
-    return _kept(loop)
+    return kept(loop)
 
 
-def _kept(loop: Callable[..., None]) -> Callable[..., None]:
+def kept(loop: Callable[..., None]) -> Callable[..., None]:
     """Compile a loop, its machine code kept on disk where there is a folder for it."""
     try:
         found: Callable[..., None] = njit(nogil=True, error_model="numpy", cache=True)(loop)
@@ -110,7 +111,7 @@ def _kept(loop: Callable[..., None]) -> Callable[..., None]:
     return found
 
 
-def _registered(*functions: Any) -> set[FunctionType]:
+def registered(*functions: Any) -> set[FunctionType]:
     """Make functions, and all that they call by name, known to the compiler; return them all."""
     found: set[FunctionType] = set()
     waiting = [cast("FunctionType", function) for function in functions]
@@ -131,7 +132,7 @@ def _register(function: FunctionType) -> None:
     register_jitable(function)
 
 
-def _number_of(functions: set[FunctionType]) -> int:
+def number_of(functions: set[FunctionType]) -> int:
     """Return a positive number that changes with the files that functions come from."""
     digest = hashlib.sha256()
     for path in sorted({Path(function.__code__.co_filename) for function in functions}):

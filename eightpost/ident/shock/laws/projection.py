@@ -57,19 +57,20 @@ def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
 
 def fading_starts(model: ForceModel, dynamics: FadingLag, lpf1: Array, count: int) -> list[Array]:
     """Return the best starts (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
-    b, tau = lpf1[: model.curve_count], float(lpf1[-1])
-    peak = float(np.abs(model.static(b)).max())
+    static = model.static(lpf1[: model.curve_count])
+    taus = np.minimum(float(lpf1[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
     starts = []
-    for theta in _fading_thetas(dynamics, tau, peak):
-        linear, cost = projected(model, dynamics.faded_rows(model, b, theta))
-        starts.append((cost, np.append(linear, theta)))
+    for tau in taus.tolist():
+        behind = dynamics.behind(model, tau)
+        for theta in _fading_thetas(dynamics, tau, float(np.abs(static).max())):
+            linear, cost = projected(model, dynamics.faded_rows(model, static, theta, behind))
+            starts.append((cost, np.append(linear, theta)))
     starts.sort(key=lambda start: start[0])
     return [parameters for _, parameters in starts[:count]]
 
 
 def _fading_thetas(dynamics: FadingLag, tau: float, peak: float) -> Iterable[Array]:
-    for share in _TAU_SHARES:
-        for full in _FULL_SHARES:
-            for zero in _ZERO_SHARES:
-                if zero > full:
-                    yield dynamics.theta(share * tau, full * peak, zero * peak)
+    for full in _FULL_SHARES:
+        for zero in _ZERO_SHARES:
+            if zero > full:
+                yield dynamics.theta(tau, full * peak, zero * peak)

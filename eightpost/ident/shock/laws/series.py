@@ -1,4 +1,4 @@
-"""Maxwell's law in the fit: stepped by its own functions, its derivatives from its equation.
+"""Maxwell's law in the fit: marched on a table of the curve, its derivatives from its equation.
 
 With F = f(w) and dF/dt = k (v - w), a change D of the force obeys, to first order,
 
@@ -10,53 +10,83 @@ a first-order lag that varies: one pass over the record gives the derivatives by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from eightpost.ident.shock.laws.compiled import lagged_columns
+from eightpost.ident.shock.laws.spring import Table, spring_force
 from eightpost.ident.shock.laws.stepped import SteppedLaw
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from eightpost.ident.shock.curve.basis import WorkingBasis
     from eightpost.ident.shock.force.force_model import ForceModel
 
     Array = NDArray[np.float64]
 
-#: Points of the table of the curve that w is looked up in.
+#: Points of the table of the curve: between them it is straight, to a hundredth of a newton.
 _TABLE = 4001
+
+
+class _Looked(NamedTuple):
+    """Where a force lies in the table: velocities w (N,) [m/s], slopes f'(w) (N,) [N.s/m], columns at w (N, n)."""
+
+    velocity: Array
+    slope: Array
+    columns: Array
 
 
 @dataclass(frozen=True)
 class SeriesSpring(SteppedLaw):
     """Maxwell: theta = (ln k,), k [N/m] the stiffness in series with the valves."""
 
+    def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        table, stiffness = _table(model.basis, b), float(np.exp(theta[0]))
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        return np.concatenate([spring_force(table, stiffness, model.runs.velocity[part], p.step) for p, part in pairs])
+
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """By one pass of a lag that varies over the curve's columns at w."""
-        force, stiffness = self.force(model, b, theta), float(np.exp(theta[0]))
-        through, slope = _through_valves(model, b, force)
-        strain = slope * (model.runs.velocity - through)
-        columns = np.column_stack([model.basis.at(through), strain])
+        found, stiffness = _looked_up(model.basis, b, self.force(model, b, theta)), float(np.exp(theta[0]))
+        strain = found.slope * (model.runs.velocity - found.velocity)
+        columns = np.vstack([found.columns.T, strain]).T
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        lagged = [lagged_columns(columns[part], slope[part] / stiffness, p.step) for p, part in pairs]
+        lagged = [lagged_columns(columns[part], found.slope[part] / stiffness, p.step) for p, part in pairs]
         rows = model.runs.rows(np.concatenate(lagged).T).T
         return rows[:, :-1], rows[:, -1:]
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
         """k = slope / tau, the slope being the curve's mean over the samples."""
         b = lpf1[: model.curve_count]
-        _, slope = _through_valves(model, b, model.static(b))
+        slope = _looked_up(model.basis, b, model.static(b)).slope
         low, high = self.bounds()
         return np.clip(np.log([float(slope.mean()) / float(lpf1[-1])]), low, high)
 
 
-def _through_valves(model: ForceModel, b: Array, force: Array) -> tuple[Array, Array]:
-    """Return the velocity w (N,) [m/s] at which a curve b gives a force (N,) [N], and its slope f'(w) there."""
-    velocity = np.linspace(model.runs.velocity.min(), model.runs.velocity.max(), _TABLE)
-    static = model.basis.at(velocity) @ b
-    slope = np.maximum(np.gradient(static, velocity), 1.0)
-    # A curve on its way to its minimum may fall: what is looked up in must not.
-    rising = np.maximum.accumulate(static) + 1e-9 * np.arange(_TABLE)
-    through = np.interp(force, rising, velocity)
-    return through, np.interp(through, velocity, slope)
+@lru_cache(maxsize=4)
+def _grid(basis: WorkingBasis) -> tuple[Array, Array]:
+    """Return the table's velocities (M,) [m/s] and the basis's columns there (M, n)."""
+    velocity = np.linspace(basis.grid[0], basis.grid[-1], _TABLE)
+    return velocity, np.asfortranarray(basis.at(velocity))
+
+
+def _table(basis: WorkingBasis, b: Array) -> Table:
+    """Return a curve b as a table; a curve on its way to its minimum may fall: what is looked up in must not."""
+    velocity, columns = _grid(basis)
+    rising = np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE)
+    return Table(float(velocity[0]), float(velocity[1] - velocity[0]), rising)
+
+
+def _looked_up(basis: WorkingBasis, b: Array, force: Array) -> _Looked:
+    """Look forces (N,) [N] up on a curve b."""
+    velocity, columns = _grid(basis)
+    slope = np.maximum(np.gradient(columns @ b, velocity), 1.0)
+    place = np.interp(force, _table(basis, b).force, np.arange(float(_TABLE)))
+    cell = np.minimum(place.astype(np.intp), _TABLE - 2)
+    share = place - cell
+    series = np.take(columns.T, cell, axis=1) * (1.0 - share) + np.take(columns.T, cell + 1, axis=1) * share
+    between = velocity[0] + place * (velocity[1] - velocity[0])
+    return _Looked(between, slope[cell] * (1.0 - share) + slope[cell + 1] * share, series.T)

@@ -23,13 +23,16 @@ from eightpost.ident.shock.laws.closed import FadingLag, FullLag, NoLag
 from eightpost.ident.shock.laws.projection import best_lag, projected
 from eightpost.ident.shock.solvers.order import choose_order
 from eightpost.ident.shock.solvers.problem import Problem
+from eightpost.ident.shock.solvers.sketch import Sketch, sketched
 from eightpost.shock.curve import INNER_ORDER
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from eightpost.ident.shock.curve.shape import Shape
-    from eightpost.ident.shock.force.dynamics import Dynamics
+    from eightpost.ident.shock.curve.basis import WorkingBasis
+    from eightpost.ident.shock.curve.shape import Hold, Shape
     from eightpost.ident.shock.force.force_model import ForceModel
     from eightpost.ident.shock.force.models import Models
     from eightpost.ident.shock.solvers.problem import Minimum
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
 #: How many starts of LPNL2 are followed to their minimum, beside LPF1's own solution.
 _FOLLOWED = 2
 
-#: Tolerance of the guides on the thinned record: which start is best is known long before its minimum is.
+#: Tolerance of the guides: which start is best is known long before its minimum is.
 _GUIDE = 1e-3
 
 #: Freedom at the transition must lower the sum of squares by this share; four parameters win 0.4 % by chance.
@@ -59,6 +62,9 @@ _HELD = {
 class Joint:
     """All parameters together; LPNL2 is never worse than LPF1, for it starts from there.
 
+    A law is sketched first, on a part of the samples where they are costly; outliers are weighed there too. What is
+    found is then followed to its minimum on the whole record.
+
     Attributes:
         shape: What the curve may do.
         order: Of the inner polynomial; None: by cross-validation.
@@ -68,85 +74,137 @@ class Joint:
     order: int | None = None
     ceiling = float("inf")
 
-    def fit(self, models: Models) -> Solution:
-        """Return the least-squares solution.
+    def sketch(self, models: Models) -> Sketch:
+        """Return the minimum on the record that the law is sketched on.
 
         Args:
             models: Gives the model of an order whose cubics join the inner polynomial in a certain way.
         """
-        highest = models("slope", self.order or INNER_ORDER)
-        tau = _lag_of(highest)
-        order = self.order or choose_order(models.runs, models.rows_by_order(tau))
-        tied = highest if order == INNER_ORDER else models("slope", order)
-        free = models("free", order)
-        minimum = self._minimum(tied, free, tau)
+        tau = _lag_of(models("slope", self.order or INNER_ORDER))
+        return self._search(models, self._order(models, tau), tau)
+
+    def weighed(self, sketch: Sketch, weights: Array) -> Sketch:
+        """Return a sketch at other weights (R,) of the rows, from where it is: same order, cubics joined alike."""
+        model = sketch.whole.weighted(weights)
+        problem = Problem(model) if sketch.is_final else sketched(model)
+        return replace(sketch, minimum=self._on(problem, sketch.minimum), models=sketch.models.weighted(weights))
+
+    def reordered(self, sketch: Sketch, weights: Array) -> Sketch:
+        """Return a sketch at other weights (R,), for which the curve may be of another order."""
+        models = sketch.models.weighted(weights)
+        order = self._order(models, sketch.tau)
+        return self.weighed(sketch, weights) if order == sketch.order else self._search(models, order, sketch.tau)
+
+    def fit(self, models: Models) -> Solution:
+        """Return the least-squares solution of models on the whole record."""
+        return self.solution(self.finished(self.sketch(models)))
+
+    def finished(self, sketch: Sketch) -> Sketch:
+        """Return the minimum that a sketch leads to on the whole record, its cubics released where worthwhile."""
+        if sketch.is_final:
+            return sketch
+        model = sketch.whole
+        minimum = self._on(Problem(model), sketch.minimum)
+        if not model.dynamics.needs_rise:
+            minimum = self._settled(minimum, sketch.models("free", sketch.order))
+        if sketch.lpf1 is not None and isinstance(model.dynamics, FadingLag):
+            like = _like(sketch.lpf1, model.dynamics, sketch.weights)
+            minimum = min((minimum, like), key=lambda m: m.cost)
+        return replace(sketch, minimum=minimum)
+
+    def solution(self, sketch: Sketch) -> Solution:
+        """Return a finished sketch as a solution, with a note for each choice that it made."""
+        minimum, order = sketch.minimum, sketch.order
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
-        notes += [] if minimum.problem.model.basis is free.basis else [_JOINED]
-        return minimum.solution((*notes, *self._shape_notes(minimum)))
+        notes += [] if sketch.is_free else [_JOINED]
+        if minimum.leans:
+            notes += [_RISING if minimum.problem.model.dynamics.needs_rise else _HELD[self.shape]]
+        return minimum.solution(tuple(notes))
 
-    def refit(self, solution: Solution, weights: Array) -> Solution:
-        """Return the solution at other weights (R,) of the rows, from where it is: same order, cubics joined alike."""
-        model = replace(solution.model, runs=solution.model.runs.weighted(weights))
-        if model.dynamics.needs_rise:
-            hold = rising_hold(model.basis, solution.parameters[: model.curve_count])
-            minimum = Problem(model).held(hold, solution.parameters)
-        else:
-            minimum = self._shaped(Problem(model).followed(solution.parameters))
-        kept = [note for note in solution.notes if note not in (_RISING, *_HELD.values())]
-        return minimum.solution((*kept, *self._shape_notes(minimum)))
+    def _on(self, problem: Problem, minimum: Minimum) -> Minimum:
+        """Follow a minimum of the same parameters on in another problem; what it leans on goes on to hold it."""
+        basis, hold = problem.model.basis, minimum.problem.hold
+        if problem.model.dynamics.needs_rise:
+            return problem.held(rising_hold(basis, minimum.curve), minimum.parameters)
+        if hold is not None and minimum.leans:
+            return problem.held(hold, minimum.parameters)
+        return self._shaped(problem.followed(minimum.parameters))
 
-    def _shape_notes(self, minimum: Minimum) -> list[str]:
-        if not minimum.leans:
-            return []
-        return [_RISING if minimum.problem.model.dynamics.needs_rise else _HELD[self.shape]]
+    def _order(self, models: Models, tau: float | None) -> int:
+        return self.order or choose_order(models.runs, models.order_rows(tau))
 
-    def _minimum(self, tied: ForceModel, free: ForceModel, tau: float | None) -> Minimum:
+    def _search(self, models: Models, order: int, tau: float | None) -> Sketch:
+        tied = models("slope", order)
         dynamics, start = tied.dynamics, projected(tied, tied.curve_rows(tau))[0]
         if tau is None:
-            return self._settled(Problem(tied).followed(start), free)
-        simple = FullLag(dynamics.limits)
-        first, first_free = tied.with_dynamics(simple), free.with_dynamics(simple)
+            return Sketch(self._settled(Problem(tied).followed(start), models("free", order)), models, order, tau)
+        first = tied.with_dynamics(FullLag(dynamics.limits))
         lpf1 = Problem(first).followed(np.append(start, tau))
         if dynamics.needs_rise:  # a step at the transition may be one down
             lpf1 = replace(self, shape="monotone")._shaped(lpf1)
-            return self._beyond_lpf1(lpf1, tied, free, dynamics)
-        lpf1 = self._settled(lpf1, first_free)
-        if isinstance(dynamics, FullLag):
-            return lpf1
-        base = free if lpf1.problem.model.basis is first_free.basis else tied
-        return self._beyond_lpf1(lpf1, base.with_dynamics(dynamics), free, dynamics)
+        else:
+            lpf1 = self._settled(lpf1, models("free", order))
+        sketch = Sketch(lpf1, models, order, tau, lpf1)
+        return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_lpf1(sketch))
 
-    def _beyond_lpf1(self, lpf1: Minimum, base: ForceModel, free: ForceModel, dynamics: Dynamics) -> Minimum:
+    def _beyond_lpf1(self, lpf1: Sketch) -> Minimum:
         """Follow LPF1's own solution in another law, and the best of that law's starts."""
-        coarse = base.coarse
-        same = np.append(lpf1.parameters[:-1], dynamics.like_lpf1(base, lpf1.parameters))
-        starts = [same, *dynamics.starts(coarse, lpf1.parameters, _FOLLOWED)]
-        guides = [Problem(coarse).followed(start, tolerance=_GUIDE) for start in starts]
-        best = min(guides, key=lambda guide: guide.cost)
+        base, parameters = lpf1.whole, lpf1.minimum.parameters
+        dynamics, problem = base.dynamics, sketched(base)
+        same = np.append(parameters[:-1], dynamics.like_lpf1(base, parameters))
+        starts = [same, *dynamics.starts(problem.model, parameters, _FOLLOWED)]
         if dynamics.needs_rise:
-            return Problem(base).held(rising_hold(base.basis, lpf1.curve), best.parameters)
-        minimum = self._settled(Problem(base).followed(best.parameters), free, same)
-        if not isinstance(dynamics, FadingLag) or minimum.cost <= lpf1.cost:
-            return minimum
-        return Problem(base, lpf1.problem.hold).at(same, "LPF1's solution: no fading of the lag is better")
+            return problem.held(rising_hold(base.basis, lpf1.minimum.curve), _best(problem, starts))
+        return self._shaped(problem.followed(_best(problem, starts)), same)
 
     def _settled(self, minimum: Minimum, free: ForceModel, *others: Array) -> Minimum:
         """Return the minimum with the shape that was asked for, its cubics released where that is worthwhile."""
         shaped = self._shaped(minimum, *others)
-        released = _released(shaped, free)
-        return shaped if released is shaped else min((shaped, self._shaped(released)), key=lambda m: m.cost)
+        return min((shaped, *self._released(shaped, free)), key=lambda m: m.cost)
+
+    def _released(self, minimum: Minimum, free: ForceModel) -> list[Minimum]:
+        """Follow on with cubics that join freely, where a Gauss-Newton step says that this is worthwhile."""
+        model = minimum.problem.model
+        if model.has_curve_of(free):
+            return []
+        curve, *rest = model.split(minimum.parameters)
+        same = linear_solution(free.basis.grid_columns, model.basis.grid_columns @ curve)
+        problem, start = Problem(free.with_dynamics(model.dynamics)), np.concatenate([same, *rest])
+        jacobian, residual = problem.jacobian(start), problem.residual(start)
+        step = linear_solution(jacobian, residual)
+        if float(np.sum((residual - jacobian @ step) ** 2)) > (1.0 - _WORTHWHILE) * minimum.cost:
+            return []
+        hold = self._hold(free.basis, same - step[: same.size])
+        return [self._shaped(problem.followed(start)) if hold is None else problem.held(hold, start)]
 
     def _shaped(self, minimum: Minimum, *others: Array) -> Minimum:
         """Follow on with a curve that is held to its shape, where it needs holding; also from `others`, if any."""
         problem, b = minimum.problem, minimum.curve
-        model, hold = problem.model, problem.hold
-        if self.shape == "free":
-            return minimum
-        if self.shape != "auto" or (hold is None and deepest_fall(model.basis, b) > NOTABLE_FALL):
-            hold = hold_for(model.basis, b, self.shape)
+        hold = problem.hold or self._hold(problem.model.basis, b)
         if hold is None or hold is problem.hold or not hold.shortfall(b).any():
             return minimum
         return problem.held(hold, minimum.parameters, *others)
+
+    def _hold(self, basis: WorkingBasis, b: Array) -> Hold | None:
+        """Return what a curve b is to be held to, if anything."""
+        if self.shape == "free" or (self.shape == "auto" and deepest_fall(basis, b) <= NOTABLE_FALL):
+            return None
+        return hold_for(basis, b, self.shape)
+
+
+def _best(problem: Problem, starts: Sequence[Array]) -> Array:
+    """Return where the best of some starts leads, roughly."""
+    if len(starts) == 1:
+        return starts[0]
+    guides = [replace(problem, tolerance=_GUIDE).followed(start) for start in starts]
+    return min(guides, key=lambda guide: guide.cost).parameters
+
+
+def _like(lpf1: Minimum, dynamics: FadingLag, weights: Array) -> Minimum:
+    """Return LPF1's minimum said by a law that fades, at weights (R,) of the rows."""
+    model = lpf1.problem.model.with_dynamics(dynamics).weighted(weights)
+    same = np.append(lpf1.parameters[:-1], dynamics.like_lpf1(model, lpf1.parameters))
+    return Problem(model, lpf1.problem.hold).at(same, "LPF1's solution: no fading of the lag is better")
 
 
 def _lag_of(model: ForceModel) -> float | None:
@@ -159,16 +217,3 @@ def _lag_of(model: ForceModel) -> float | None:
 def _order_note(order: int, asked: int | None) -> str:
     why = "as asked" if asked else "cross-validation finds no more in the record"
     return f"inner polynomial of order {order} instead of {INNER_ORDER}: {why}"
-
-
-def _released(minimum: Minimum, free: ForceModel) -> Minimum:
-    """Follow on with cubics that join freely, where a Gauss-Newton step says that this is worthwhile."""
-    model = minimum.problem.model
-    if model.basis is free.basis:
-        return minimum
-    curve, rest = minimum.parameters[: model.curve_count], minimum.parameters[model.curve_count :]
-    same = free.basis.columns.T @ model.static(curve) / model.runs.velocity.size
-    problem, start = Problem(free.with_dynamics(model.dynamics)), np.append(same, rest)
-    jacobian, residual = problem.jacobian(start), problem.residual(start)
-    left = float(np.sum((residual - jacobian @ linear_solution(jacobian, residual)) ** 2))
-    return minimum if left > (1.0 - _WORTHWHILE) * minimum.cost else problem.followed(start)

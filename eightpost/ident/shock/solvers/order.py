@@ -15,7 +15,7 @@ from eightpost.ident.shock.solvers.uncertainty import blocks_of
 from eightpost.shock.curve import INNER_ORDER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -30,31 +30,46 @@ ORDERS = (3, 5, 7, 9, 11, 13, INNER_ORDER)
 _AS_GOOD = 5e-4
 
 
-def choose_order(runs: Runs, columns_of: Callable[[int], Array]) -> int:
+#: A block's leverage is taken as at most 1 less this: what a block alone says cannot be predicted without it.
+_CLEAR = 1e-8
+
+
+def choose_order(runs: Runs, columns: Array) -> int:
     """Return the order next above the lowest whose fit predicts stretches of the record best that it has not seen.
 
     Args:
         runs: With target and weights.
-        columns_of: Gives the columns (R, n) of an order at the rows: the force is linear in them, lag and all.
+        columns: (R, n) at the rows: the force is linear in them, lag and all. The last are the powers of the inner
+            polynomial.
     """
-    errors = np.array([left_out_error(runs, columns_of(order)) for order in ORDERS])
+    errors = left_out_errors(runs, columns, [columns.shape[1] - INNER_ORDER + order for order in ORDERS])
     good = np.flatnonzero(errors <= (1.0 + _AS_GOOD) * errors.min())
     return ORDERS[min(int(good[0]) + 1, len(ORDERS) - 1)]
 
 
-def left_out_error(runs: Runs, columns: Array) -> float:
-    """Return the RMS error [N] at rows that their own block's fit has not seen, in closed form.
+def left_out_errors(runs: Runs, columns: Array, counts: Sequence[int]) -> Array:
+    """Return the RMS errors [N] at rows that their own block's fit has not seen, in closed form.
 
     Without block b the error there is r_b + Q_b (I - Q_b' Q_b)^-1 Q_b' r_b, with Q'Q = I and r the residual.
+
+    Args:
+        runs: With target and weights.
+        columns: (R, n).
+        counts: How many of the first columns are fitted, for each error.
     """
     root = np.sqrt(runs.weights)
     size = np.linalg.norm(columns, axis=0)
-    orthogonal = np.linalg.qr(root[:, None] * columns[:, size > 0.0] / size[size > 0.0])[0]
+    used = size > 0.0
+    orthogonal = np.linalg.qr(root[:, None] * columns[:, used] / size[used])[0]
+    parts = [orthogonal[block] for block in blocks_of(runs)]
+    inside = (1.0 + _CLEAR) * np.eye(orthogonal.shape[1]) - np.array([q.T @ q for q in parts])
     target = root * runs.target
-    residual = target - orthogonal @ (orthogonal.T @ target)
     errors = []
-    for block in blocks_of(runs):
-        q, r = orthogonal[block], residual[block]
-        inside = np.eye(q.shape[1]) - q.T @ q
-        errors.append(r + q @ np.linalg.lstsq(inside, q.T @ r, rcond=1e-10)[0])
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    for count in np.cumsum(used)[np.array(counts) - 1].tolist():
+        q = orthogonal[:, :count]
+        residual = target - q @ (q.T @ target)
+        scores = np.array([q[block].T @ residual[block] for block in blocks_of(runs)])
+        moves = np.linalg.solve(inside[:, :count, :count], scores[..., None])[..., 0]
+        moved = np.concatenate([part[:, :count] @ move for part, move in zip(parts, moves, strict=True)])
+        errors.append(float(np.sqrt(np.mean((residual + moved) ** 2))))
+    return np.array(errors)

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 #: Of the residual; a curve at the edge of falling needs many.
 _EVALUATIONS = 200
 
+#: Share of the sum of squares that a step must win for another one.
+TOLERANCE = 1e-6
+
 #: A curve that leans on its hold by 1 N counts, in the uncertainty, as a force error of so many N all along.
 _STIFF = 10.0
 
@@ -35,10 +38,12 @@ class Problem:
     Attributes:
         model: Of the force.
         hold: What its curve is held to, if anything.
+        tolerance: Share of the sum of squares that a step must win for another one.
     """
 
     model: ForceModel
     hold: Hold | None = None
+    tolerance: float = TOLERANCE
 
     def residual(self, parameters: Array) -> Array:
         """Return the weighted force error (R,) [N]."""
@@ -53,12 +58,10 @@ class Problem:
         """Return parameters that are taken as they are."""
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
-    def followed(self, start: Array, *, tolerance: float = 1e-6) -> Minimum:
-        """Follow a start to its minimum, all parameters at once; a linear problem is solved. Nothing is held.
+    def followed(self, start: Array) -> Minimum:
+        """Follow a start (n + g + k,) to its minimum, all parameters at once; a linear problem is solved.
 
-        Args:
-            start: (n + g + k,).
-            tolerance: Share of the sum of squares that a step must win for another one.
+        Nothing is held.
         """
         if not self.model.dynamics.names and not self.model.gas.size:
             columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
@@ -71,15 +74,15 @@ class Problem:
             jac=self.jacobian,
             bounds=(low, high),
             x_scale=self.model.scale(),
-            ftol=tolerance,
-            xtol=10.0 * tolerance,
+            ftol=self.tolerance,
+            xtol=10.0 * self.tolerance,
             gtol=1e-8,
             max_nfev=_EVALUATIONS,
         )
         status = f"{result.message} {result.nfev} evaluations."
         return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
 
-    def held(self, hold: Hold, *starts: Array, tolerance: float = 1e-6) -> Minimum:
+    def held(self, hold: Hold, *starts: Array) -> Minimum:
         """Follow starts to the best minimum whose curve keeps what it is held to."""
         problem, (low, high) = replace(self, hold=hold), self.model.bounds()
         matrix = np.zeros((hold.floor.size, low.size))
@@ -88,7 +91,7 @@ class Problem:
         ended = (
             least_squares_between(
                 self.residual, self.jacobian, np.clip(start, low, high), walls,
-                tolerance=tolerance, evaluations=_EVALUATIONS,
+                tolerance=self.tolerance, evaluations=_EVALUATIONS,
             )
             for start in starts
         )  # fmt: skip

@@ -20,8 +20,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Levenberg's damping of scaled columns: at first, its change, and where it is no longer lowered.
+#: Levenberg's damping of scaled columns: at first, its change, and where it is no longer lowered. Of steps in a row
+#: that are no better the first raises it by the change, the second by its square, and so on: a little does nothing.
 _DAMPING, _CHANGE, _LEAST_DAMPING = 1e-6, 10.0, 1e-9
+
+#: A step that is no better was the last if it promised no more than so many tolerances: a kink, or slopes that are not
+#: known better.
+_NO_MORE = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,21 +83,21 @@ def least_squares_between(
     """
     x, error, slopes = start, residual(start), jacobian(start)
     cost = float(error @ error) if (walls.room(x) >= 0.0).all() else np.inf
-    damping = _DAMPING
+    damping, rise = _DAMPING, _CHANGE
     for count in range(2, evaluations + 1):
         step = _step(slopes, error, Walls(walls.matrix, -walls.room(x)), damping)
         tried = residual(x + step)
         gain = cost - float(tried @ tried)
         if gain < 0.0:
             promised = cost - float(np.sum((error + slopes @ step) ** 2))
-            if promised <= tolerance * cost:
+            if promised <= _NO_MORE * tolerance * cost:
                 return Walled(x, True, f"No step between the walls is better. {count} evaluations.")
-            damping *= _CHANGE
+            damping, rise = damping * rise, rise * _CHANGE
             continue
         x, error, cost = x + step, tried, cost - gain if np.isfinite(cost) else float(tried @ tried)
         if gain <= tolerance * cost:
             return Walled(x, True, f"Steps between the walls win no more. {count} evaluations.")
-        slopes, damping = jacobian(x), max(damping / _CHANGE, _LEAST_DAMPING)
+        slopes, damping, rise = jacobian(x), max(damping / _CHANGE, _LEAST_DAMPING), _CHANGE
     return Walled(x, False, f"No minimum between the walls within {evaluations} evaluations.")
 
 

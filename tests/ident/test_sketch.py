@@ -1,0 +1,68 @@
+"""A sketch on a part of the samples saves time and changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.force.gas import gas_columns
+from eightpost.ident.shock.force.limits import limits_for
+from eightpost.ident.shock.force.models import Models
+from eightpost.ident.shock.laws.choice import dynamics_for
+from eightpost.ident.shock.laws.closed import FadingLag
+from eightpost.ident.shock.laws.series import SeriesSpring
+from eightpost.ident.shock.record.runs import prepare_runs
+from eightpost.ident.shock.solvers.sketch import sketched
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import LAWS
+
+
+@pytest.fixture(scope="module")
+def faulty(digressive_record):
+    """A digressive valve whose force sticks for 30 ms, twice."""
+    test = digressive_record(1)
+    force = test.series["force"].copy()
+    for start in (4000, 9000):
+        force[start : start + 60] = force[start]
+    return DynoTest(test.series.with_channel("force", "N", force))
+
+
+@pytest.mark.parametrize(("law", "dynamics"), [("lpnl2", FadingLag), ("maxwell", SeriesSpring)])
+@pytest.mark.parametrize("fault", [False, True])
+def test_the_fit_is_that_on_all_samples(law, dynamics, fault, digressive_record, faulty, monkeypatch):
+    test = faulty if fault else digressive_record(1)
+    quick = fit_shock(test, law)
+    monkeypatch.setattr(dynamics, "sketched_on", lambda self, model: model)
+    slow = fit_shock(test, law)
+    assert (quick.weighed_down > 0) is fault
+    assert quick.percent == pytest.approx(slow.percent, rel=1e-3)
+    assert quick.weighed_down == pytest.approx(slow.weighed_down, rel=0.05)
+    for parameter in slow.parameters:
+        low, high = parameter.interval or (-np.inf, np.inf)
+        assert low <= quick.parameter(parameter.name).value <= high
+
+
+@pytest.fixture(scope="module")
+def models(digressive_record):
+    runs = prepare_runs([digressive_record(1)])
+    dynamics = dynamics_for(LAWS["lpnl2"], limits_for(runs.measured, runs.rate))
+    return Models(runs, gas_columns(runs, "estimate")[0], dynamics)
+
+
+def test_models_at_other_weights_have_the_same_curves(models):
+    plain, weights = models("slope", 9), np.linspace(0.0, 1.0, models.runs.weights.size)
+    weighed = models.weighted(weights)("slope", 9)
+    assert weighed.has_curve_of(plain)
+    assert weighed.coarse.has_curve_of(plain)
+    np.testing.assert_array_equal(weighed.coarse.runs.weights, weights)
+    np.testing.assert_array_equal(weighed.curve_rows(), plain.curve_rows())
+    assert models("slope", 9).runs.weights.min() == 1.0
+    assert not models("free", 9).has_curve_of(plain)
+
+
+def test_a_law_that_is_linear_in_its_curve_is_not_sketched(models):
+    whole = models("slope", 9)
+    assert sketched(whole).model is whole.coarse
+    lpf1 = whole.with_dynamics(dynamics_for(LAWS["lpf1"], whole.dynamics.limits))
+    assert sketched(lpf1).model is lpf1
