@@ -89,7 +89,8 @@ def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> Stat
         )
     columns = dict(zip(names, table.T, strict=True))
     force = np.stack([columns[name] for name in there])
-    zero = {name: _affine(force, columns[name])[-1] for name in names if name.rpartition(".")[2] in _STATIC}
+    static = [name for name in names if name.rpartition(".")[2] in _STATIC]
+    zero = {name: _affine(force, columns[name], least=_MOVED)[-1] for name in static}
     lifted = sum(map(len, held)) - len(table)
     found = StaticRating(len(table), lifted, there, {name: float(value) for name, value in zero.items()})
     return _with_springs(found, columns)
@@ -120,11 +121,14 @@ def _modal(columns: Mapping[str, Array]) -> Array | None:
     return np.stack([_affine(X, columns[name])[:-1] for name in pushed])
 
 
-def _affine(X: Array, y: Array) -> Array:
-    """Return a and b (n + 1,) of `y = a X + b` for X (n, H), in scaled columns."""
+def _affine(X: Array, y: Array, *, least: float = 1e-6) -> Array:
+    """Return a and b (n + 1,) of `y = a X + b` for X (n, H), in scaled columns.
+
+    A way of X that moves by less than `least` of the strongest counts as not moved [1].
+    """
     size = np.maximum(np.abs(X).max(axis=1), 1e-300)
     design = np.vstack((X / size[:, None], np.ones(X.shape[1]))).T
-    solved = np.linalg.lstsq(design, y, rcond=1e-6)[0]
+    solved = np.linalg.lstsq(design, y, rcond=least)[0]
     return np.asarray(solved / np.append(size, 1.0))
 
 
