@@ -15,6 +15,9 @@ LOW_SPEED = convert(2.0, "in/s", "m/s")
 #: Bands of tire load [Hz]: motion of the chassis, and hop of the wheels (Tables 4.2 and 5.2 have modes in both).
 BANDS = (("chassis", (0.5, 8.0)), ("wheel hop", (8.0, 30.0)))
 
+#: Octaves of a spectrum of tire load [Hz]: from below the chassis' modes to beyond the wheels'.
+OCTAVES = tuple((0.5 * 2.0**k, 2.0**k) for k in range(6))
+
 #: Signs of lf, rf, lr, rr in each mode of the four tire loads.
 MODES: Mapping[str, tuple[float, float, float, float]] = {
     "heave": (1.0, 1.0, 1.0, 1.0),
@@ -121,11 +124,21 @@ def _velocities(car: Car) -> Iterator[Measure]:
 
 def _tire_modes(car: Car) -> Iterator[Measure]:
     """Heave, pitch, roll and warp of the four tire loads, each in two bands."""
-    tires = tuple(f"{car.name}.{corner}.tire_force" for corner in _FOUR)
-    for mode, signs in MODES.items():
+    for mode in MODES:
         for label, band in BANDS:
-            what = f"tire load {mode}, {label} ({band[0]:g} to {band[1]:g} Hz), RMS"
-            yield Measure(what, tires, "rms", "lbf", weights=signs, band=band)
+            yield _tire_mode(car, mode, f"{label} ({band[0]:g} to {band[1]:g} Hz)", band)
+
+
+def _tire_spectra(car: Car) -> Iterator[Measure]:
+    """Spectra of the same, by octaves."""
+    for mode in MODES:
+        for band in OCTAVES:
+            yield _tire_mode(car, mode, f"{band[0]:g} to {band[1]:g} Hz", band)
+
+
+def _tire_mode(car: Car, mode: str, label: str, band: tuple[float, float]) -> Measure:
+    tires = tuple(f"{car.name}.{corner}.tire_force" for corner in _FOUR)
+    return Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=MODES[mode], band=band)
 
 
 #: By the name that study files use.
@@ -138,4 +151,5 @@ FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "energy": _energy,
     "velocities": _velocities,
     "tire_modes": _tire_modes,
+    "tire_spectra": _tire_spectra,
 }

@@ -112,6 +112,17 @@ def test_every_tire_mode_sees_its_own_motion_only():
         assert max(seen.values()) < 1e-9
 
 
+def test_a_sine_of_heave_is_in_its_own_octave_and_in_no_other_mode():
+    car = Car("car", ("lf", "rf", "lr", "rr"), {f"car.{c}.tire_force" for c in ("lf", "rf", "lr", "rr")})
+    measures = [replace(m, section=(4.0, 16.0)) for m in family("tire_spectra", car)]
+    assert len(measures) == 4 * 6
+    series = run(**dict.fromkeys(sorted(car.channels, key=_order), sine(1.0, 2.8)))
+    heave = {m.band: m.of(series) for m in measures if "heave" in m.name}
+    assert heave.pop((2.0, 4.0)) == pytest.approx(4.0 / np.sqrt(2.0), rel=1e-2)
+    assert max(heave.values()) < 0.25
+    assert max(m.of(series) for m in measures if "heave" not in m.name) < 1e-9
+
+
 def _order(name: str) -> int:
     return ("lf", "rf", "lr", "rr").index(name.split(".")[1])
 
