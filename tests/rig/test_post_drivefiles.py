@@ -9,10 +9,13 @@ from scipy.signal import welch
 from eightpost.errors import ParameterError
 from eightpost.rig.post import (
     Actuators,
+    LinearDamper,
+    RigSensors,
     bump_drive,
     quarter_random,
     quarter_truth,
     random_drive,
+    run_test,
     seven_dof_truth,
     sine_drive,
     stand_in_truth,
@@ -96,6 +99,13 @@ def test_static_loading_loads_its_mode_alone(kind):
     assert np.argmax(modes) == ["heave", "pitch", "roll", "warp"].index(kind)
     _, counts = np.unique(np.round(np.abs(series["lf.aero"]), 6), return_counts=True)
     assert np.count_nonzero(counts > 1000) == 6  # zero and 5 levels (6.1.3)
+
+
+@pytest.mark.parametrize("kind", ["heave", "pitch", "roll", "warp", "lf.aero"])
+def test_static_loading_lifts_no_wheel(kind):
+    drive = static_drive(CAR, kind, levels=1, hold=0.5)
+    held = run_test(CAR, drive, [LinearDamper(3500.0)] * 4, lead=0.5, sensors=RigSensors.perfect()).series
+    assert min(held[f"{corner}.tire_force"].min() for corner in CAR.corners) > 50 * POUND
 
 
 def test_static_loading_of_one_actuator_leaves_the_others_at_rest():

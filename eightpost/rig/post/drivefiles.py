@@ -52,6 +52,10 @@ ROAD_PEAK, AERO_PEAK = 0.4 * _INCH, 560.0 * _POUND
 #: 2.5 in, which those would not reach) [N].
 DOWNFORCE = (700.0 * _POUND, 550.0 * _POUND)
 
+#: Largest static force of an aeroloader, where all push down and where some pull up: 1000 lbf would lift the wheels
+#: (6.1.3 has "near maximum suspension travel") [N].
+STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
+
 
 def random_drive(
     car: Car, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
@@ -141,14 +145,15 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
 
 
 def static_drive(
-    car: Car, kind: str = "heave", *, most: float = 1000.0 * _POUND, levels: int = 5, hold: float = 5.0
+    car: Car, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
 ) -> Drivefile:
     """Return the spring-rating test of 6.1.3: the aeroloaders from zero to `most` in levels, and back.
 
     Args:
         car: With four aeroloaders.
         kind: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
-        most: Largest force of each aeroloader in use [N]; pitch, roll and warp pull on the others.
+        most: Largest force of each aeroloader in use [N]; pitch, roll and warp pull on the others. None takes
+            `STATIC_PUSH` where all push and `STATIC_PULL` where some pull.
         levels: Of force above zero; 5.
         hold: At each [s], after a ramp of 1 s; 5 (6.4.4).
 
@@ -160,6 +165,8 @@ def static_drive(
         raise ParameterError(f"the {car.name} has no four aeroloaders; static loading is the eight_post's")
     if kind not in (*SIGNS, *names):
         raise ParameterError(f"no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
+    if most is None:
+        most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
     steps = [*range(levels + 1), *range(levels - 1, -1, -1)]
     corners = [(k * (hold + 1.0) + rest, level) for k, level in enumerate(steps) for rest in (0.0, hold)]
     times, shares = np.array(corners).T
