@@ -1,0 +1,209 @@
+"""The rig day of chapter 7 on the 8-post stand-in: identify, predict 2401 setups, select twenty, test them, compare.
+
+    python docs/make_rig_day.py FOLDER [--duration '400 s']
+
+It calls the commands of `eightpost` one after the other and prints each, so that any of them may be repeated by hand.
+What is in FOLDER already is not made again. It leaves the tables in docs/rig_day.md and its picture; all data are
+SYNTHETIC, and the seeds are constants of this script. It takes about a quarter of an hour of one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from eightpost import units
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
+
+CORNERS = ("lf", "rf", "lr", "rr")
+BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
+BASELINE, ALTERNATE = "B/B", "AA/AA"
+
+#: Seeds: of the identification's drive and of its runs, of the lap, of the run that is the drive, and of the tests.
+DRIVE, RUNS, LAP, DRIVE_RUN, TEST_RUNS = 11, 1100, 77, 2000, 3000
+
+#: How many low and as many high setups are selected for which measure (Table 7.5 has twenty in all).
+SELECTED = {"front ride height, RMS": 4, "total tire force, RMS": 3, "rf hub acceleration, RMS": 3}
+
+#: The measures of the table, and the unit of each.
+SHOWN = {
+    **dict.fromkeys(("front ride height, RMS", "rear ride height, RMS"), "in"),
+    **dict.fromkeys(("total tire force, RMS", "lf tire force, RMS", "rr tire force, RMS"), "lbf"),
+    **dict.fromkeys(("rf hub acceleration, RMS", "lr hub acceleration, RMS"), "g"),
+    **dict.fromkeys(("lf shock velocity, RMS", "rr shock velocity, RMS"), "in/s"),
+}
+
+STUDY = """schema = 1
+name = "seven builds on the identified 8-post stand-in (synthetic data)"
+families = ["ride", "numbers"]
+baseline = "{baseline}"
+
+[vehicle]
+fmu = "car.json"
+
+[bank]
+{bank}
+
+[[drive]]
+file = "lap.parquet"
+stop = "33 s"
+
+[drive.targets]
+{targets}
+
+[[objective]]
+measure = "front ride height, RMS"
+weight = 1000.0
+unit = "in"
+
+[[objective]]
+measure = "total tire force, RMS"
+weight = 1.0
+unit = "lbf"
+"""
+
+
+def main() -> None:
+    """Make the day and write its page."""
+    options = _options()
+    folder: Path = options.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    _identify(folder, options.duration)
+    _predict(folder)
+    _test(folder)
+    _compare(folder)
+    found = json.loads((folder / "study" / "compared" / "comparison.json").read_text(encoding="utf-8"))["measures"]
+    page = _placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
+    PAGE.write_text(_placed(page, "setups", setups_table(folder / "study", found)), encoding="utf-8")
+    shutil.copy(folder / "study" / "compared" / "comparison.png", PICTURE)
+
+
+def _identify(folder: Path, duration: str) -> None:
+    """The five tests of 6.1.5 with physical dampers, and the car that they give."""
+    rig, car = folder / "identification", folder / "car.json"
+    if not rig.exists():
+        _call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
+              "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
+    if not car.exists():
+        _call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plots", "none", may_fail=True)
+
+
+def _predict(folder: Path) -> None:
+    """A lap with the baseline is the drive; every setup of the seven builds on it; twenty of them."""
+    lap, study, bank = folder / "lap.parquet", folder / "study.toml", ROOT / "examples" / "bank"
+    if not lap.exists():
+        _call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
+    files = "\n".join(f'"{build}" = "{bank / build.replace("/", "_")}.json"' for build in BUILDS)
+    targets = "\n".join(f'"{c}.{what}" = "car.{c}.{what}"' for c in CORNERS for what in ("road", "aero"))
+    study.write_text(STUDY.format(baseline=BASELINE, bank=files, targets=targets), encoding="utf-8")
+    if not (folder / "study" / "results.parquet").exists():
+        _call("study", study, "-o", folder / "study")
+    if not (folder / "study" / "selection.csv").exists():
+        counts = [word for name, count in SELECTED.items() for word in ("--measure", f"{name}={count}")]
+        _call("select", folder / "study", *counts)
+
+
+def _test(folder: Path) -> None:
+    """The runs of the list on the rig, each with its own drift and noise; physical dampers, not their fits."""
+    for row in selection(folder / "study"):
+        record = folder / "study" / row["file"]
+        if not record.exists():
+            shocks = [word for corner in CORNERS for word in ("--shock", f"build:{row[corner]}")]
+            _call("rig", "--test", "track", "--seed", LAP, "--run", TEST_RUNS + int(row["run"]), *shocks, "-o", record)
+
+
+def _compare(folder: Path) -> None:
+    _call("compare", folder / "study", "--measured", folder / "study", may_fail=True)
+
+
+def selection(study: Path) -> list[dict[str, str]]:
+    """Return the runs of the rig day, by column."""
+    with (study / "selection.csv").open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def measures_table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return how each measure was predicted, as Markdown; the deviation is that of the baseline's five runs."""
+    lines = [
+        "| RMS | measured, least to largest | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
+        "| a run's sigma | in the band |",
+        "|---" * 10 + "|",
+    ]
+    for entry in found:
+        if entry["measure"] in SHOWN:
+            lines.append(_measure_line(entry, SHOWN[entry["measure"]]))
+    return "\n".join(lines)
+
+
+def _measure_line(entry: Mapping[str, Any], unit: str) -> str:
+    factor, _ = units.conversion(entry["unit"], unit)
+    measured, (low, high) = [factor * value for value in entry["measured"]], entry["slope_interval_95"]
+    sigma = 100.0 * entry["run_to_run"] * len(measured) / sum(entry["measured"])
+    cells = (
+        entry["measure"].removesuffix(", RMS"),
+        f"{min(measured):.3g} to {max(measured):.3g} {unit}",
+        f"{entry['spearman']:.3f}",
+        f"{entry['spearman_attainable']:.3f}",
+        f"{entry['kendall']:.3f}",
+        f"{entry['slope']:.2f} ({low:.2f} to {high:.2f})",
+        f"{entry['level_error_percent']:.1f} %",
+        f"{entry['bias_percent']:+.1f} %",
+        f"{factor * entry['run_to_run']:.2g} {unit} ({sigma:.2g} %)",
+        f"{entry['within_band']} of {len(measured)}",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
+    """Return predicted and measured level of every selected setup in the measure that it was selected for."""
+    levels = {entry["measure"]: entry for entry in found}
+    lines = ["| lf | rf | lr | rr | selected for | predicted | measured |", "|---" * 7 + "|"]
+    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in selection(study)]
+    return "\n".join(dict.fromkeys(lines))
+
+
+def _setup_line(row: Mapping[str, str], entry: Mapping[str, Any]) -> str:
+    unit = SHOWN[entry["measure"]]
+    at, factor = entry["setups"].index(int(row["setup"])), units.conversion(entry["unit"], unit)[0]
+    predicted, measured = (f"{factor * entry[what][at]:.4g}" for what in ("predicted", "measured"))
+    sigma = 2.0 * factor * entry["run_to_run"] / entry["runs"][at] ** 0.5
+    mean = f" (mean of {entry['runs'][at]})" if entry["runs"][at] > 1 else ""
+    name = f"{row['end']}: {entry['measure'].removesuffix(', RMS')}"
+    cells = (*(row[c] for c in CORNERS), name, f"{predicted} {unit}", f"{measured} ± {sigma:.2g} {unit}{mean}")
+    return f"| {' | '.join(cells)} |"
+
+
+def _placed(page: str, name: str, table: str) -> str:
+    """The page with a marked region replaced."""
+    pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+    return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", page)
+
+
+def _call(*arguments: object, may_fail: bool = False) -> None:
+    """Run a command of eightpost; a verb that judges may exit with 1."""
+    words = [str(argument) for argument in arguments]
+    print("eightpost", *words, flush=True)
+    code = subprocess.run([sys.executable, "-m", "eightpost", *words], check=False).returncode
+    if code > (1 if may_fail else 0):
+        raise SystemExit(f"eightpost {words[0]} exited with {code}")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="for rig records, the identified car, the study and its tests")
+    parser.add_argument("--duration", default="400 s", help="of each of the five identification tests")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
