@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.identification import markdown
+from benchmarks.identification_ablation import ABLATIONS
 from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, noise_seeds
 from benchmarks.identification_measures import TOTAL, agreement, measures_of
 from benchmarks.identification_methods import methods
 from benchmarks.identification_seeds import over_seeds
+from benchmarks.identification_sticking import bristle
 
 RATE = 250.0
 
@@ -87,3 +89,21 @@ def test_no_two_rig_tests_share_a_noise_seed() -> None:
     seeds = noise_seeds(20)
     assert seeds[0] == NOISE
     assert len({seed + test for seed in seeds for test in range(5)}) == 100
+
+
+def test_the_stand_in_without_all_that_is_ablated_is_linear() -> None:
+    car = replace(CASES["eight_post_known"], changes=ABLATIONS["all"]).car
+    travel = np.full((4, 1), 0.08)
+    np.testing.assert_allclose(car.springs.force(travel), car.springs.rate * travel)
+    np.testing.assert_allclose(car.springs.force(-travel), -car.springs.rate * travel)
+    assert (car.tires.force(-travel, 0.0 * travel) < -1e4).all()
+    assert not car.friction.coulomb.any()
+
+
+def test_a_bristle_bends_over_its_reach_and_slides_from_there() -> None:
+    time = np.arange(2500) / 125.0
+    velocity = 0.01 * np.sin(2.0 * np.pi * 0.5 * time)
+    bend = bristle(velocity, 125.0, 1e-4)
+    since = (time >= 10.0) & (time < 10.5)  # it turns back at 10 s, bent the other way
+    travelled = 0.01 / np.pi * (1.0 - np.cos(np.pi * time[since]))
+    np.testing.assert_allclose(bend[since], 1.0 - 2.0 * np.exp(-travelled / 1e-4), atol=0.05)

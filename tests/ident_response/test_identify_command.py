@@ -43,7 +43,9 @@ def test_two_files_give_a_vehicle_with_its_fit_beside_it_and_pictures(done: tupl
     assert result.exit_code == 0, result.output
     fit = read_fit(car)
     assert set(fit.sources) == {"soft.parquet", "baseline.parquet"}
-    assert {"velocity.png", "tire_force.png"} <= {path.name for path in (car.parent / "corner_plots").iterdir()}
+    assert {"velocity.png", "tire_force.png", "stabilisation.png"} <= {
+        path.name for path in (car.parent / "corner_plots").iterdir()
+    }
 
 
 def test_the_baseline_is_found_whatever_the_order_of_the_files(done: tuple[Result, Path]) -> None:
@@ -54,7 +56,14 @@ def test_the_baseline_is_found_whatever_the_order_of_the_files(done: tuple[Resul
 
 
 def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
-    for said in ("decimated to 125 Hz", "misfit of the", "the loop is stable", "states from"):
+    for said in (
+        "decimated to 125 Hz",
+        "misfit of the",
+        "the loop is stable",
+        "states from",
+        "how sure",
+        "one sigma, N",
+    ):
         assert said in " ".join(done[0].output.split()), said
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction.bands import bands
-from eightpost.ident.vehicle.friction.law import with_directions
+from eightpost.ident.vehicle.friction.law import Signal, direction, with_directions
 from eightpost.ident.vehicle.friction.projection import Found, found_in
 from eightpost.ident.vehicle.trust import SIGNIFICANT, FoundForce
 from eightpost.vehicle import Friction
@@ -38,6 +38,8 @@ class FrictionSearch:
         low: Lowest frequency [Hz].
         high: Highest [Hz].
         iterations: Gauss-Newton steps.
+        signal: Friction of one newton from velocity, rate and width, as `direction` has it: the law of the vehicle FMU.
+            Another law tells what that one costs; the vehicle that is identified keeps the FMU's.
     """
 
     velocities: tuple[float, ...] = (0.001, 0.003, 0.006, 0.012, 0.024)
@@ -45,6 +47,7 @@ class FrictionSearch:
     low: float = 0.3
     high: float = 16.0
     iterations: int = 3
+    signal: Signal = direction
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrictionEstimate:
         """Find the friction of every port.
@@ -62,7 +65,7 @@ class FrictionSearch:
         return _estimate(experiment, self._at(whole, experiment, width), width, profile)
 
     def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, width: float) -> Found:
-        marked = [with_directions(test, experiment.ports, width) for test in tests]
+        marked = [with_directions(test, experiment.ports, width, self.signal) for test in tests]
         directions = [channel(port, "friction_direction") for port in experiment.ports]
         records = gather(marked, [*experiment.inputs, *directions], experiment.outputs, experiment.baseline_damping)
         count = len(experiment.inputs)

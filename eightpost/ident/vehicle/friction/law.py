@@ -9,9 +9,11 @@ It adds to the shock's force at the port, so that the force difference which dri
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import resample
 
 from eightpost.errors import ParameterError
@@ -20,12 +22,13 @@ from eightpost.ident.vehicle.experiment import channel
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import Friction
 
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
+
+#: Friction of one newton (N,) from a velocity (N,) [m/s], its rate [Hz] and a width.
+Signal = Callable[[Array, float, float], Array]
 
 #: Rate [Hz] at which the law is taken: a tanh has harmonics far beyond the records' band, which would fold back.
 _RATE = 1000.0
@@ -63,9 +66,9 @@ def with_friction(series: TimeSeries, friction: Mapping[str, Friction]) -> TimeS
     return series
 
 
-def with_directions(series: TimeSeries, ports: Sequence[str], width: float) -> TimeSeries:
-    """Return a record with `tanh(v / v_f)` of every port, as the channel `friction_direction`."""
+def with_directions(series: TimeSeries, ports: Sequence[str], width: float, signal: Signal = direction) -> TimeSeries:
+    """Return a record with the friction of one newton at every port, as the channel `friction_direction`."""
     for port in ports:
-        values = direction(series[channel(port, "velocity")], series.sample_rate, width)
+        values = signal(series[channel(port, "velocity")], series.sample_rate, width)
         series = series.with_channel(channel(port, "friction_direction"), "1", values)
     return series

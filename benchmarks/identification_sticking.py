@@ -1,0 +1,121 @@
+"""What it costs that the friction of vehicle FMUs creeps where a bristle sticks: tests of the stand-in with either law.
+
+    python benchmarks/identification_sticking.py [--duration 200] [--noise 0.01] [--json FILE]
+
+The stand-in's friction is a bristle that holds and slides. Its force is looked for with the FMU's law, tanh(v / v_f),
+of several widths v_f [m/s], and with a bristle that follows the measured velocity, of several reaches [m]. Rows: the
+force over that of the truth, and what no linear response explains, mean square over that without friction. Then the
+misfit of the common-pole model in deviations of the estimate, with each law's best width. Noise seeds differ from those
+reported elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads only get into each other's way
+
+import numpy as np
+from scipy.signal import resample
+
+from benchmarks.identification import markdown
+from benchmarks.identification_cases import CASES, Case, records_of
+from benchmarks.identification_measures import QUANTITIES
+from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.ident.vehicle.friction import FrictionSearch, direction
+from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from eightpost.ident.vehicle.friction.law import Signal
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+Row = dict[str, Any]
+
+#: First noise seed of the tests; rate at which the bristle is followed [Hz].
+_NOISE, _FINE = 5000, 2000.0
+
+
+def bristle(velocity: Array, rate: float, reach: float) -> Array:
+    """Return z / z_b (N,) of a bristle that slides from the reach z_b [m] on: dz/dt = v - |v| z / z_b."""
+    finer = max(1, round(_FINE / rate))
+    fine = resample(velocity, velocity.size * finer)
+    kept = np.exp(-np.abs(fine) / (rate * finer * reach))
+    pushed = np.sign(fine) * (1.0 - kept)
+    z, bend = np.empty_like(fine), 0.0
+    for k in range(fine.size):
+        bend = bend * kept[k] + pushed[k]
+        z[k] = bend
+    return np.asarray(resample(z, velocity.size), dtype=np.float64)
+
+
+#: Laws by name, with the widths that are tried.
+LAWS: dict[str, tuple[Signal, tuple[float, ...]]] = {
+    "tanh(v / v_f)": (direction, (0.003, 0.006, 0.012, 0.024)),
+    "bristle": (bristle, (5e-5, 1e-4, 2e-4, 4e-4)),
+}
+
+
+def main() -> None:
+    """Print both tables."""
+    options = _options()
+    case = replace(CASES["eight_post_known"], duration=options.duration, noise=options.noise)
+    tests, experiment = records_of(case, _NOISE)
+    sizes, misfits = [], []
+    for name, (signal, widths) in LAWS.items():
+        rows = [_found(case, name, tests, experiment, FrictionSearch(velocities=(w,), signal=signal)) for w in widths]
+        best = min(rows, key=lambda row: row["unexplained, %"])
+        sizes += rows
+        misfits.append(_misfit(name, [_rubbed(test, experiment, signal, best) for test in tests], experiment))
+    print(markdown([{k: v for k, v in row.items() if k != "forces"} for row in sizes]), "", markdown(misfits), sep="\n")
+    if options.json:
+        options.json.write_text(json.dumps([*sizes, *misfits], indent=1) + "\n", encoding="utf-8")
+
+
+def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Experiment, search: FrictionSearch) -> Row:
+    found = search.find(tests, experiment)
+    true = dict(zip(case.car.corners, case.car.friction.coulomb[:, 0], strict=True))
+    return {
+        "law": name,
+        "width": search.velocities[0],
+        "force, % of true": ", ".join(f"{100.0 * force / true[port]:.1f}" for port, force in found.force.items()),
+        "one sigma, %": max(100.0 * found.deviation[port] / true[port] for port in found.force),
+        "unexplained, %": 100.0 * float(np.mean(list(found.residual.values()))),
+        "forces": dict(found.force),
+    }
+
+
+def _rubbed(test: TimeSeries, experiment: Experiment, signal: Signal, row: Row) -> TimeSeries:
+    """Return a test whose shock forces hold the friction that was found."""
+    for port in experiment.ports:
+        name, velocity = channel(port, "force"), test[channel(port, "velocity")]
+        rubbed = row["forces"][port] * signal(velocity, test.sample_rate, row["width"])
+        test = test.with_channel(name, "N", test[name] + rubbed)
+    return test
+
+
+def _misfit(name: str, tests: Sequence[TimeSeries], experiment: Experiment) -> Row:
+    excess = CommonPoles(friction=None, springs=None, samples=0).explain(tests, experiment).found.excess
+    return {"law": name} | {q: max(v for n, v in excess.items() if n.endswith(q)) for q in QUANTITIES}
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--duration", type=float, default=200.0, help="of each rig test [s]")
+    parser.add_argument("--noise", type=float, default=0.01, help="of each channel's standard deviation [1]")
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""What a fit says of itself stands on the page and in the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from eightpost.ident.vehicle.trust import FoundForce, Orders, OutputTrust, PlacedPole, TriedOrder, Trust
+from eightpost.ident.vehicle_validation import validate_vehicle, verdict
+from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
+from eightpost.ident.vehicle_validation.report import write_vehicle_report
+
+from .conftest import records_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.rig.post import RigTest
+
+TRIED = (TriedOrder(2, 1.1, (PlacedPole(3.0, 0.1, False),)), TriedOrder(4, 40.0, (PlacedPole(3.0, 0.1, True),)))
+TRUST = Trust(
+    {"velocity": OutputTrust(0.0123, 0.004, 1.7, 0.456), "tire_force": OutputTrust(0.01, 0.002, 1.0, None)},
+    {"": FoundForce(61.25, 1.5)},
+    {"": FoundForce(4.0, 0.25)},
+    {"springs": "Springs are not straight."},
+    Orders(TRIED, 4, True, 16.0),
+    8,
+)
+
+
+def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
+    fit = replace(corner, trust=TRUST)
+    cells = [[getattr(cell, "value", cell) for cell in row] for row in certainty_table(fit).rows]
+    assert cells[0] == ["velocity", 1.23, 0.4, 1.7, 45.6]
+    (port,) = ([getattr(cell, "value", cell) for cell in row] for row in port_table(fit).rows)
+    assert port[:4] == ["port", 61.25, 1.5, "none"]
+    assert port[5:] == [4.0, 0.25]
+    assert not certainty_table(corner).rows
+    assert not port_table(corner).rows
+
+
+def test_a_flag_of_the_fit_is_a_reason_to_look_and_stands_on_the_page(
+    corner: VehicleFit, setups: list[RigTest], tmp_path: Path
+) -> None:
+    plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
+    fit = replace(corner, trust=TRUST)
+    study = validate_vehicle(fit, records_of(fit, *setups[:1]))
+    assert not any("flags" in reason for reason in verdict(plain).reasons)
+    assert any("springs that are not straight" in reason for reason in verdict(study).reasons)
+    assert verdict(study).kind == "open"
+    page = write_vehicle_report(tmp_path / "car.html", study).read_text(encoding="utf-8")
+    for said in ("The fit of itself", "Springs are not straight.", "Stabilisation diagram", "4 states are taken"):
+        assert said in page
