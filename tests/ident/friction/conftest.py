@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import decimate
 
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
-from eightpost.rig.post import NO_DRIFT, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
+from eightpost.rig.post import NO_DRIFT, Car, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
@@ -17,15 +17,19 @@ COULOMB = convert(15.0, "lbf", "N")
 BASELINE, ALTERNATE = (convert(rate, "lbf/(in/s)", "N.s/m") for rate in (17.5, 8.0))
 
 
+def rubbing_car(coulomb: float, progression: float = 0.0) -> Car:
+    """The quarter car with a bristle of a sliding force [N] and a spring of a progression [1/m]."""
+    one, car = np.ones((1, 1)), quarter_truth()
+    stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
+    springs = replace(car.springs, progression=progression * one)
+    return replace(car, friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one), springs=springs)
+
+
 def rig_tests(
     coulomb: float, seed: int, noise: float = 0.01, *, progression: float = 0.0, noise_seed: int = 0
 ) -> list[TimeSeries]:
     """Baseline and alternate damper, 60 s each, at 125 Hz."""
-    one = np.ones((1, 1))
-    stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
-    car = quarter_truth()
-    springs = replace(car.springs, progression=progression * one)
-    car = replace(car, friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one), springs=springs)
+    car = rubbing_car(coulomb, progression)
     return [
         _at_125_hz(
             run_test(

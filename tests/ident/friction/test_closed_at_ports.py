@@ -1,0 +1,63 @@
+"""An identified car with shock laws at its ports, against the rig on another drive with other shocks."""
+
+from __future__ import annotations
+
+import pytest
+
+from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.friction import FrictionSearch
+from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle_validation import record_of, validate_vehicle
+from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
+from eightpost.shock import Polylinear, StaticCurve
+from eightpost.signals import TimeSeries
+
+from .conftest import BASELINE, COULOMB, rubbing_car
+
+#: A damper that no test of the identification had.
+FIRM = 1.5 * BASELINE
+
+
+def _law(rate: float) -> Polylinear:
+    """F = rate v."""
+    speed = 0.4
+    outer = (rate * speed, rate * speed, 0.0, 0.0)
+    inner = (rate * speed, *[0.0] * 14)
+    return Polylinear(StaticCurve(inner, outer, tuple(-c for c in outer), speed, 0.01, 5.0, 5.0, rate, rate))
+
+
+@pytest.fixture(scope="module")
+def unseen() -> RigTest:
+    """The same car on another drive, with a firmer damper."""
+    car = rubbing_car(COULOMB)
+    drive = random_drive(car, 91, duration=30.0)
+    return run_test(car, drive, (LinearDamper(FIRM),), seed=91, sensors=RigSensors.perfect(), drift=NO_DRIFT)
+
+
+@pytest.fixture(scope="module")
+def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
+    """Identified from the tests with friction."""
+    search = FrictionSearch(velocities=(0.01,))
+    return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
+
+
+def test_laws_at_the_ports_of_an_identified_car_give_the_rigs_levels_and_friction_is_why(fit: VehicleFit, unseen: RigTest) -> None:
+        rubbing, experiment
+    )
+    record = record_of(unseen, fit.vehicle.state_space)
+    (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
+    assert case.shocks == "shock laws, ports closed"
+    assert case.without_friction is not None
+    assert max(abs(one.level) for one in case.judged) < 0.01
+    assert max(one.error for one in case.judged) < 0.1
+    names = {one.name for one in case.judged}
+    assert max(abs(one.level) for one in case.without_friction if one.name in names) > 0.03
+
+
+def test_the_wrong_law_at_the_port_is_seen(fit: VehicleFit, unseen: RigTest) -> None:
+        rubbing, experiment
+    )
+    record = record_of(unseen, fit.vehicle.state_space)
+    (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
+    assert max(abs(one.level) for one in case.judged) > 0.1
