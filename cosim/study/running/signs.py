@@ -13,6 +13,9 @@ from typing import Any
 #: Signal that no process can hold off; Windows ends a process by any.
 _END = getattr(signal, "SIGKILL", signal.SIGTERM)
 
+#: How often it is looked whether a worker has come to its end [s].
+_LOOK = 0.05
+
 
 class Signs:
     """What the workers of one pool say, and since when each has said the same.
@@ -38,9 +41,15 @@ class Signs:
         self._end(silent)
         return bool(silent)
 
-    def end_working(self) -> None:
-        """End the workers that are at work: nobody waits for what they do."""
-        self._end([k for k, count in enumerate(self._counts[:]) if count > 0])
+    def end_working(self, grace: float) -> None:
+        """End the workers that are still at work after `grace` [s]: nobody waits for what they do."""
+        until = time.monotonic() + grace
+        while self._working() and time.monotonic() < until:
+            time.sleep(_LOOK)
+        self._end(self._working())
+
+    def _working(self) -> list[int]:
+        return [k for k, count in enumerate(self._counts[:]) if count > 0]
 
     def _silences(self) -> list[float]:
         """For how long each worker has given no sign [s]; 0 for one that has nothing to do."""

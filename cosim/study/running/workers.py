@@ -31,6 +31,9 @@ _WORTH = 50
 #: For how long a worker may give no sign that it gets on [s]: signs come every some thousand coupling steps.
 PATIENCE = 300.0
 
+#: What a worker may still take for what it does when nobody waits for it any more [s].
+_GRACE = 3.0
+
 _CRASHES = "the worker process died while it ran this setup alone: an FMU of it crashes (eightpost run --isolate)"
 
 
@@ -119,9 +122,9 @@ class ProcessWorkers:
                 yield running.pop(future), future.result()
 
     def close(self, *, wait: bool = False) -> None:
-        """End the workers: `wait` until what they do is done, else at once."""
+        """End the workers: `wait` until what they do is done, else no longer than it takes to clean up."""
         self._pool.shutdown(wait=wait, cancel_futures=True)
-        self._signs.end_working()
+        self._signs.end_working(_GRACE)
 
     def _begin(self) -> tuple[ProcessPoolExecutor, Signs]:
         context = get_context("spawn")
