@@ -56,6 +56,9 @@ CERTAIN = 5.0
 #: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
 _BAND = 12.0
 
+#: Records of 800 s are compared at no more than about this rate [Hz]: filters at the rig's would cost seconds each.
+_RATE = 250.0
+
 
 class SwappedCornersError(DataError):
     """A channel belongs to another corner."""
@@ -88,7 +91,8 @@ class _Record:
 
     def __init__(self, series: TimeSeries, corners: tuple[str, ...], origin: Origin) -> None:
         self._series, self.corners, self.origin = series, corners, origin
-        self.rate = series.sample_rate
+        self._every = max(1, int(series.sample_rate // _RATE))
+        self.rate = series.sample_rate / self._every
         self._cutoff = min(_BAND, 0.4 * self.rate)
         self._lows: dict[str, Array] = {}
         self.chance = float(CERTAIN / np.sqrt(2.0 * self._cutoff * series.duration))
@@ -103,8 +107,10 @@ class _Record:
         return all(self.name(place, quantity) in self._series for quantity in quantities for place in places)
 
     def raw(self, corner: int, quantity: str) -> Array:
-        """Return a quantity of one corner (N,)."""
-        return self._series[self.name(corner, quantity)]
+        """Return a quantity of one corner, means over blocks of samples (N,)."""
+        values = self._series[self.name(corner, quantity)]
+        size = values.size // self._every
+        return np.asarray(values[: size * self._every].reshape(size, self._every).mean(axis=1))
 
     def low(self, quantity: str) -> Array:
         """Return a quantity of all corners (C, N), low-passed and without its mean."""
@@ -143,7 +149,7 @@ class _Record:
 def _check_pairs(record: _Record, quantity: str, against: str, values: Array, references: Array) -> None:
     """Raise unless every corner's values (C, N) go with their own reference (C, N) and with none better."""
     likeness = _complex_correlations(values, references)
-    for place in record.moving(against):
+    for place in sorted({*record.moving(quantity)} & {*record.moving(against)}):
         own, best = likeness[place, place], int(np.argmax(np.abs(likeness[place])))
         other = likeness[place, best]
         if abs(other) > abs(own) + max(SWAPPED_BY, record.chance * (1.0 - abs(other) ** 2)):
