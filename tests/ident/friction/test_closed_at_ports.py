@@ -42,9 +42,7 @@ def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
     return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
 
 
-def test_laws_at_the_ports_of_an_identified_car_give_the_rigs_levels_and_friction_is_why(fit: VehicleFit, unseen: RigTest) -> None:
-        rubbing, experiment
-    )
+def test_laws_at_the_ports_give_the_rigs_levels_and_friction_is_why(fit: VehicleFit, unseen: RigTest) -> None:
     record = record_of(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
     assert case.shocks == "shock laws, ports closed"
@@ -56,8 +54,6 @@ def test_laws_at_the_ports_of_an_identified_car_give_the_rigs_levels_and_frictio
 
 
 def test_the_wrong_law_at_the_port_is_seen(fit: VehicleFit, unseen: RigTest) -> None:
-        rubbing, experiment
-    )
     record = record_of(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
     assert max(abs(one.level) for one in case.judged) > 0.1
