@@ -151,8 +151,9 @@ def _decimated(series: TimeSeries, decimation: Decimation) -> tuple[TimeSeries, 
     """Return the record at the model's rate without means, and the means."""
     means = series.values.mean(axis=1)
     # Row by row: all channels at full rate and their filtered copies would be gigabytes.
-    rows = [decimation.apply(row - mean, series.sample_rate) for row, mean in zip(series.values, means, strict=True)]
-    factor = decimation.factor(series.sample_rate)
+    rate = series.sample_rate
+    rows = [decimation.apply(row - mean, rate) for row, mean in zip(series.values, means, strict=True)]
+    factor = decimation.factor(rate)
     channels = {n: (u, row) for n, u, row in zip(series.names, series.units, rows, strict=True)}
     record = TimeSeries.from_channels(series.time[::factor], channels)
     return record, dict(zip(series.names, means.tolist(), strict=True))

@@ -72,15 +72,14 @@ class _Judge:
 
     def _check_not_held(self, name: str) -> None:
         values = self._series[name]
-        steps = np.diff(values)
-        changes = np.flatnonzero(steps)
-        if changes.size < 2 or changes[-1] - changes[0] < MOVING * values.size:
+        changes = np.flatnonzero(values[1:] != values[:-1])
+        share = 1.0 - changes.size / (values.size - 1)
+        if share <= HELD or changes.size < 2 or changes[-1] - changes[0] < MOVING * values.size:
             return
-        share = 1.0 - changes.size / steps.size
         hold = float(np.median(np.diff(changes)))
         # A slow signal of a coarse sensor repeats itself too, but by single levels and for times of every length.
         even = float(np.mean(np.diff(changes) == hold))
-        if share > HELD and hold >= 2.0 and even > 0.8:
+        if hold >= 2.0 and even > 0.8:
             what = (
                 f"it changes every {hold:.0f} samples only, at {self._rate / hold:.4g} Hz in a record of "
                 f"{self._rate:.4g} Hz: two loggers of different rates; export both at one rate"
