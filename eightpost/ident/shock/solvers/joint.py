@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: How many starts of LPNL2 are followed to their minimum, beside LPF1's own solution.
+#: How many starts of LPNL2 are followed, roughly, to their minimum.
 _FOLLOWED = 2
 
 #: Tolerance of the guides: which start is best is known long before its minimum is.
@@ -60,7 +60,7 @@ _HELD = {
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """All parameters together; LPNL2 is never worse than LPF1, for it starts from there.
+    """All parameters together; LPNL2 is never worse than LPF1, for it can say the same.
 
     A law is sketched first, on a part of the samples where they are costly; outliers are weighed there too. What is
     found is then followed to its minimum on the whole record.
@@ -148,18 +148,18 @@ class Joint:
         return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_lpf1(sketch))
 
     def _beyond_lpf1(self, lpf1: Sketch) -> Minimum:
-        """Follow LPF1's own solution in another law, and the best of that law's starts."""
+        """Follow the best of another law's starts, or LPF1's own solution where the law has none."""
         base, parameters = lpf1.whole, lpf1.minimum.parameters
         dynamics, problem = base.dynamics, sketched(base)
-        same = np.append(parameters[:-1], dynamics.like_lpf1(base, parameters))
-        starts = [same, *dynamics.starts(problem.model, parameters, _FOLLOWED)]
+        starts = dynamics.starts(problem.model, parameters, _FOLLOWED)
+        best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_lpf1(base, parameters))])
         if dynamics.needs_rise:
-            return problem.held(rising_hold(base.basis, lpf1.minimum.curve), _best(problem, starts))
-        return self._shaped(problem.followed(_best(problem, starts)), same)
+            return problem.held(rising_hold(base.basis, lpf1.minimum.curve), best)
+        return self._shaped(problem.followed(best))
 
-    def _settled(self, minimum: Minimum, free: ForceModel, *others: Array) -> Minimum:
+    def _settled(self, minimum: Minimum, free: ForceModel) -> Minimum:
         """Return the minimum with the shape that was asked for, its cubics released where that is worthwhile."""
-        shaped = self._shaped(minimum, *others)
+        shaped = self._shaped(minimum)
         return min((shaped, *self._released(shaped, free)), key=lambda m: m.cost)
 
     def _released(self, minimum: Minimum, free: ForceModel) -> list[Minimum]:
@@ -177,13 +177,13 @@ class Joint:
         hold = self._hold(free.basis, same - step[: same.size])
         return [self._shaped(problem.followed(start)) if hold is None else problem.held(hold, start)]
 
-    def _shaped(self, minimum: Minimum, *others: Array) -> Minimum:
-        """Follow on with a curve that is held to its shape, where it needs holding; also from `others`, if any."""
+    def _shaped(self, minimum: Minimum) -> Minimum:
+        """Follow on with a curve that is held to its shape, where it needs holding."""
         problem, b = minimum.problem, minimum.curve
         hold = problem.hold or self._hold(problem.model.basis, b)
         if hold is None or hold is problem.hold or not hold.shortfall(b).any():
             return minimum
-        return problem.held(hold, minimum.parameters, *others)
+        return problem.held(hold, minimum.parameters)
 
     def _hold(self, basis: WorkingBasis, b: Array) -> Hold | None:
         """Return what a curve b is to be held to, if anything."""

@@ -82,21 +82,20 @@ class Problem:
         status = f"{result.message} {result.nfev} evaluations."
         return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
 
-    def held(self, hold: Hold, *starts: Array) -> Minimum:
-        """Follow starts to the best minimum whose curve keeps what it is held to."""
+    def held(self, hold: Hold, start: Array) -> Minimum:
+        """Follow a start (n + g + k,) to the minimum whose curve keeps what it is held to."""
         problem, (low, high) = replace(self, hold=hold), self.model.bounds()
         matrix = np.zeros((hold.floor.size, low.size))
         matrix[:, : self.model.curve_count] = hold.matrix
-        walls = Walls(matrix, hold.floor + hold.clear).and_bounds(low, high)
-        ended = (
-            least_squares_between(
-                self.residual, self.jacobian, np.clip(start, low, high), walls,
-                tolerance=self.tolerance, evaluations=_EVALUATIONS,
-            )
-            for start in starts
-        )  # fmt: skip
-        minima = [replace(problem.at(np.clip(x, low, high), status), converged=done) for x, done, status in ended]
-        return min(minima, key=lambda minimum: minimum.cost)
+        ended = least_squares_between(
+            self.residual,
+            self.jacobian,
+            np.clip(start, low, high),
+            Walls(matrix, hold.floor + hold.clear).and_bounds(low, high),
+            tolerance=self.tolerance,
+            evaluations=_EVALUATIONS,
+        )
+        return replace(problem.at(np.clip(ended.x, low, high), ended.status), converged=ended.converged)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
