@@ -19,7 +19,8 @@ import numpy as np
 from builder.documents.subject import Subject
 from builder.interface import Interface
 from eightpost.shock import Shock, ShockLaw
-from eightpost.vehicle import LinearStepper, Vehicle
+from eightpost.vehicle import IdentifiedVehicle, LinearStepper, Vehicle, friction
+from eightpost.vehicle.friction import PortFriction
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,17 +82,28 @@ def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | Non
     """
     model = vehicle.coupled()
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    rubbing = _friction(vehicle, stepper)
     u = rounded(vehicle_inputs([channel.unit for channel in model.inputs]))
     try:
         x = stepper.equilibrium(u[0])
     except ValueError:
         return None
-    rows = [stepper.output(x, u[0])]
+    rows = [friction.output(stepper, rubbing, x, u[0])]
     for held in u[:-1]:
-        x = stepper.advance(x, held, held, STEP)
-        rows.append(stepper.output(x, held))
+        x = friction.advance(stepper, rubbing, x, held, held, STEP)
+        rows.append(friction.output(stepper, rubbing, x, held))
     y = np.array(rows) + _offsets(interface, model.output_names)
     return Reference(model.input_names, u, model.output_names, y)
+
+
+def _friction(vehicle: Vehicle, stepper: LinearStepper) -> PortFriction:
+    """Return the friction of an identified vehicle's ports; none of any other."""
+    laws = vehicle.friction if isinstance(vehicle, IdentifiedVehicle) else {}
+    model, prefixes = vehicle.coupled(), {port: f"{port}." if port else "" for port in laws}
+    forces = [model.input_names.index(f"{prefix}force") for prefix in prefixes.values()]
+    velocities = [model.output_names.index(f"{prefix}velocity") for prefix in prefixes.values()]
+    sizes, widths = ([getattr(law, name) for law in laws.values()] for name in ("force", "velocity"))
+    return PortFriction(friction.ports_of(stepper, forces, velocities), np.array(sizes), np.array(widths))
 
 
 def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:

@@ -12,9 +12,18 @@ from fmpy.util import read_csv, read_ref_opt_file
 from numpy.polynomial import polynomial
 from scipy.signal import cont2discrete
 
+from builder.documents.reference import vehicle_reference
 from builder.product import vehicle_product
 from eightpost.shock import StaticCurve
-from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, StructuralVehicle, read_vehicle, shipped
+from eightpost.vehicle import (
+    Channel,
+    Friction,
+    IdentifiedVehicle,
+    StateSpace,
+    StructuralVehicle,
+    read_vehicle,
+    shipped,
+)
 
 from .members import ALL, CARS, EXTRA, LAWS, assert_close, members_of, page_of, reference_of, table_of
 
@@ -101,6 +110,17 @@ def test_a_vehicles_reference_is_scipys_zero_order_hold(archives, name):
     y = model.C @ x + model.D @ np.column_stack([u[:, :1], u[:, :-1]])
     for row, channel in zip(y, model.outputs, strict=True):
         assert_close(outputs[channel.name], row)
+
+
+def test_friction_at_the_ports_is_part_of_an_identified_vehicles_reference():
+    """A car that rubs moves less than one that does not; the law alone makes the difference."""
+    model = read_vehicle(shipped("quarter_car")).coupled()
+    smooth = IdentifiedVehicle("car", model)
+    rubbing = IdentifiedVehicle("car", model, friction={"": Friction(200.0, 0.01)})
+    found = [vehicle_reference(v, vehicle_product(v, "car").interface) for v in (smooth, rubbing)]
+    place = found[0].outputs.index("velocity")
+    sizes = [float(np.std(one.y[:, place])) for one in found]
+    assert sizes[1] < 0.9 * sizes[0]
 
 
 def test_static_values_are_part_of_a_vehicles_reference():

@@ -80,6 +80,16 @@ def test_a_displacement_is_the_integral_of_its_velocity(quarter_car: StateSpace)
     np.testing.assert_allclose(2j * np.pi * FREQUENCY * H[x], H[v], rtol=1e-6, atol=1e-9 * np.abs(H[v]).max())
 
 
+@pytest.mark.parametrize("lags", [True, False])
+def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car: StateSpace, lags: bool) -> None:
+    found = CommonPoleFit(high=HIGH, lags=lags).fit(noisy(quarter_car, 0.03, 6))
+    model = found.model
+    largest = np.abs(model.frequency_response(FREQUENCY)).max(axis=2)
+    gain = model.D - model.C @ np.linalg.solve(model.A, model.B)
+    row = model.output_names.index("velocity")
+    assert (np.abs(gain[row]) < 1e-12 * largest[row]).all()
+
+
 def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace) -> None:
     # The road acts through k_t + s c_t: 0.00125 s is 2.5 lbf.s/in on 2000 lbf/in.
     exact = response_of(quarter_car, FREQUENCY)

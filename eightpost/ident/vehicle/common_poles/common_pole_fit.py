@@ -20,6 +20,7 @@ from eightpost.ident.vehicle.common_poles.physics import (
 )
 from eightpost.ident.vehicle.common_poles.points import Points, points_of
 from eightpost.ident.vehicle.common_poles.refinement import Refined, Refinement, Solution
+from eightpost.ident.vehicle.common_poles.rest import brought_to_rest
 from eightpost.ident.vehicle.common_poles.subspace import subspace_of
 from eightpost.vehicle.statespace import StateSpace
 
@@ -187,7 +188,8 @@ def state_space(
         None,
         "common_poles",
     )
-    return with_integrals(model, outputs)
+    weight = points.weight.mean(axis=1) / y[:, None]
+    return with_integrals(brought_to_rest(model, solution.blocks.states, points.s, weight), outputs)
 
 
 def _model(
