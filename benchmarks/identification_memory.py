@@ -50,8 +50,9 @@ def cost_of(words: list[str]) -> Cost:
     command = [sys.executable, "-m", "eightpost", *words]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)  # Linux and macOS; only the child's own figures
+    process.returncode = os.waitstatus_to_exitcode(status)  # which Popen would wait for otherwise
     unit = 1 if sys.platform == "darwin" else 1024
-    return Cost(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss * unit / 1e9)
+    return Cost(process.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss * unit / 1e9)
 
 
 def _made(options: argparse.Namespace) -> list[Path]:
