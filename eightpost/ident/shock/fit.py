@@ -197,7 +197,8 @@ def _weighed(joint: Joint, models: Models, weigh: Callable[[Array, float], Array
     sketch = _outliers_weighed(joint, joint.sketch(models), weigh)
     whole = joint.finished(sketch)
     if not sketch.is_final and (sketch.weights < 1.0).any():
-        whole = joint.weighed(whole, weigh(whole.error, models.runs.deviation))
+        weights = weigh(whole.error, models.runs.deviation)
+        whole = whole if _alike(weights, whole.weights) else joint.weighed(whole, weights)
     return joint.solution(whole)
 
 
@@ -206,10 +207,15 @@ def _outliers_weighed(joint: Joint, first: Sketch, weigh: Callable[[Array, float
     sketch = first
     for count in range(_WEIGHINGS if first.is_final else _WEIGHINGS - 1):
         weights = weigh(sketch.error, sketch.models.runs.deviation)
-        if np.abs(weights - sketch.weights).max() < 0.05:
+        if _alike(weights, sketch.weights):
             break
         if count and (weights == first.weights).all():
             return first  # no outliers after all; to weigh again would go round in a circle
         # The order of the curve may change when outliers first lose their weight, and then no more.
         sketch = joint.weighed(sketch, weights) if count else joint.reordered(sketch, weights)
     return sketch
+
+
+def _alike(weights: Array, others: Array) -> bool:
+    """Return whether weights (R,) are near enough to others that a fit with them would be the same."""
+    return bool(np.abs(weights - others).max() < 0.05)
