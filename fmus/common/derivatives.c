@@ -5,7 +5,7 @@
 /* The least change of a variable that shows beside rounding: forces and stiffnesses are far larger numbers than metres. */
 static double least_size(const Variable *variable)
 {
-    return variable->unit[0] == 'N' ? 1.0 : 1e-3;
+    return variable->unit[0] == 'N' ? 1e3 : 1e-3;
 }
 
 /* d output / d known of the start, by central differences: the start solves for the state, so it has no formula here. */
