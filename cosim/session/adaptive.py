@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time as clock
+
 import numpy as np
 
 from cosim.algorithm import Adaptive
@@ -29,11 +31,13 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
     state = _first_progress(setup.step, control, running.memory.now.size, knots.values.shape[1])
     kept = memory(running.plan)
     march = marching.bind(running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
+    began = clock.perf_counter()
     while True:
         end = march(max(1, marching.chunk // 10))
         time = float(state.time[0])
         if end in (STOPPED, STUCK) or running.memory.failure[3] == 1:
-            return Ending(end, time, least=float(state.smallest[0]), largest=float(state.greatest[0]))
+            least, largest = float(state.smallest[0]), float(state.greatest[0])
+            return Ending(end, time, least=least, largest=largest, began=began)
         if end != DONE:
             raise failure(setup, running, end, time)
         marching.progress(min(1.0, time / setup.scenario.stop))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     """
     grid, count = _grid(setup), setup.times.size - 1
     march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
-    end = DONE
+    began, end = clock.perf_counter(), DONE
     for first in range(0, count, marching.chunk):
         last = min(first + marching.chunk, count)
         end = march(first, last)
@@ -33,7 +34,7 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
         if end != DONE:
             raise failure(setup, running, end, _reached(setup, running))
         marching.progress(last / count)
-    return Ending(end, _reached(setup, running), least=setup.step, largest=setup.step)
+    return Ending(end, _reached(setup, running), least=setup.step, largest=setup.step, began=began)
 
 
 def _reached(setup: Setup, running: Running) -> float:

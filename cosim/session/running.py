@@ -66,12 +66,14 @@ class Ending:
         time: Until which it came [s].
         least: Smallest step that was made [s].
         largest: Largest step that was made [s].
+        began: What the clock (time.perf_counter) said before the first step [s].
     """
 
     why: int
     time: float
     least: float
     largest: float
+    began: float
 
 
 def begin(setup: Setup) -> Equilibrium:

@@ -63,9 +63,8 @@ class Session:
         try:
             equilibrium = begin(self._setup)
             running = prepare(self._setup)
-            stepping = clock.perf_counter()
             ending = self._step(running, engine, progress or (lambda _: None))
-            seconds = (stepping - began, clock.perf_counter() - stepping)
+            seconds = (ending.began - began, clock.perf_counter() - ending.began)
             result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
             if ending.why == STOPPED:
                 raise RunInterrupted(result)
