@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import units
+from eightpost.commands.fit_peaks import fit_peak_tables, peak_tables, refuse_dynamics
 from eightpost.errors import InputError
 from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
 from eightpost.ident.shock.curve.shape import Shape
@@ -80,19 +81,25 @@ def fit(  # one parameter per option
     """Fit a shock law to a dynamometer file, or to several runs of one build together.
 
     DYNO is a .csv, .txt, .parquet, .mat or .mf4 file with time, force, and velocity or displacement; units in its
-    header, in a channel map, or by --units. Several tables in a file are several runs. Exits 1 if the fit did not
-    converge.
+    header, in a channel map, or by --units. Several tables in a file are several runs. A table of forces over peak
+    speeds gives a polylinear shock for each setting of the adjusters. Exits 1 if the fit did not converge.
 
     \b
     Examples:
       eightpost fit dyno.csv --law lpnl2 -o shock.json
       eightpost fit run1.csv run2.csv --law lpf1 --order 9 --shape monotone -o shock.json
       eightpost fit sines.csv --split -o shock.json
+      eightpost fit peak_velocities.csv -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
     console = Console()
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
+    given = dict(_pair(word) for word in unit_words)
+    if tables := peak_tables(dyno_files, given):
+        refuse_dynamics(ctx, law)
+        fit_peak_tables(console, tables, output, name=name, build=build)
+        return
     channel_map = ChannelMap.read(map_file) if map_file else None
     tests = [
         test
@@ -100,7 +107,7 @@ def fit(  # one parameter per option
         for test in read_dyno_tests(
             dyno_file,
             channel_map=channel_map,
-            units=dict(_pair(word) for word in unit_words),
+            units=given,
             flip=flip,
             conditions=DynoConditions(build, clicks, _si(gas_pressure, "Pa")),
             cutoff=cutoff,

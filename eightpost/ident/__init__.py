@@ -3,7 +3,7 @@
 from eightpost.ident.shock.curve.peak_velocity import fit_peak_velocity
 from eightpost.ident.shock.fit import fit_shock
 from eightpost.ident.shock.laws.simulation import simulate
-from eightpost.ident.shock.report.plots import plot_force_velocity
+from eightpost.ident.shock.report.plots import plot_force_velocity, plot_peak_velocity
 from eightpost.ident.shock.report.result import ShockFit
 from eightpost.ident.shock.report.tables import fit_table, parameter_table
 from eightpost.ident.validation import Validation, evaluate
@@ -17,5 +17,6 @@ __all__ = [
     "fit_table",
     "parameter_table",
     "plot_force_velocity",
+    "plot_peak_velocity",
     "simulate",
 ]

@@ -162,15 +162,20 @@ class _Columns:
 
     def _is_force(self, i: int) -> bool:
         unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
-        taken = _SPEED | _SETTING | _STROKE
+        taken = self._is_setting(i) or _plain(self.record.names[i]) in _SPEED | _STROKE
         try:
-            return unit is not None and compatible(unit, "N") and _plain(self.record.names[i]) not in taken
+            return unit is not None and compatible(unit, "N") and not taken
         except UnknownUnitError:
             return False
 
+    def _is_setting(self, i: int) -> bool:
+        """Say whether a column names the setting of each line; `0 clicks` is the force at a setting."""
+        name = self.record.names[i]
+        return _plain(name) in _SETTING and not re.search(r"\d", name)
+
     def _settings(self) -> list[str]:
         """Return the setting of each line: its cell in the column of that name, empty without one."""
-        i = self._find(_SETTING)
+        i = next((i for i in range(len(self.record.names)) if self._is_setting(i)), None)
         count = self.record.columns[0].size
         if i is None:
             return [""] * count

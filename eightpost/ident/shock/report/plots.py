@@ -14,13 +14,15 @@ from eightpost.ident.shock.report.tables import law_title
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from eightpost.ident.shock.report.result import ShockFit
+    from eightpost.rig.peak_velocity import PeakVelocityTable
+    from eightpost.shock import Shock, StaticCurve
 
     Array = NDArray[np.float64]
 
@@ -47,6 +49,27 @@ def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], 
         figure.savefig(temporary, format="png", dpi=110)
 
 
+def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: str | Path) -> None:
+    """Write a PNG of peak-velocity tables and the curves through them: a colour for each setting of the adjusters.
+
+    Args:
+        found: Tables and the shocks that were made of them.
+        path: Where the PNG goes; replaced whole or not at all.
+    """
+    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for table, shock in found:
+        (line,) = axes.plot(*_static_curve(shock.law.curve), linewidth=1.5, label=table.clicks or shock.name)
+        speed = np.concatenate([-table.speed, table.speed])
+        force = np.concatenate([table.rebound, table.compression])
+        axes.plot(_INCH * speed, _POUND * force, "o", color=line.get_color(), markersize=4.0)
+    axes.set_title("points of the table, and curves through them", pad=34)
+    _decorate(axes)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+
+
 def _panel(axes: Axes, fit: ShockFit) -> None:
     velocity, gas = _INCH * fit.measured["velocity"], fit.predicted["gas_force"]
     dots = slice(None, None, max(velocity.size // _DOTS, 1))
@@ -54,7 +77,7 @@ def _panel(axes: Axes, fit: ShockFit) -> None:
     measured, predicted = (_POUND * (series["force"] - gas) for series in (fit.measured, fit.predicted))
     axes.plot(velocity[dots], measured[dots], ".", color="0.6", markersize=2.0, label="measured")
     axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s of it")
-    axes.plot(*_static_curve(fit), color="tab:red", linewidth=1.8, label="static curve")
+    axes.plot(*_static_curve(fit.shock.law.curve), color="tab:red", linewidth=1.8, label="static curve")
     band = fit.band
     low, high = (_POUND * (band.force + sign * band.half_width) for sign in (-1.0, 1.0))
     axes.fill_between(_INCH * band.velocity, low, high, color="tab:red", alpha=0.3, linewidth=0, label="its 95 % band")
@@ -70,8 +93,7 @@ def _liveliest(time: Array, velocity: Array) -> NDArray[np.bool_]:
     return np.asarray((time >= start) & (time <= start + _LOOP))
 
 
-def _static_curve(fit: ShockFit) -> tuple[Array, Array]:
-    curve = fit.shock.law.curve
+def _static_curve(curve: StaticCurve) -> tuple[Array, Array]:
     velocity = np.linspace(-curve.rebound_speed, curve.compression_speed, 600)
     return _INCH * velocity, _POUND * curve_forces(curve, velocity)
 

@@ -1,0 +1,89 @@
+"""`eightpost fit` of a peak-velocity table: force per speed, a shock for each setting of the adjusters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost.errors import InputError
+from eightpost.ident import fit_peak_velocity, plot_peak_velocity
+from eightpost.rig import PeakVelocityTable, read_peak_velocity
+from eightpost.rig.peak_velocity_file import is_peak_velocity
+from eightpost.shock import Shock, write_shock
+from eightpost.signals import read_records
+
+_TEXT = (".csv", ".txt", ".tsv")
+
+
+def peak_tables(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelocityTable, ...]:
+    """Return the tables of a peak-velocity file; none where the files are records over time.
+
+    Raises:
+        InputError: There are other files beside it.
+    """
+    found = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
+    if found and len(files) > 1:
+        raise InputError(f"{found[0]} is a peak-velocity table: fit it by itself")
+    return read_peak_velocity(found[0], units=units) if found else ()
+
+
+def fit_peak_tables(
+    console: Console, tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None, build: str | None
+) -> tuple[Path, ...]:
+    """Fit and write a shock per table, say how well each curve meets its points, and draw them.
+
+    Returns:
+        The shock files: `output`, or beside it one for each setting.
+    """
+    found, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
+    for table in tables:
+        several = len(tables) > 1
+        shock = _named(fit_peak_velocity(table, name=name), table.clicks if several else None, build)
+        path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}") if several else output
+        _show(console, table, shock)
+        write_shock(shock, path)
+        found.append((table, shock))
+        paths.append(path)
+    picture = output.with_suffix(".png")
+    plot_peak_velocity(found, picture)
+    console.print(f"wrote {', '.join(map(str, [*paths, picture]))}", soft_wrap=True, highlight=False)
+    return tuple(paths)
+
+
+def refuse_dynamics(ctx: click.Context, law: str) -> None:
+    """Refuse a law with dynamics that was asked for: such a table says nothing of it."""
+    asked = ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT
+    if asked and law != "polylinear":
+        raise InputError(
+            f"a peak-velocity table has force per speed and says nothing of lag, which {law} has: leave --law out, "
+            "or write --law polylinear"
+        )
+
+
+def _named(shock: Shock, clicks: str | None, build: str | None) -> Shock:
+    conditions = dict(shock.conditions) | ({"build": build} if build else {})
+    return replace(shock, name=f"{shock.name} {clicks}" if clicks else shock.name, conditions=conditions)
+
+
+def _slug(clicks: str | None) -> str:
+    return re.sub(r"[^A-Za-z0-9.+-]+", "_", clicks or "").strip("_") or "setting"
+
+
+def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
+    fit = shock.fit or {}
+    console.print(
+        f"{escape(shock.name)}: {len(table)} speeds a side to {table.speed[-1]:.4g} m/s; the curve meets its points "
+        f"within {fit['greatest_error_at_points [N]']:.3g} N, {fit['rms [N]']:.3g} N RMS",
+        soft_wrap=True,
+        highlight=False,
+    )
+    for what in fit["warnings"]:
+        console.print(f"[red]warning[/] {escape(what)}", highlight=False)
+    for what in fit["changes"]:
+        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)

@@ -1,0 +1,59 @@
+"""`eightpost fit` of a table of peak velocities: a polylinear shock for each setting, through the table's points."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.shock import Polylinear, read_shock
+
+TABLE = (
+    "speed (mm/s),comp 3 (N),reb 3 (N),comp 6 (N),reb 6 (N)\n"
+    "50,200,250,120,160\n150,420,560,300,400\n300,600,840,450,640\n500,760,1150,600,900\n"
+)
+
+
+def fit(*words):
+    shown = CliRunner().invoke(main, ["fit", *map(str, words)], env={"COLUMNS": "200"})
+    return shown.exit_code, shown.output
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "valve.csv"
+    path.write_text(TABLE)
+    return path
+
+
+def test_each_setting_becomes_a_shock_through_its_points(table, tmp_path):
+    code, shown = fit(table, "-o", tmp_path / "valve.json", "--build", "V17")
+    assert code == 0, shown
+    assert "joined by a monotone interpolant" in shown
+    assert (tmp_path / "valve.png").stat().st_size > 10_000
+    for clicks, force in (("3", 600.0), ("6", 450.0)):
+        shock = read_shock(tmp_path / f"valve_{clicks}.json")
+        assert isinstance(shock.law, Polylinear)
+        assert shock.conditions["build"] == "V17"
+        assert shock.name == f"valve {clicks}"
+        np.testing.assert_allclose(shock.law.curve.force(0.3), force, rtol=0.03)
+
+
+def test_a_table_of_one_setting_goes_to_the_file_that_is_named(tmp_path):
+    path = tmp_path / "one.csv"
+    path.write_text("speed (m/s),comp (N),reb (N)\n.05,100,-200\n.1,180,-330\n.25,300,-500\n")
+    code, shown = fit(path, "-o", tmp_path / "one.json", "--law", "polylinear")
+    assert code == 0, shown
+    assert read_shock(tmp_path / "one.json").name == "one"
+
+
+def test_a_law_with_dynamics_is_refused_and_nothing_is_written(table, tmp_path):
+    code, shown = fit(table, "--law", "lpnl2", "-o", tmp_path / "valve.json")
+    assert code == 2
+    assert "says nothing of lag" in shown
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["valve.csv"]
+
+
+def test_a_table_beside_a_record_is_refused(table, tmp_path):
+    code, shown = fit(table, table, "-o", tmp_path / "valve.json")
+    assert code == 2
+    assert "by itself" in shown
