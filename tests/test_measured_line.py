@@ -1,6 +1,7 @@
 """The whole line on measured records: fit, build, check, couple. Runs where EIGHTPOST_DATA names the folder."""
 
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,14 +28,17 @@ RECORDS = {
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="EIGHTPOST_DATA does not name the folder of measured records")
 @pytest.mark.parametrize("record", RECORDS)
-def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path):
+def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, one_platform):
+    """The FMU of the first is built for all platforms and checked; those of the others differ by their numbers only."""
+    is_first = record == next(iter(RECORDS))
     assert DATA is not None
     fit = fit_shock(read_dyno_test(Path(DATA) / record, flip=RECORDS[record]), "lpf1")
     assert fit.percent < 40.0
     # Rig records of small dampers: a motion ratio would be chosen; here the curve is what is tested.
     write_shock(replace(fit.shock, name="measured"), tmp_path / "shock.json")
-    build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
-    assert check(tmp_path / "shock.fmu").findings == ()
+    with nullcontext() if is_first else one_platform():
+        build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
+    assert not is_first or check(tmp_path / "shock.fmu").findings == ()
     corners = ("lf", "rf", "lr", "rr")
     system = cosim.System.load(
         {"car": tmp_path / "car.fmu"} | dict.fromkeys(corners, tmp_path / "shock.fmu"),
