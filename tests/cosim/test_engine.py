@@ -232,8 +232,11 @@ def test_ctrl_c_in_a_long_compiled_run_leaves_what_was_computed_within_a_second(
     assert any("interrupted" in note for note in found.notes)
     reached = float(found.series.time[-1])
     assert 0.0 < reached < 30.0
-    until = Scenario(reached, bumps, {"a": "car_a.road"}, record_step=0.01)
-    assert series_bits(run(system, until, algorithm=algorithm, step=1e-5)) == series_bits(found)
+    # Further than that: a run's end is a point of its drive, and what is interpolated towards it is rounded otherwise.
+    further = Scenario(reached + 0.02, bumps, {"a": "car_a.road"}, record_step=0.01)
+    longer, count = run(system, further, algorithm=algorithm, step=1e-5).series, found.series.time.size
+    assert longer.time[:count].tobytes() == found.series.time.tobytes()
+    assert longer.values[:, :count].tobytes() == found.series.values.tobytes()
 
 
 @pytest.fixture(scope="module")

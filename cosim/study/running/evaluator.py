@@ -102,7 +102,9 @@ class Evaluator:
         """
         system = self.system(setup)
         scenario = self.scenario(drive, extra=extra)
-        return Session(system, scenario, coupling.algorithm(system), coupling.step).run(progress=sign)
+        session = Session(system, scenario, coupling.algorithm(system), coupling.step)
+        sign()  # the first opens its FMUs, and then loads the loop
+        return session.run(progress=sign)
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
         """Run a setup on every drive and return its row; what fails is said in it and does not raise."""
