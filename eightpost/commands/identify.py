@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -26,7 +27,7 @@ from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from eightpost.ident.preparation import Prepared
     from eightpost.ident.vehicle.experiment import Experiment
@@ -136,9 +137,19 @@ def _read(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("reading", total=len(rig_files))
-        for rig_file in rig_files:
-            yield read_rig_test(rig_file, channel_map=channel_map, flip=flip)
+        for test in _one_ahead(lambda path: read_rig_test(path, channel_map=channel_map, flip=flip), rig_files):
+            yield test
             progress.advance(task)
+
+
+def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> Iterator[RigTest]:
+    """Read each file while the one before it is worked on; no more are held than these two."""
+    with ThreadPoolExecutor(1) as reader:
+        waiting = reader.submit(read, rig_files[0])
+        for path in rig_files[1:]:
+            test, waiting = waiting.result(), reader.submit(read, path)
+            yield test
+        yield waiting.result()
 
 
 def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: str, outputs: str | None) -> Experiment:

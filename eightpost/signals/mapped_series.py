@@ -77,7 +77,9 @@ class _Plan:
     def values(self, record: RawRecord) -> NDArray[np.float64]:
         raw = record.numbers(self.column, channel=self.name)
         check_finite(raw, channel=self.name, origin=record.origin)
-        return convert(self.pick.gain * raw + self.pick.offset, self.unit, self.target)
+        pick = self.pick
+        scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
+        return convert(scaled, self.unit, self.target)
 
 
 def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], record: RawRecord) -> None:

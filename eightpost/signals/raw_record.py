@@ -84,7 +84,7 @@ class RawRecord:
         """Return a column (N,) as numbers; a NotANumberError names the first cell that is none."""
         column = self.columns[index]
         if column.dtype != object:
-            return column.astype(np.float64)
+            return column.astype(np.float64, copy=False)
         return np.array([self._number(cell, row, channel) for row, cell in enumerate(column)])
 
     def _number(self, cell: object, row: int, channel: str) -> float:

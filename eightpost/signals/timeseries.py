@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class TimeSeries:
         BackwardTimeError: Time decreases.
         DuplicateTimeError: Time repeats.
 
-    The arrays are copied and read-only.
+    The arrays are read-only, and copied where anyone could write to them.
     """
 
     time: Array
@@ -81,7 +81,7 @@ class TimeSeries:
         times = np.asarray(time, dtype=np.float64)
         rows = [np.asarray(values, dtype=np.float64) for _, values in channels.values()]
         values = np.stack(rows) if rows else np.empty((0, times.size))
-        return cls(times, values, tuple(channels), tuple(unit for unit, _ in channels.values()))
+        return cls(times, _sealed(values), tuple(channels), tuple(unit for unit, _ in channels.values()))
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -133,15 +133,15 @@ class TimeSeries:
         """Return the series of the channels `names`, in that order."""
         rows = [self._index(name) for name in names]
         units = tuple(self.units[row] for row in rows)
-        return TimeSeries(self.time, self.values[rows], tuple(self.names[row] for row in rows), units)
+        return TimeSeries(self.time, _sealed(self.values[rows]), tuple(self.names[row] for row in rows), units)
 
     def window(self, start: float, stop: float) -> TimeSeries:
         """Return the samples with `start <= time <= stop` [s]; time keeps its origin."""
-        inside = (self.time >= start) & (self.time <= stop)
-        if not inside.any():
+        first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, stop, "right")
+        if not first < last:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
             raise ValueError(f"no sample between {start:g} and {stop:g} s; the series runs from {span}")
-        return TimeSeries(self.time[inside], self.values[:, inside], self.names, self.units)
+        return TimeSeries(self.time[first:last], self.values[:, first:last], self.names, self.units)
 
     def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
         """Return a series with the channel `name` added, or replaced where it exists.
@@ -169,7 +169,23 @@ class TimeSeries:
 
 
 def _frozen(values: ArrayLike) -> Array:
-    """Return a read-only float64 copy in C order."""
-    copy = np.array(values, dtype=np.float64, order="C")
-    copy.setflags(write=False)
-    return copy
+    """Return a read-only float64 array in C order: a copy, but of what nobody can write to."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and _is_sealed(values):
+        return _sealed(np.ascontiguousarray(values))
+    return _sealed(np.array(values, dtype=np.float64, order="C"))
+
+
+def _sealed(values: Array) -> Array:
+    """Make an array that nobody else holds read-only, and return it: at a rig's rate a copy is half a gigabyte."""
+    values.setflags(write=False)
+    return values
+
+
+def _is_sealed(values: NDArray[Any]) -> bool:
+    """Say whether an array is read-only, and all that it is a view of."""
+    owner: object = values
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    return owner is None

@@ -3,7 +3,6 @@
 from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.lags import Lag, drifts, drive_lag, record_lags, shifted, time_lag
 from eightpost.ident.preparation.lost_channels import check_lives
-from eightpost.ident.preparation.math_channels import with_modes, with_velocities
 from eightpost.ident.preparation.preparation import Preparation, prepare
 from eightpost.ident.preparation.preparation_file import read_preparation
 from eightpost.ident.preparation.prepared import Prepared
@@ -21,6 +20,4 @@ __all__ = [
     "record_lags",
     "shifted",
     "time_lag",
-    "with_modes",
-    "with_velocities",
 ]

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
-from eightpost.rig.post.rig_channels import CHANNEL_UNITS
 from eightpost.signals.filters import velocity_from_displacement
-from eightpost.signals.timeseries import TimeSeries
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.rig.post.car import Geometry
+    from eightpost.signals.timeseries import TimeSeries
 
     Array = NDArray[np.float64]
 
@@ -25,14 +24,17 @@ HIGHEST_CUTOFF = 0.4
 
 
 class Made(NamedTuple):
-    """A record with channels added, and what was done, a sentence each."""
+    """Channels that were made (N,), by name, and what was done, a sentence each.
 
-    series: TimeSeries
+    Channels, not the record with them: at full rate a copy of it is hundreds of megabytes.
+    """
+
+    channels: Mapping[str, Array]
     steps: tuple[str, ...] = ()
 
 
-def with_velocities(series: TimeSeries, corners: Sequence[str], cutoff: float) -> Made:
-    """Return the record with each shock velocity made of its potentiometer: low-pass, central differences (6.1.2).
+def velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) -> Made:
+    """Return each shock velocity, made of its potentiometer: low-pass, central differences (6.1.2).
 
     A corner without a potentiometer keeps its own velocity. Central differences read `sin(x) / x` of the truth,
     `x = 2 pi f / rate`: 0.4 % low at 30 Hz of 1250 Hz, so they are taken before a record is decimated.
@@ -47,16 +49,16 @@ def with_velocities(series: TimeSeries, corners: Sequence[str], cutoff: float) -
     pots = {_name(corner, "velocity"): _name(corner, "displacement") for corner in corners}
     pots = {velocity: pot for velocity, pot in pots.items() if pot in series}
     if not pots:
-        return Made(series)
+        return Made({})
     made = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
     low = 100.0 * (1.0 - float(np.sinc(2.0 * 20.0 / rate)))
     which = ", ".join(made)
     step = f"{which} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
-    return Made(_with(series, made), (step,))
+    return Made(made, (step,))
 
 
-def with_modes(series: TimeSeries, geometry: Geometry) -> Made:
-    """Return the record with the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, where its channels allow it.
+def modes_of(series: TimeSeries, geometry: Geometry) -> Made:
+    """Return the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, where a record's channels allow it.
 
     Args:
         series: A rig record of a car with four aeroloaders.
@@ -76,17 +78,11 @@ def with_modes(series: TimeSeries, geometry: Geometry) -> Made:
     if loads is not None:
         made |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
         steps.append("aeroloaders' mode forces from their load cells, up (Eq 6.2)")
-    return Made(_with(series, made), tuple(steps))
+    return Made(made, tuple(steps))
 
 
 #: Channels 49 to 52.
 _MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")
-
-
-def _with(series: TimeSeries, made: Mapping[str, Array]) -> TimeSeries:
-    """Return the record with channels added or replaced, copied once: at full rate it is hundreds of megabytes."""
-    channels = {n: (u, row) for n, u, row in zip(series.names, series.units, series.values, strict=True)}
-    return TimeSeries.from_channels(series.time, channels | {n: (CHANNEL_UNITS[n], row) for n, row in made.items()})
 
 
 def _corners(series: TimeSeries, quantity: str) -> Array | None:

@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.lags import LIKE, Lag, drifts, drive_lag, record_lags, shifted
 from eightpost.ident.preparation.lost_channels import check_lives
-from eightpost.ident.preparation.math_channels import with_modes, with_velocities
+from eightpost.ident.preparation.math_channels import modes_of, velocities_of
 from eightpost.ident.preparation.prepared import Prepared
+from eightpost.rig.post.rig_channels import CHANNEL_UNITS
 from eightpost.signals.timeseries import TimeSeries
 
 if TYPE_CHECKING:
@@ -19,6 +23,9 @@ if TYPE_CHECKING:
 
     from eightpost.rig.post.car import Geometry
     from eightpost.rig.post.rig_test import RigTest
+
+Array = NDArray[np.float64]
+Channels = Mapping[str, Array]
 
 #: Fewest samples that a record must keep.
 _FEWEST = 100
@@ -113,18 +120,25 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         late = _start(series, first.full, how.same_start, name)
         lags.append(late)
         series = shifted(series, dict.fromkeys(series.names, late.seconds))
-    steps: tuple[str, ...] = ()
-    if how.pot_cutoff is not None:
-        series, steps = with_velocities(series, corners, how.pot_cutoff)
-    if how.geometry is not None:
-        series, added = with_modes(series, how.geometry)
-        steps += added
-    series = _settled(series, how.settling, name)
+    made, steps = _made(series, corners, how)
+    first_kept = _first_kept(series, how.settling, name)
     try:
-        record, means = _decimated(series, how.decimation)
+        record, means = _decimated(series, made, first_kept, how.decimation)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from error
     return _Single(name, corners, record, means, tuple(lags), changes, steps, test.sha256, full)
+
+
+def _made(series: TimeSeries, corners: Sequence[str], how: Preparation) -> tuple[Channels, tuple[str, ...]]:
+    """Return the math channels, and what was done."""
+    channels: Channels = {}
+    steps: tuple[str, ...] = ()
+    if how.pot_cutoff is not None:
+        channels, steps = velocities_of(series, corners, how.pot_cutoff)
+    if how.geometry is not None:
+        modes, said = modes_of(series, how.geometry)
+        channels, steps = {**channels, **modes}, (*steps, *said)
+    return channels, steps
 
 
 def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> Lag:
@@ -141,22 +155,26 @@ def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> La
     return late
 
 
-def _settled(series: TimeSeries, settling: float, name: str) -> TimeSeries:
+def _first_kept(series: TimeSeries, settling: float, name: str) -> int:
+    """Return the number of the first sample that is not left out."""
     if settling >= series.duration:
         raise TooShortError(f"{name}: the record has {series.duration:.4g} s, the settling takes {settling:.4g} s")
-    return series.window(series.time[0] + settling, series.time[-1]) if settling else series
+    return int(np.searchsorted(series.time, series.time[0] + settling)) if settling else 0
 
 
-def _decimated(series: TimeSeries, decimation: Decimation) -> tuple[TimeSeries, dict[str, float]]:
-    """Return the record at the model's rate without means, and the means."""
-    means = series.values.mean(axis=1)
-    # Row by row: all channels at full rate and their filtered copies would be gigabytes.
+def _decimated(
+    series: TimeSeries, made: Channels, first: int, decimation: Decimation
+) -> tuple[TimeSeries, dict[str, float]]:
+    """Return a record, with what was made of it, at the model's rate without means, and the means."""
     rate = series.sample_rate
-    rows = [decimation.apply(row - mean, rate) for row, mean in zip(series.values, means, strict=True)]
-    factor = decimation.factor(rate)
-    channels = {n: (u, row) for n, u, row in zip(series.names, series.units, rows, strict=True)}
-    record = TimeSeries.from_channels(series.time[::factor], channels)
-    return record, dict(zip(series.names, means.tolist(), strict=True))
+    means, channels = dict[str, float](), dict[str, tuple[str, Array]]()
+    # Row by row: all channels at full rate and their filtered copies would be gigabytes.
+    for name in dict.fromkeys((*series.names, *made)):
+        row = (made[name] if name in made else series[name])[first:]
+        means[name] = float(row.mean())
+        unit = CHANNEL_UNITS[name] if name in made else series.unit(name)
+        channels[name] = unit, decimation.apply(row - means[name], rate)
+    return TimeSeries.from_channels(series.time[first :: decimation.factor(rate)], channels), means
 
 
 def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:

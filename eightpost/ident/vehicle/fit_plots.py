@@ -37,20 +37,26 @@ def plot_fit(fit: VehicleFit, output: str, path: str | Path) -> None:
     model = response_of(fit.vehicle.state_space.select(outputs=[output]), estimate.frequency)
     columns = min(_COLUMNS, len(estimate.inputs))
     rows = -(-len(estimate.inputs) // columns)
-    figure = Figure(figsize=(3.9 * columns, 3.6 * rows), layout="constrained")
+    figure = Figure(figsize=(3.9 * columns, 3.6 * rows + 0.25))
     FigureCanvasAgg(figure)
-    grid = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[3, 1] * rows)
-    for place in range(rows * columns):
-        upper, lower = (grid[2 * (place // columns) + k][place % columns] for k in (0, 1))
-        if place < len(estimate.inputs):
-            _magnitude(upper, estimate, model, place)
-            _coherence(lower, estimate, place)
-        else:
-            upper.set_visible(False)
-            lower.set_visible(False)
-    figure.suptitle(f"{output}: estimate and model, {fit.recipe}")
+    for place in range(len(estimate.inputs)):
+        upper, lower = _panel(figure, place, rows, columns)
+        _magnitude(upper, estimate, model, place)
+        _coherence(lower, estimate, place)
+    figure.suptitle(f"{output}: estimate and model, {fit.recipe}", y=1.0 - 0.12 / figure.get_figheight(), va="top")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=90)
+
+
+def _panel(figure: Figure, place: int, rows: int, columns: int) -> tuple[Axes, Axes]:
+    """Add the axes of one input. Places are reckoned: laying out by what is drawn takes as long as drawing it."""
+    row, column = divmod(place, columns)
+    wide, high = 1.0 / figure.get_figwidth(), 1.0 / figure.get_figheight()  # of an inch
+    left, bottom = (3.9 * column + 0.72) * wide, (3.6 * (rows - 1 - row) + 0.5) * high
+    lower = figure.add_axes((left, bottom, 3.05 * wide, 0.62 * high))
+    upper = figure.add_axes((left, bottom + 0.74 * high, 3.05 * wide, 1.86 * high), sharex=lower)
+    upper.tick_params(labelbottom=False)
+    return upper, lower
 
 
 def _magnitude(axes: Axes, estimate: FrequencyResponse, model: FrequencyResponse, column: int) -> None:
