@@ -59,7 +59,8 @@ def recorded_series(system: System, names: tuple[str, ...], tape: Tape) -> TimeS
             row[:] = conversion.factor * row + conversion.offset
         if not np.isfinite(row).all():
             raise StepError(_not_a_number(name, tape.times[int(np.argmin(np.isfinite(row)))]))
-    return TimeSeries(tape.times[:count].copy(), values, names, tuple(units))
+    values.setflags(write=False)  # nobody else has them: they need no copy
+    return TimeSeries(tape.times[:count], values, names, tuple(units))
 
 
 def _not_a_number(name: str, time: float) -> str:
