@@ -19,7 +19,7 @@ from eightpost.ident.preparation import Decimation, Preparation, prepare, read_p
 from eightpost.ident.vehicle.baseline import Baseline, find_baseline
 from eightpost.ident.vehicle.common_poles import plot_stabilisation
 from eightpost.ident.vehicle.experiment import experiment_of
-from eightpost.ident.vehicle.fit_plots import plot_fit
+from eightpost.ident.vehicle.fit_plots import plot_fits
 from eightpost.ident.vehicle.recipes import recipe, recipe_names
 from eightpost.ident.vehicle.summary import damping_sentence, friction_table, residual_table, trust_table
 from eightpost.ident.vehicle.vehicle_fit import write_fit
@@ -182,10 +182,8 @@ def _show(console: Console, fit: VehicleFit) -> None:
 
 def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
     wanted = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
-    folder, drawn = output.with_name(f"{output.stem}_plots"), []
-    for name in wanted:
-        drawn.append(folder / f"{name}.png")
-        plot_fit(fit, name, drawn[-1])
+    folder = output.with_name(f"{output.stem}_plots")
+    drawn = plot_fits(fit, wanted, folder)
     if plots != "none" and fit.trust is not None and fit.trust.orders is not None:
         drawn.append(folder / "stabilisation.png")
         plot_stabilisation(fit.trust.orders, drawn[-1])

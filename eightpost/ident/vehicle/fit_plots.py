@@ -12,6 +12,7 @@ from eightpost.files import atomic_path
 from eightpost.ident.response import response_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -25,16 +26,27 @@ _COLUMNS = 4
 _LOW, _HIGH = 0.3, 25.0
 
 
-def plot_fit(fit: VehicleFit, output: str, path: str | Path) -> None:
-    """Write a PNG of one output's responses to every input: estimate and model, coherence below.
+def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Path]:
+    """Write a PNG for each output, of its responses to every input: estimate and model, coherence below.
 
     Args:
         fit: The fit.
-        output: The output.
-        path: Where the PNG goes; replaced whole or not at all.
+        outputs: Which.
+        folder: Where the PNGs go, each named as its output; replaced whole or not at all.
     """
-    estimate = fit.response.select(outputs=[output]).band(_LOW, _HIGH)
-    model = response_of(fit.vehicle.state_space.select(outputs=[output]), estimate.frequency)
+    if not outputs:
+        return []
+    estimate = fit.response.select(outputs=outputs).band(_LOW, _HIGH)
+    model = response_of(fit.vehicle.state_space.select(outputs=outputs), estimate.frequency)
+    paths = [folder / f"{output}.png" for output in outputs]
+    for output, path in zip(outputs, paths, strict=True):
+        figure = _figure(estimate.select(outputs=[output]), model.select(outputs=[output]), fit.recipe)
+        with atomic_path(path) as temporary:
+            figure.savefig(temporary, format="png", dpi=90)
+    return paths
+
+
+def _figure(estimate: FrequencyResponse, model: FrequencyResponse, recipe: str) -> Figure:
     columns = min(_COLUMNS, len(estimate.inputs))
     rows = -(-len(estimate.inputs) // columns)
     figure = Figure(figsize=(3.9 * columns, 3.6 * rows + 0.25))
@@ -43,9 +55,9 @@ def plot_fit(fit: VehicleFit, output: str, path: str | Path) -> None:
         upper, lower = _panel(figure, place, rows, columns)
         _magnitude(upper, estimate, model, place)
         _coherence(lower, estimate, place)
-    figure.suptitle(f"{output}: estimate and model, {fit.recipe}", y=1.0 - 0.12 / figure.get_figheight(), va="top")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=90)
+    title = f"{estimate.outputs[0].name}: estimate and model, {recipe}"
+    figure.suptitle(title, y=1.0 - 0.12 / figure.get_figheight(), va="top")
+    return figure
 
 
 def _panel(figure: Figure, place: int, rows: int, columns: int) -> tuple[Axes, Axes]:
@@ -80,7 +92,8 @@ def _coherence(axes: Axes, estimate: FrequencyResponse, column: int) -> None:
         axes.plot(estimate.frequency, estimate.partial_coherence[0, column], linewidth=1.0, label="partial")
     if estimate.coherence is not None:
         axes.plot(estimate.frequency, estimate.coherence[0], color="0.7", linewidth=0.8, label="of all inputs")
-    axes.set(ylim=(0.0, 1.05), ylabel="coherence", xlabel="frequency [Hz]")
+    axes.set(ylim=(0.0, 1.05), xlabel="frequency [Hz]")
+    axes.set_ylabel("coherence", fontsize="small")
     axes.grid(alpha=0.3)
     if column == 0:
         axes.legend(fontsize="x-small", loc="lower right")
