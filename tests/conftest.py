@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
@@ -119,8 +120,10 @@ def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shoc
 
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
-    """Native FMUs of all models, by name."""
-    return {item.path.stem: item.path for item in build(model_files, tmp_path_factory.mktemp("native"))}
+    """Native FMUs of all models, by name: one process of a test run compiles them, others find them in the cache."""
+    folder = tmp_path_factory.mktemp("native")
+    with FileLock(folder.parent.parent / "fmus.lock"):
+        return {item.path.stem: item.path for item in build(model_files, folder)}
 
 
 @pytest.fixture(scope="session")

@@ -68,6 +68,8 @@ def _panel(figure: Figure, place: int, rows: int, columns: int) -> tuple[Axes, A
     lower = figure.add_axes((left, bottom, 3.05 * wide, 0.62 * high))
     upper = figure.add_axes((left, bottom + 0.74 * high, 3.05 * wide, 1.86 * high), sharex=lower)
     upper.tick_params(labelbottom=False)
+    upper.locator_params(axis="y", nbins=5)
+    lower.set_yticks([0.0, 1.0])
     return upper, lower
 
 

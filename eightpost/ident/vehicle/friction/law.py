@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.signal import resample
 
 from eightpost.errors import ParameterError
@@ -47,8 +48,11 @@ def direction(velocity: Array, rate: float, width: float) -> Array:
     finer = max(1, round(_RATE / rate))
     if finer == 1:
         return np.tanh(velocity / width)
-    fine = resample(velocity, velocity.size * finer)
-    return np.asarray(resample(np.tanh(fine / width), velocity.size), dtype=np.float64)
+    # A record's own length may have a large prime factor, which makes its transforms ten times as long.
+    padded = np.zeros(next_fast_len(velocity.size, real=True))
+    padded[: velocity.size] = velocity
+    fine = resample(padded, padded.size * finer)
+    return np.asarray(resample(np.tanh(fine / width), padded.size)[: velocity.size], dtype=np.float64)
 
 
 def with_friction(series: TimeSeries, friction: Mapping[str, Friction]) -> TimeSeries:
