@@ -142,13 +142,9 @@ class Loops(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D).
-
-    `steps` (T,) [s] are the times between the points, alike to the bit where they differ by rounding only.
-    """
+    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D)."""
 
     times: Reals
-    steps: Reals
     samples: Reals
     means: Reals
 

@@ -113,9 +113,10 @@ def feed(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, sequential: in
 
 
 @shared
-def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int, share: float) -> float:
-    """An input at the drive's point j, a share of the step on: on the line over it, with the drive as it is there."""
+def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int) -> float:
+    """An input at the drive's point j: on the straight line over the step, with the drive as it is there."""
     first, last = step.first, step.last
+    share = (drive.times[j] - drive.times[first]) / (drive.times[last] - drive.times[first])
     value: float = m.start[i] + (m.end[i] - m.start[i]) * share
     d = plan.inputs.column[i]
     if d >= 0:
@@ -158,11 +159,10 @@ def _ramp(plan: Plan, m: Memory, c: int, values: int) -> int:
 @shared
 def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int) -> int:
     """Give part c its inputs at the drive's point j, and their slopes to the next."""
-    began, per_step, per_second = drive.times[step.first], 1.0 / step.size, 1.0 / drive.steps[j]
-    here, there = (drive.times[j] - began) * per_step, (drive.times[j + 1] - began) * per_step
+    h = drive.times[j + 1] - drive.times[j]
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        m.value[i] = _value_at(plan, m, i, drive, step, j, here)
-        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1, there) - m.value[i]) * per_second
+        m.value[i] = _value_at(plan, m, i, drive, step, j)
+        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1) - m.value[i]) / h
     return _ramp(plan, m, c, m.at.values[c])
 
 
@@ -219,7 +219,7 @@ def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int)
             return 1
         if not ramps and _hold(plan, m, c, drive, j, j + 1):
             return 1
-        if _do(plan, m, c, drive.times[j], drive.steps[j], final):
+        if _do(plan, m, c, drive.times[j], drive.times[j + 1] - drive.times[j], final):
             return 1
     return 0
 

@@ -13,7 +13,7 @@ from cosim.engine.plan import DONE, STOPPED, Drive, Integers
 from cosim.session.failure import failure
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
-from cosim.session.times import Times, coupling_times, joined, shares_of_step, step_sizes
+from cosim.session.times import Times, coupling_times, joined, step_sizes
 from eightpost.signals import Drivefile
 
 
@@ -72,7 +72,7 @@ class _Asked(NamedTuple):
 
 
 def _without_drive(times: Times) -> Drive:
-    return Drive(times, np.diff(times), np.zeros((times.size, 0)), np.zeros((times.size - 1, 0)))
+    return Drive(times, np.zeros((times.size, 0)), np.zeros((times.size - 1, 0)))
 
 
 @lru_cache(maxsize=4)
@@ -84,8 +84,7 @@ def _driven(drive: Drivefile, asked: _Asked) -> tuple[Integers, Drive]:
         own = drive.series.time - asked.start
         times = joined(times, own[(own > 0.0) & (own < asked.stop)])
     begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
-    steps = shares_of_step(np.diff(times), asked.step)
-    return begins, Drive(times, steps, *_drive_rows(drive, times + asked.start, asked.ramps))
+    return begins, Drive(times, *_drive_rows(drive, times + asked.start, asked.ramps))
 
 
 def _drive_rows(drive: Drivefile, times: Times, ramps: bool) -> tuple[Times, Times]:

@@ -12,9 +12,6 @@ Times = NDArray[np.float64]
 #: Times that differ by less than this share of the run are one.
 ROUNDING = 1e-9
 
-#: Points of a drive that lie at so many-th parts of a coupling step are known to do so.
-_PARTS = 64
-
 
 def coupling_times(stop: float, step: float) -> Times:
     """Return the coupling points (K+1,) [s]: whole multiples of the step, so that they do not drift, and the stop.
@@ -49,27 +46,6 @@ def step_sizes(times: Times, step: float) -> Times:
     if abs(rest - step) > ROUNDING * step:
         steps[-1] = rest
     return steps
-
-
-def shares_of_step(sizes: Times, step: float) -> Times:
-    """Return times between points (N,) [s]; those that differ from a share of `step` by rounding only are that share.
-
-    Components that keep what belongs to a step size then meet the same few sizes throughout.
-
-    Args:
-        sizes: To look at.
-        step: Coupling step [s].
-    """
-    shares, found = sizes / step, np.array(sizes)
-    left = np.arange(sizes.size)
-    for parts in range(1, _PARTS + 1):
-        whole = np.rint(shares[left] * parts)
-        near = np.abs(shares[left] - whole / parts) < ROUNDING
-        found[left[near]] = whole[near] / parts * step
-        left = left[~near]
-        if not left.size:
-            break
-    return found
 
 
 def joined(times: Times, others: Times) -> Times:

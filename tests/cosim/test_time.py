@@ -153,19 +153,6 @@ def test_a_component_that_ramps_follows_a_drive_whose_points_lie_within_its_step
     assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
 
 
-@pytest.mark.parametrize(("rate", "shares"), [(750.0, 2), (1000.0 / 3.0, 3), (400.0, 5)])
-def test_steps_between_a_drives_points_have_few_sizes_to_the_bit(make: Any, rate: float, shares: int) -> None:
-    """A component that keeps what belongs to a step size must not meet the same one rounded in many ways."""
-    part = make.integrator(capabilities=RAMPS)
-    drive = rough(0, [0.002] * 6000)
-    run(System({"a": part}), Scenario(drive.duration, drive), step=1.0 / rate)
-    made = steps_of(part)
-    sizes = {size for _, size in made[:-1]}
-    assert len(made) > drive.duration * rate + 1.0
-    assert sizes <= {k / shares / rate for k in range(1, shares + 1)}
-    assert np.cumsum([size for _, size in made]) == pytest.approx([time + size for time, size in made], rel=1e-12)
-
-
 def test_a_drive_that_starts_later_is_read_from_there(make: Any, bumps: Drivefile) -> None:
     part = make.gain(unit_in="m", unit_out="m", capabilities=RAMPS)
     series = run(System({"a": part}), Scenario(1.0, bumps, {"a": "a.u"}, drive_start=7.012), step=0.002).series
