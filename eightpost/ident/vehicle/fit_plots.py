@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 
 _COLUMNS = 4
+#: Sizes [in]: a panel with its labels, left of its axes, and the strip below all panels.
+_WIDE, _HIGH_ROW, _MARGIN, _STRIP = 3.9, 3.0, 0.72, 2.2
+#: What the strip leaves free at its sides: its legend has twelve inputs of a car.
+_LEGEND = 2.7
 #: What is drawn [Hz].
 _LOW, _HIGH = 0.3, 25.0
 
@@ -47,30 +51,25 @@ def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Pat
 
 
 def _figure(estimate: FrequencyResponse, model: FrequencyResponse, recipe: str) -> Figure:
+    """Places are reckoned: laying out by what is drawn takes as long as drawing it."""
     columns = min(_COLUMNS, len(estimate.inputs))
     rows = -(-len(estimate.inputs) // columns)
-    figure = Figure(figsize=(3.9 * columns, 3.6 * rows + 0.25))
+    figure = Figure(figsize=(_WIDE * columns, _STRIP + _HIGH_ROW * rows + 0.25))
     FigureCanvasAgg(figure)
     for place in range(len(estimate.inputs)):
-        upper, lower = _panel(figure, place, rows, columns)
-        _magnitude(upper, estimate, model, place)
-        _coherence(lower, estimate, place)
+        row, column = divmod(place, columns)
+        corner = (_WIDE * column + _MARGIN, _STRIP + _HIGH_ROW * (rows - 1 - row) + 0.5)
+        _magnitude(_axes(figure, corner, (_WIDE - 0.85, _HIGH_ROW - 0.95)), estimate, model, place)
+    _coherence(_axes(figure, (_MARGIN, 0.5), (_WIDE * columns - _LEGEND, _STRIP - 0.75)), estimate)
     title = f"{estimate.outputs[0].name}: estimate and model, {recipe}"
     figure.suptitle(title, y=1.0 - 0.12 / figure.get_figheight(), va="top")
     return figure
 
 
-def _panel(figure: Figure, place: int, rows: int, columns: int) -> tuple[Axes, Axes]:
-    """Add the axes of one input. Places are reckoned: laying out by what is drawn takes as long as drawing it."""
-    row, column = divmod(place, columns)
-    wide, high = 1.0 / figure.get_figwidth(), 1.0 / figure.get_figheight()  # of an inch
-    left, bottom = (3.9 * column + 0.72) * wide, (3.6 * (rows - 1 - row) + 0.5) * high
-    lower = figure.add_axes((left, bottom, 3.05 * wide, 0.62 * high))
-    upper = figure.add_axes((left, bottom + 0.74 * high, 3.05 * wide, 1.86 * high), sharex=lower)
-    upper.tick_params(labelbottom=False)
-    upper.locator_params(axis="y", nbins=5)
-    lower.set_yticks([0.0, 1.0])
-    return upper, lower
+def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]) -> Axes:
+    """Add axes; lower left corner and size in inches."""
+    wide, high = figure.get_size_inches()
+    return figure.add_axes((corner[0] / wide, corner[1] / high, size[0] / wide, size[1] / high))
 
 
 def _magnitude(axes: Axes, estimate: FrequencyResponse, model: FrequencyResponse, column: int) -> None:
@@ -79,6 +78,7 @@ def _magnitude(axes: Axes, estimate: FrequencyResponse, model: FrequencyResponse
     axes.plot(model.frequency, decibels[1], color="tab:red", linewidth=1.1, label="model")
     source, out = estimate.inputs[column], estimate.outputs[0]
     axes.set(title=source.name, ylabel=f"dB re {out.unit} per {source.unit}")
+    axes.locator_params(nbins=5)
     axes.grid(alpha=0.3)
     if column == 0:
         axes.legend(fontsize="small")
@@ -89,13 +89,13 @@ def _decibels(path: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(20.0 * np.log10(np.where(size > 0.0, size, np.nan)))
 
 
-def _coherence(axes: Axes, estimate: FrequencyResponse, column: int) -> None:
+def _coherence(axes: Axes, estimate: FrequencyResponse) -> None:
     if estimate.partial_coherence is not None:
-        axes.plot(estimate.frequency, estimate.partial_coherence[0, column], linewidth=1.0, label="partial")
+        for source, partial in zip(estimate.inputs, estimate.partial_coherence[0], strict=True):
+            axes.plot(estimate.frequency, partial, linewidth=1.0, label=source.name)
     if estimate.coherence is not None:
-        axes.plot(estimate.frequency, estimate.coherence[0], color="0.7", linewidth=0.8, label="of all inputs")
-    axes.set(ylim=(0.0, 1.05), xlabel="frequency [Hz]")
-    axes.set_ylabel("coherence", fontsize="small")
+        axes.plot(estimate.frequency, estimate.coherence[0], color="black", linewidth=1.2, label="all inputs")
+    title = "coherence with all inputs" if estimate.partial_coherence is None else "coherence, partial by input"
+    axes.set(title=title, ylim=(0.0, 1.05), xlabel="frequency [Hz]")
     axes.grid(alpha=0.3)
-    if column == 0:
-        axes.legend(fontsize="x-small", loc="lower right")
+    axes.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.005, 0.5), ncols=2)

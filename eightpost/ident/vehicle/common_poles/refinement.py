@@ -22,6 +22,7 @@ import numpy as np
 
 from eightpost.ident.vehicle.common_poles.realisation import Blocks
 from eightpost.ident.vehicle.common_poles.shapes import Row, solve_row
+from eightpost.ident.vehicle.threads import for_each
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -123,7 +124,7 @@ class Refinement:
 def evaluate(points: Points, blocks: Blocks, through: Feedthrough) -> Solution:
     """Return the best outputs for given poles and inputs."""
     X = blocks.states_response(points.s)
-    rows = tuple(solve_row(points, i, X, through) for i in range(len(points.H)))
+    rows = tuple(for_each(range(len(points.H)), lambda i: solve_row(points, i, X, through)))
     return Solution(blocks, rows, through, float(sum(np.sum(np.abs(row.misfit) ** 2) for row in rows)))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
+from eightpost.ident.vehicle.threads import for_each
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +38,8 @@ def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) ->
         seed: Of the noise.
     """
     generator, length = np.random.default_rng(seed), correlation_length(found.refined.solution.misfit)
-    return tuple(_sampled(found, generator, length) for _ in range(count))
+    drawn = [_noise(found, generator, length) for _ in range(count)]
+    return tuple(for_each(drawn, lambda noise: _sampled(found, noise)))
 
 
 def response_deviation(models: tuple[StateSpace, ...], frequency_hz: ArrayLike) -> Array:
@@ -61,11 +63,16 @@ def correlation_length(misfit: Complex) -> int:
     return int(misfit.shape[2])
 
 
-def _sampled(found: CommonPoleModel, generator: np.random.Generator, length: int) -> StateSpace:
-    points, solution = found.points, found.refined.solution
+def _noise(found: CommonPoleModel, generator: np.random.Generator, length: int) -> Complex:
+    """Return noise of one deviation (p, m, K), alike over `length` neighbouring frequencies."""
+    points = found.points
     white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
     window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
-    noise = window.sum(axis=3) / np.sqrt(length)
+    return np.asarray(window.sum(axis=3) / np.sqrt(length))
+
+
+def _sampled(found: CommonPoleModel, noise: Complex) -> StateSpace:
+    points, solution = found.points, found.refined.solution
     noisy = replace(points, H=points.H + np.where(points.known, points.deviation, 0.0) * noise)
     refined = Refinement(most_iterations=1).refine(noisy, solution.blocks, solution.through)
     return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eightpost.ident.vehicle.threads import for_each
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -53,17 +55,22 @@ def found_in(parts: Sequence[Band], inputs: int, iterations: int) -> Found:
     """
     ports = parts[0].U.shape[2] - inputs
     forces = np.zeros(ports)
-    noise = [_Solved.of(part, inputs, forces).noise for part in parts]
+    noise = for_each(parts, lambda part: _Solved.of(part, inputs, forces).noise)
     for _ in range(iterations):
-        slopes = [_Solved.of(part, inputs, forces).slopes(n) for part, n in zip(parts, noise, strict=True)]
+        slopes = _slopes(parts, noise, inputs, forces)
         matrix = np.sum([slope.matrix for slope in slopes], axis=0)
         gradients = np.stack([slope.gradient for slope in slopes])
         inverse = np.linalg.inv(matrix)
         forces = forces + inverse @ gradients.sum(axis=0)
     # At the minimum the gradients of independent bands scatter about zero.
     scatter = gradients - gradients.mean(axis=0)
-    left = [_Solved.of(part, inputs, forces).noise / n for part, n in zip(parts, noise, strict=True)]
+    left = np.divide(for_each(parts, lambda part: _Solved.of(part, inputs, forces).noise), noise)
     return Found(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
+
+
+def _slopes(parts: Sequence[Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
+    weighted = zip(parts, noise, strict=True)
+    return for_each(weighted, lambda pair: _Solved.of(pair[0], inputs, forces).slopes(pair[1]))
 
 
 class _Slopes(NamedTuple):
