@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.errors import InputError, ParameterError
+from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.parallel import parallel_model
 from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.weights import AEROLOADERS, WHEELLOADERS, BandWeights
@@ -16,7 +17,6 @@ from eightpost.ident.vehicle.weights import AEROLOADERS, WHEELLOADERS, BandWeigh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.response import FrequencyResponse
     from eightpost.ident.vehicle.transfer_function import TransferFunction
     from eightpost.vehicle.statespace import StateSpace
 
@@ -168,6 +168,15 @@ class SisoModels:
 
     model: StateSpace
     paths: Mapping[tuple[str, str], PathFit]
+
+    def response(self, frequency: Array) -> FrequencyResponse:
+        """Return the model's response at frequencies (K,) [Hz], path by path: as one model it has a thousand states."""
+        inputs, outputs = self.model.inputs, self.model.outputs
+        rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
+        H = np.zeros((len(rows), len(columns), frequency.size), dtype=np.complex128)
+        for (output, source), fit in self.paths.items():
+            H[rows.index(output), columns.index(source)] = fit.model.frequency_response(frequency)
+        return FrequencyResponse(frequency, H, inputs, outputs)
 
 
 def _known(response: FrequencyResponse, i: int, j: int) -> Array:

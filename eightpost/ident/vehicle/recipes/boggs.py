@@ -128,7 +128,7 @@ class Boggs:
         whole, said = fits.model, f"{len(fits.paths)} paths with {len(fits.model.A)} states"
         if self.reduction is None:
             return whole, (said,)
-        exact = response_of(whole, estimate.frequency)
+        exact = fits.response(estimate.frequency)
         ordered = balanced(whole, *_sizes(estimate, weight))
         for states in _STATES:
             model = ordered.truncated(states)
