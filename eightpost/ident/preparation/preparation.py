@@ -15,6 +15,7 @@ from eightpost.ident.preparation.lags import LIKE, Lag, drifts, drive_lag, recor
 from eightpost.ident.preparation.lost_channels import check_lives
 from eightpost.ident.preparation.math_channels import modes_of, velocities_of
 from eightpost.ident.preparation.prepared import Prepared
+from eightpost.ident.threads import for_each
 from eightpost.rig.post.rig_channels import CHANNEL_UNITS
 from eightpost.signals.timeseries import TimeSeries
 
@@ -167,13 +168,12 @@ def _decimated(
 ) -> tuple[TimeSeries, dict[str, float]]:
     """Return a record, with what was made of it, at the model's rate without means, and the means."""
     rate = series.sample_rate
-    means, channels = dict[str, float](), dict[str, tuple[str, Array]]()
+    rows: Channels = {**dict(zip(series.names, series.values, strict=True)), **made}
+    units = dict(zip(series.names, series.units, strict=True)) | {name: CHANNEL_UNITS[name] for name in made}
+    means = {name: float(row[first:].mean()) for name, row in rows.items()}
     # Row by row: all channels at full rate and their filtered copies would be gigabytes.
-    for name in dict.fromkeys((*series.names, *made)):
-        row = (made[name] if name in made else series[name])[first:]
-        means[name] = float(row.mean())
-        unit = CHANNEL_UNITS[name] if name in made else series.unit(name)
-        channels[name] = unit, decimation.apply(row - means[name], rate)
+    low = for_each(rows, lambda name: decimation.apply(rows[name][first:] - means[name], rate))
+    channels = {name: (units[name], row) for name, row in zip(rows, low, strict=True)}
     return TimeSeries.from_channels(series.time[first :: decimation.factor(rate)], channels), means
 
 

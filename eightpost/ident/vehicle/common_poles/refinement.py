@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.realisation import Blocks
 from eightpost.ident.vehicle.common_poles.shapes import Row, solve_row
-from eightpost.ident.vehicle.threads import for_each
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
-from eightpost.ident.vehicle.threads import for_each
 
 if TYPE_CHECKING:
     from collections.abc import Callable

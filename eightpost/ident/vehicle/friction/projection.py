@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eightpost.ident.vehicle.threads import for_each
+from eightpost.ident.threads import for_each
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

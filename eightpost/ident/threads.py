@@ -1,4 +1,4 @@
-"""The same for many, in threads: transforms and decompositions, which take the time here, let others run."""
+"""The same for many, in threads: filters, transforms and decompositions, which take the time here, let others run."""
 
 from __future__ import annotations
 
