@@ -26,9 +26,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.study_peers import Cost, peer_costs
-from benchmarks.study_peers import markdown as peers_table
-from builder.build import build
 from cosim.difference import difference
 from cosim.study import Study, StudyResult
 from cosim.study.running.evaluator import Evaluator
@@ -36,7 +33,6 @@ from cosim.study.running.sweep import run_study
 from cosim.study.running.trace import coupling_of
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study_file import read_study, source_files
-from eightpost.rig.track import track_drivefile
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -68,6 +64,10 @@ def main() -> None:
 
 def shipped_study(folder: Path, *, builds: int) -> Study:
     """Return examples/study.toml on a whole lap, with the first builds of its bank, FMUs built into the folder."""
+    # Workers import this file too, and nothing of these.
+    from builder.build import build  # noqa: PLC0415
+    from eightpost.rig.track import track_drivefile  # noqa: PLC0415
+
     path, lap = ROOT / "examples" / "study.toml", folder / "lap.parquet"
     track_drivefile(SEED, duration=LAP, rate=500.0).write(lap)
     fmus = {Path(item.source): item.path for item in build(source_files(path), folder / "fmus")}
@@ -141,9 +141,13 @@ def efficiency(rows: list[Row]) -> str:
 
 def beside_peers(result: StudyResult, row: Row, folder: Path) -> str:
     """Return what other engines would take for the study, as a table."""
+    from benchmarks import study_peers  # noqa: PLC0415 -- as above
+
     step, setups, workers = coupling_of(result).step, row["setups"], row["workers"]
-    ours = Cost("eightpost", 1.0 / step, row["checked_percent"], row["seconds"] * workers / setups)
-    return peers_table(list(peer_costs(result, folder)), ours, result.study.accuracy, setups, workers)
+    ours = study_peers.Cost("eightpost", 1.0 / step, row["checked_percent"], row["seconds"] * workers / setups)
+    return study_peers.markdown(
+        list(study_peers.peer_costs(result, folder)), ours, result.study.accuracy, setups, workers
+    )
 
 
 def _children() -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from cosim.component import UnitDefinition, Variable
 from eightpost import units
@@ -53,10 +54,14 @@ def to_si(variable: Variable) -> tuple[Conversion, str]:
     if variable.unit is None:
         return Conversion(), "1"
     definition = _defined(variable.unit)
-    for name in units.SI_UNITS:
-        if units.si_exponents(name) == definition.exponents:
-            return Conversion(definition.factor, definition.offset), name
-    return Conversion(), "1"
+    name = _si_name(frozenset(definition.exponents.items()))
+    return (Conversion(definition.factor, definition.offset), name) if name else (Conversion(), "1")
+
+
+@lru_cache(maxsize=256)
+def _si_name(exponents: frozenset[tuple[str, int]]) -> str | None:
+    """The SI unit of these exponents of base units, where this project knows one."""
+    return next((name for name in units.SI_UNITS if frozenset(units.si_exponents(name).items()) == exponents), None)
 
 
 def _defined(definition: UnitDefinition) -> UnitDefinition:

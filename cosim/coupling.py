@@ -66,6 +66,7 @@ class Coupling:
         self.feeds = _feeds(system, scenario)
         connected = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
         sources = connected | set(every_step)
+        self._connected = connected
         self.outputs = {name: _names_of(name, sources) for name in self.components}
         self.recorded = {name: _names_of(name, set(recorded) - sources) for name in self.components}
         self.now: dict[str, float] = {}
@@ -116,8 +117,7 @@ class Coupling:
     def direct_inputs(self, name: str) -> frozenset[str]:
         """Return the inputs that reach, without delay, an output which feeds another component; any, if none does."""
         variables = self.components[name].variables
-        coupled = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
-        outputs = [v for v in variables.values() if f"{name}.{v.name}" in coupled] or list(variables.values())
+        outputs = [v for v in variables.values() if f"{name}.{v.name}" in self._connected] or list(variables.values())
         return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
 
     def held_inputs(self) -> frozenset[str]:

@@ -16,7 +16,7 @@ from fmpy import fmi2
 from cosim.engine import calls
 from cosim.fmu_file import FmuFile, SharedFmu
 from cosim.fmu_log import FmuLog
-from cosim.functions import FunctionTable, address_of
+from cosim.functions import FUNCTIONS, FunctionTable, address_of
 from eightpost.errors import StepError
 
 #: All there are in this process: an FMU may be held once only, and fmi2Fatal is for all instances of an FMU.
@@ -59,6 +59,7 @@ class FmuInstance:
     spare: list[Any] = field(default_factory=list)
     failed: bool = False
     dead: bool = False
+    addresses: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _instances.add(self)
@@ -81,15 +82,17 @@ class FmuInstance:
     def functions(self, references: Mapping[str, int]) -> FunctionTable:
         """Return the addresses of its functions, for the loop, which may free states after fmi2Fatal: it must not."""
         slave = self.slave
-        free = calls.SAVE(self._free_for_the_loop)
+        if not self.addresses:
+            self.addresses = {name: _address(slave, name) for name in FUNCTIONS}
+        found, free = self.addresses, calls.SAVE(self._free_for_the_loop)
         return FunctionTable(
-            set_real=_address(slave, "SetReal"),
-            set_slopes=_address(slave, "SetRealInputDerivatives"),
-            do_step=_address(slave, "DoStep"),
-            get_real=_address(slave, "GetReal"),
-            save=_address(slave, "GetFMUstate"),
-            restore=_address(slave, "SetFMUstate"),
-            free=address_of(free) if _address(slave, "FreeFMUstate") else 0,
+            set_real=found["SetReal"],
+            set_slopes=found["SetRealInputDerivatives"],
+            do_step=found["DoStep"],
+            get_real=found["GetReal"],
+            save=found["GetFMUstate"],
+            restore=found["SetFMUstate"],
+            free=address_of(free) if found["FreeFMUstate"] else 0,
             instance=int(getattr(slave.component, "value", slave.component)),
             references=references,
             keep=free,
@@ -121,6 +124,7 @@ class FmuInstance:
     def free_instance(self) -> None:
         """Free the instance, which terminated or failed, and unload its library."""
         slave, self.slave, self.failed = self.slave, None, False
+        self.addresses = {}
         if slave is None:
             return
         with suppress(Exception):

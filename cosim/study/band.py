@@ -85,7 +85,7 @@ def _sections(low: float, high: float, rate: float) -> _Sections | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filtered:
-    """A run and what bands leave of it: each channel is filtered once, whatever number of measures asks.
+    """A run and what bands and windows leave of it: found once, whatever number of measures asks.
 
     Args:
         series: The run.
@@ -93,6 +93,14 @@ class Filtered:
 
     series: TimeSeries
     _kept: dict[tuple[str, tuple[float, float]], Array] = field(init=False, repr=False, default_factory=dict)
+    _windows: dict[tuple[float, float], slice] = field(init=False, repr=False, default_factory=dict)
+
+    def samples(self, first: float, last: float) -> slice:
+        """Return the samples from one time to another [s], both among them."""
+        if (first, last) not in self._windows:
+            begin, end = np.searchsorted(self.series.time, (first - 1e-9, last + 1e-9)).tolist()
+            self._windows[first, last] = slice(begin, end)
+        return self._windows[first, last]
 
     def channel(self, name: str, band: tuple[float, float] | None, what: str) -> Array:
         """Return a channel (N,) in SI, as it is or within a band [Hz]; `what` is the measure, for the message.

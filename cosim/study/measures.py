@@ -108,21 +108,21 @@ class Measure:
 
     def _rows(self, run: Filtered, start: float) -> Array:
         """Its channels (C, N): filtered, within its window, weighted."""
-        window = self._window(run.series, start)
+        window = self._window(run, start)
         channels = [run.channel(name, self.band, self.name)[window] for name in self.channels]
         rows: Array = channels[0][np.newaxis] if len(channels) == 1 else np.stack(channels)
         return rows * np.array(self.weights)[:, None] if self.weights else rows
 
-    def _window(self, series: TimeSeries, start: float) -> slice:
+    def _window(self, run: Filtered, start: float) -> slice:
         """Its samples: those of its section that lie behind the settling time."""
         first, last = self.section or (-np.inf, np.inf)
-        begin, end = np.searchsorted(series.time, (max(first, start) - 1e-9, last + 1e-9))
-        if end - begin < 2:
-            span = f"{series.time[0]:g} to {series.time[-1]:g} s"
+        window = run.samples(max(first, start), last)
+        if window.stop - window.start < 2:
+            span = f"{run.series.time[0]:g} to {run.series.time[-1]:g} s"
             raise InputError(
                 f"measure {self.name!r}: no two samples from {max(first, start):g} to {last:g} s in {span}"
             )
-        return slice(begin, end)
+        return window
 
 
 def _step(series: TimeSeries) -> float:

@@ -54,7 +54,8 @@ class Statistic(NamedTuple):
 
 def rms(values: Array) -> float:
     """Return the root mean square of the values less their mean, in their unit."""
-    return float(np.std(values))
+    apart = values - values.mean()
+    return float(np.sqrt(apart @ apart / apart.size))
 
 
 def _joint_rms(response: Response) -> float:

@@ -90,6 +90,8 @@ class Evaluator:
     def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
         """Return the run on a drive, which records what its measures look at, and `extra`."""
         scenario = self._scenarios[drive.name]
+        if drive.stop != scenario.stop:
+            scenario = replace(scenario, stop=drive.stop)
         if not (names := tuple(extra)):
             return scenario
         return replace(scenario, record=tuple(dict.fromkeys((*scenario.record, *names))))
