@@ -54,8 +54,7 @@ class Statistic(NamedTuple):
 
 def rms(values: Array) -> float:
     """Return the root mean square of the values less their mean, in their unit."""
-    apart = values - values.mean()
-    return float(np.sqrt(apart @ apart / apart.size))
+    return float(np.std(values))
 
 
 def _joint_rms(response: Response) -> float:
