@@ -105,3 +105,16 @@ def test_resampling_is_linear_and_keeps_the_ends():
     fine = two_channels().resample(20.0)
     np.testing.assert_allclose(fine.time, np.arange(9) / 20.0)
     np.testing.assert_allclose(fine["force"], 3.0 * fine.time)
+
+
+def test_what_anyone_can_write_to_is_copied_and_what_nobody_can_is_not():
+    own = np.arange(6.0).reshape(2, 3)
+    view = own.view()
+    view.setflags(write=False)
+    for values in (own, view):
+        series = TimeSeries([0.0, 1.0, 2.0], values, ("a", "b"), ("m", "m"))
+        own[0, 0] += 1.0
+        assert series["a"][0] == own[0, 0] - 1.0
+        with pytest.raises(ValueError, match="read-only"):
+            series.values[0, 0] = 0.0
+    assert TimeSeries(series.time, series.values, series.names, series.units).values is series.values
