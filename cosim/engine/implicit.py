@@ -180,11 +180,11 @@ def _learn(plan: Plan, m: Memory, g: int) -> None:
 
 
 @shared
-def _begin(plan: Plan, m: Memory, g: int, h: float) -> int:
+def _begin(plan: Plan, m: Memory, g: int, step: Step) -> int:
     """Guess on along the last steps, and save the states; 1 where a part refused."""
     for u in range(plan.loops.unknowns[g], plan.loops.unknowns[g + 1]):
         s = plan.loops.signal[u]
-        m.guess[s] = on_parabola(m, s, h)
+        m.guess[s] = on_parabola(m, s, step)
     return save_parts(plan, m, plan.loops.parts[g], plan.loops.parts[g + 1], _OWN_STATE)
 
 
@@ -236,7 +236,7 @@ def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mo
     first, last = plan.loops.parts[g], plan.loops.parts[g + 1]
     repeats = mode.kind == IMPLICIT and plan.loops.unknowns[g + 1] > plan.loops.unknowns[g]
     sequential, values = min(mode.kind, 1), GUESSED if mode.kind == IMPLICIT else mode.values
-    if repeats and _begin(plan, m, g, step.size):
+    if repeats and _begin(plan, m, g, step):
         return 1
     m.turn[0] = m.turn[2] = m.turn[3] = 0
     while True:

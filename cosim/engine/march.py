@@ -30,7 +30,7 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import failed
+from cosim.engine.sweep import failed, step_from
 
 
 class Tape(NamedTuple):
@@ -149,7 +149,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
         if m.stop[0] != 0:
             return STOPPED
         end = grid.times[k + 1]
-        step = Step(grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
+        step = step_from(m, grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
         if one_step(plan, m, grid.drive, step, mode):
             return REFUSED
         bad = _end_step(plan, m, end, step.size, mode)
@@ -177,14 +177,15 @@ def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
 @shared
 def _driven_step(plan: Plan, m: Memory, knots: Knots, p: Progress, time: float, h: float, mode: Mode) -> int:
     """One step within an interval of the drive."""
-    times, samples, means = p.drive.times, p.drive.samples, p.drive.means
+    times, samples, starts, means = p.drive.times, p.drive.samples, p.drive.starts, p.drive.means
     times[0] = time
     times[1] = time + h
     _drive_at(knots, p.knot[0], time, samples[0])
     _drive_at(knots, p.knot[0], time + h, samples[1])
     for d in range(samples.shape[1]):
+        starts[0, d] = samples[0, d]
         means[0, d] = 0.5 * (samples[0, d] + samples[1, d])
-    return one_step(plan, m, p.drive, Step(time, h, 0, 1), mode)
+    return one_step(plan, m, p.drive, step_from(m, time, h, 0, 1), mode)
 
 
 @shared

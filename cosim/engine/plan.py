@@ -142,20 +142,33 @@ class Loops(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D)."""
+    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D).
+
+    `starts` (T+1, D): where the straight line begins that stands for a coupling step from this point.
+    """
 
     times: Reals
     samples: Reals
+    starts: Reals
     means: Reals
 
 
 class Step(NamedTuple):
-    """A coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`."""
+    """A coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`.
+
+    `per_second` is 1 / `size`. A signal that changed by `x` over the last step, and by `y` over the one before, changes
+    by `line` x over this one on a straight line, by `newer` x - `older` y on a parabola; `sag` is what _sag asks for.
+    """
 
     time: float
     size: float
     first: int
     last: int
+    per_second: float
+    line: float
+    newer: float
+    older: float
+    sag: float
 
 
 class Plan(NamedTuple):

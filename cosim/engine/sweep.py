@@ -22,43 +22,50 @@ from cosim.engine.plan import (
 
 
 @hot
-def _slope(m: Memory, s: int) -> float:
-    """A signal's change over the last step [1/s]."""
-    slope: float = (m.now[s] - m.past[s]) * m.pace[0]
-    return slope
+def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
+    """A coupling step of `h` from `time` [s], with what all signals' lines and parabolas over it share."""
+    bend = h * (h + m.last[0]) / (m.last[0] + m.last[1])
+    return Step(
+        time=time,
+        size=h,
+        first=first,
+        last=last,
+        per_second=1.0 / h,
+        line=h * m.pace[0],
+        newer=(h + bend) * m.pace[0],
+        older=bend * m.pace[1],
+        sag=h / (3.0 * (h + m.last[0])),
+    )
 
 
 @hot
-def _sag(m: Memory, s: int, end: float, h: float) -> float:
+def _sag(m: Memory, s: int, end: float, step: Step) -> float:
     """How far the start of a straight line must be moved for the mean of a parabola through the last step's start, too.
 
     What a signal does over a step is then wrong in the third order only, without an exchange in between.
     """
-    bend = (end - m.now[s] - _slope(m, s) * h) * (h / (h + m.last[0]))
-    sag: float = bend / 3.0
+    sag: float = (end - m.now[s] - (m.now[s] - m.past[s]) * step.line) * step.sag
     return sag
 
 
 @hot
-def on_parabola(m: Memory, s: int, h: float) -> float:
+def on_parabola(m: Memory, s: int, step: Step) -> float:
     """A signal at the end of the step, on with the last two steps' slopes and their change."""
-    slope, before = _slope(m, s), (m.past[s] - m.older[s]) * m.pace[1]
-    bend = (slope - before) * (h * (h + m.last[0]) / (m.last[0] + m.last[1]))
-    end: float = m.now[s] + slope * h + bend
+    end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
     return end
 
 
 @hot
-def _known(m: Memory, s: int, h: float, mode: int) -> tuple[float, float]:
+def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has made it."""
     end = m.ahead[s]
     if mode == HELD:
         return end, end
-    return m.now[s] - _sag(m, s, end, h) if mode > EXTRAPOLATED else m.now[s], end
+    return m.now[s] - _sag(m, s, end, step) if mode > EXTRAPOLATED else m.now[s], end
 
 
 @hot
-def _supposed(m: Memory, s: int, h: float, mode: int) -> tuple[float, float]:
+def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has not made it."""
     now = m.now[s]
     if mode == HELD:
@@ -66,18 +73,18 @@ def _supposed(m: Memory, s: int, h: float, mode: int) -> tuple[float, float]:
     if mode == INTERPOLATED:
         return m.past[s], now
     if mode == EXTRAPOLATED:
-        return now, now + _slope(m, s) * h
-    end = on_parabola(m, s, h) if mode == PARABOLIC else m.guess[s]
-    return now - _sag(m, s, end, h), end
+        return now, now + (now - m.past[s]) * step.line
+    end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
+    return now - _sag(m, s, end, step), end
 
 
 @shared
-def _assume(plan: Plan, m: Memory, c: int, h: float) -> None:
+def _assume(plan: Plan, m: Memory, c: int, step: Step) -> None:
     """What is guessed would be assumed on a parabola: the measure of an implicit step's error."""
     terms, inputs, parts = plan.terms, plan.inputs, plan.parts
     for k in range(inputs.terms[parts.inputs[c]], inputs.terms[parts.inputs[c + 1]]):
         if terms.early[k] == 0:
-            m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], h) + terms.offset[k]
+            m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], step) + terms.offset[k]
 
 
 @hot
@@ -87,14 +94,14 @@ def feed(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, sequential: in
     `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
     from `guess`.
     """
-    inputs, terms, h, per_second = plan.inputs, plan.terms, step.size, 1.0 / step.size
-    before, after = drive.samples[step.first], drive.samples[step.last]
+    inputs, terms = plan.inputs, plan.terms
+    before, after = drive.starts[step.first], drive.samples[step.last]
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
         start = end = inputs.constant[i]
         holds_end = inputs.holds_end[i] == 1
         for k in range(inputs.terms[i], inputs.terms[i + 1]):
             s, is_known = terms.source[k], sequential == 1 and terms.early[k] == 1
-            x, y = _known(m, s, h, mode) if is_known else _supposed(m, s, h, mode)
+            x, y = _known(m, s, step, mode) if is_known else _supposed(m, s, step, mode)
             a = terms.weight[k] * x + terms.offset[k]
             b = terms.weight[k] * y + terms.offset[k]
             start += a
@@ -107,16 +114,22 @@ def feed(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, sequential: in
             end += inputs.factor[i] * after[d] + inputs.offset[i]
         m.start[i] = start
         m.end[i] = end
-        m.rate[i] = (end - start) * per_second
+        m.rate[i] = (end - start) * step.per_second
     if mode == GUESSED:
-        _assume(plan, m, c, h)
+        _assume(plan, m, c, step)
 
 
-@shared
-def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int) -> float:
-    """An input at the drive's point j: on the straight line over the step, with the drive as it is there."""
+@hot
+def _share_at(drive: Drive, step: Step, j: int) -> float:
+    """The share of the step that has gone by at the drive's point j."""
+    share: float = (drive.times[j] - drive.times[step.first]) / (drive.times[step.last] - drive.times[step.first])
+    return share
+
+
+@hot
+def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int, share: float) -> float:
+    """An input at the drive's point j, the step gone by to `share`: on its straight line, the drive as it is there."""
     first, last = step.first, step.last
-    share = (drive.times[j] - drive.times[first]) / (drive.times[last] - drive.times[first])
     value: float = m.start[i] + (m.end[i] - m.start[i]) * share
     d = plan.inputs.column[i]
     if d >= 0:
@@ -159,10 +172,11 @@ def _ramp(plan: Plan, m: Memory, c: int, values: int) -> int:
 @shared
 def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int) -> int:
     """Give part c its inputs at the drive's point j, and their slopes to the next."""
-    h = drive.times[j + 1] - drive.times[j]
+    per_second = 1.0 / (drive.times[j + 1] - drive.times[j])
+    share, then = _share_at(drive, step, j), _share_at(drive, step, j + 1)
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        m.value[i] = _value_at(plan, m, i, drive, step, j)
-        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1) - m.value[i]) / h
+        m.value[i] = _value_at(plan, m, i, drive, step, j, share)
+        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1, then) - m.value[i]) * per_second
     return _ramp(plan, m, c, m.at.values[c])
 
 

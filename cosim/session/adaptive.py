@@ -89,5 +89,5 @@ def _first_progress(step: float, control: Control, signals: int, channels: int) 
         greatest=np.zeros(1),
         scale=np.zeros(control.signal.size),
         once=np.zeros(signals),
-        drive=Drive(np.zeros(2), np.zeros((2, channels)), np.zeros((1, channels))),
+        drive=Drive(np.zeros(2), np.zeros((2, channels)), np.zeros((2, channels)), np.zeros((1, channels))),
     )

@@ -13,7 +13,7 @@ from cosim.engine.plan import DONE, STOPPED, Drive, Integers
 from cosim.session.failure import failure
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
-from cosim.session.times import Times, coupling_times, joined, step_sizes
+from cosim.session.times import ROUNDING, Times, coupling_times, joined, step_sizes
 from eightpost.signals import Drivefile
 
 
@@ -72,24 +72,32 @@ class _Asked(NamedTuple):
 
 
 def _without_drive(times: Times) -> Drive:
-    return Drive(times, np.zeros((times.size, 0)), np.zeros((times.size - 1, 0)))
+    none = np.zeros((times.size, 0))
+    return Drive(times, none, none, none[1:])
 
 
 @lru_cache(maxsize=4)
 def _driven(drive: Drivefile, asked: _Asked) -> tuple[Integers, Drive]:
     """Which of the drive's rows each step begins with (K+1,), and the rows. Kept: runs of a study ask for the same."""
     coupling = coupling_times(asked.stop, asked.step)
-    times = coupling
-    if asked.follows:
-        own = drive.series.time - asked.start
-        times = joined(times, own[(own > 0.0) & (own < asked.stop)])
+    own = drive.series.time - asked.start
+    own = own[(own > 0.0) & (own < asked.stop)]
+    times = joined(coupling, own) if asked.follows else coupling
     begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
-    return begins, Drive(times, *_drive_rows(drive, times + asked.start, asked.ramps))
+    samples = _rows(drive.sample(times + asked.start))
+    starts = samples if asked.follows else _starts(drive, times + asked.start, samples)
+    means = _rows(drive.means(times + asked.start)) if not asked.ramps else np.zeros((times.size - 1, 0))
+    return begins, Drive(times, samples, starts, means)
 
 
-def _drive_rows(drive: Drivefile, times: Times, ramps: bool) -> tuple[Times, Times]:
-    """The drive (T+1, D) at its own times (T+1,) [s], and its means between them (T, D), 0 where none asks for them."""
-    samples = np.ascontiguousarray(drive.sample(times).T)
-    if ramps:
-        return samples, np.zeros((times.size - 1, 0))
-    return samples, np.ascontiguousarray(drive.means(times).T)
+def _starts(drive: Drivefile, times: Times, samples: Times) -> Times:
+    """Where each step's straight line begins (T+1, D): it has the drive's mean, to the drive's value at the end."""
+    starts, own, near = samples.copy(), drive.series.time, ROUNDING * times[-1]
+    bent = np.searchsorted(own, times[:-1] + near) < np.searchsorted(own, times[1:] - near)
+    starts[:-1][bent] = (2.0 * _rows(drive.means(times)) - samples[1:])[bent]
+    return starts
+
+
+def _rows(channels: Times) -> Times:
+    """A row per time, (T, D) of (D, T)."""
+    return np.ascontiguousarray(channels.T)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from cosim.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.coupling import Coupling
 from cosim.limits import LimitWatch
@@ -11,7 +13,7 @@ from cosim.planning import Layout, lay_out
 from cosim.recorder import Flags, recorded_names, recorded_steps
 from cosim.scenario import Scenario
 from cosim.session.checks import check_repeats, check_variable_step
-from cosim.session.times import Times, coupling_times
+from cosim.session.times import ROUNDING, Times, coupling_times
 from cosim.system import System
 
 
@@ -70,7 +72,19 @@ class Setup:
 
     @property
     def following(self) -> frozenset[str]:
-        """Components that the drive moves and that take any step: they go from each of its points to the next."""
+        """Components that go from each of the drive's points to the next: which it moves, and which take any step.
+
+        None do where a step is no longer than the drive's intervals and all that it moves is coupled: the drive's
+        straight line over a step, with its mean, is then right to the order of the coupling.
+        """
         feeds = self.coupling.feeds
         driven = {name for name, into in feeds.items() if any(feed.drive is not None for feed in into)}
+        if self._is_finely_stepped and all(any(feed.terms for feed in feeds[name]) for name in driven):
+            return frozenset()
         return frozenset(name for name in driven if self.system.components[name].capabilities.variable_step)
+
+    @property
+    def _is_finely_stepped(self) -> bool:
+        drive = self.scenario.drive
+        intervals = np.diff(drive.series.time) if drive is not None else np.zeros(0)
+        return self.step <= float(np.min(intervals, initial=np.inf)) * (1.0 + ROUNDING)
