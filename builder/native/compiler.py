@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,36 @@ from builder.native.toolchain import Toolchain
 from builder.native.universal import universal
 from eightpost.errors import FmuError
 
+#: A C file that includes all others.
+_WHOLE = "whole.c"
+
 
 @dataclass(frozen=True)
 class Library:
-    """One shared library to be: its name, and its C files and headers by name (one flat folder)."""
+    """One shared library to be.
+
+    Args:
+        identifier: Its name.
+        sources: Its C files and headers by name (one flat folder).
+        is_one_unit: Whether no two of its C files have a name of their own in common, so that they may be compiled as
+            one: functions of one file are then put where another calls them, which makes steps some percent cheaper.
+    """
 
     identifier: str
     sources: Mapping[str, bytes]
+    is_one_unit: bool = False
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Names of the C files that are compiled."""
+        return (_WHOLE,) if self.is_one_unit else _c_files(self.sources)
+
+    @property
+    def files(self) -> Mapping[str, bytes]:
+        """What the compiler finds in its folder."""
+        if not self.is_one_unit:
+            return self.sources
+        return {**self.sources, _WHOLE: "".join(f'#include "{name}"\n' for name in _c_files(self.sources)).encode()}
 
 
 def compile_libraries(
@@ -62,8 +85,7 @@ def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes
 
 
 def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
-    files = sorted(name for name in library.sources if name.endswith(".c"))
-    command = toolchain.command(library.identifier, platform, target, files)
+    command = toolchain.command(library.identifier, platform, target, library.units)
     key = _key(toolchain, library, target or platform.name, command)
     content = recall(key)
     if content is None:
@@ -76,15 +98,15 @@ def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[
     """Everything that the binary depends on, but no folder of this machine."""
     parts: list[bytes | str] = [toolchain.name, library.identifier, target]
     parts += [part for part in command if not Path(part).is_absolute()]
-    for name in sorted(library.sources):
-        parts += [name, library.sources[name]]
+    for name, content in sorted(library.files.items()):
+        parts += [name, content]
     own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
     return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in NAMES)))])
 
 
 def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        for name, content in library.sources.items():
+        for name, content in library.files.items():
             (Path(folder) / name).write_bytes(content)
         ran = subprocess.run(
             command, cwd=folder, env=_environment(folder), capture_output=True, text=True, errors="replace", check=False
@@ -95,6 +117,10 @@ def _compile(toolchain: Toolchain, library: Library, platform: Platform, command
                 f"{_said(ran.stderr) or f'it ended with status {ran.returncode} and said nothing'}"
             )
         return (Path(folder) / f"{library.identifier}{platform.suffix}").read_bytes()
+
+
+def _c_files(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(name for name in names if name.endswith(".c")))
 
 
 def _said(errors: str) -> str:

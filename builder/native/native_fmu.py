@@ -79,7 +79,8 @@ def _source(product: Product, disclosure: Disclosure) -> Source:
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
     )
-    return sealed(description, members, lambda guid: c_sources(product, visible, guid), disclosure=disclosure)
+    whole = sealed(description, members, lambda guid: c_sources(product, visible, guid), disclosure=disclosure)
+    return replace(whole, library=replace(whole.library, is_one_unit=True))
 
 
 def sealed(

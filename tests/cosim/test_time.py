@@ -153,6 +153,24 @@ def test_a_component_that_ramps_follows_a_drive_whose_points_lie_within_its_step
     assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
 
 
+@same_make
+@given(seed=st.integers(0, 1000), parts=st.floats(0.3, 1.0), algorithm=st.sampled_from(EXPLICIT))
+def test_a_coupled_component_gets_the_drives_exact_mean_in_a_step_no_longer_than_its_intervals(
+    make: Any, seed: int, parts: float, algorithm: Algorithm
+) -> None:
+    """In one step, on a straight line, wherever the drive's points lie; and the drive's value at the step's end."""
+    drive = rough(seed, [0.002] * 84)
+    step = drive.duration / np.ceil(drive.duration / (parts * 0.002))
+    moved, told = make.integrator(capabilities=RAMPS), make.gain(0.0, "m/s", "N", capabilities=RAMPS)
+    coupled = (Connection("moved.y", "told.u"), Connection("told.y", "moved.u"))
+    system = System({"moved": moved, "told": told}, connections=coupled)
+    scenario = Scenario(drive.duration, drive, {"u": "moved.u"})
+    series = run(system, scenario, algorithm=algorithm, step=step).series
+    exact = [0.0, *(end * drive.mean(0.0, end)[0] for end in series.time[1:])]
+    assert np.abs(series["moved.y"] - exact).max() < 1e-13
+    assert len(steps_of(moved)) == len(series) - 1
+
+
 def test_a_drive_that_starts_later_is_read_from_there(make: Any, bumps: Drivefile) -> None:
     part = make.gain(unit_in="m", unit_out="m", capabilities=RAMPS)
     series = run(System({"a": part}), Scenario(1.0, bumps, {"a": "a.u"}, drive_start=7.012), step=0.002).series
