@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from cosim.coupling import Coupling
 
@@ -58,7 +58,9 @@ def _solve(coupling: Coupling, order: tuple[str, ...], names: list[str]) -> Equi
         return np.asarray(_vector(coupling, names) - values)
 
     start = np.nan_to_num(_vector(coupling, names), posinf=0.0, neginf=0.0)
-    solution = root(disagreement, np.where(np.abs(start) < 1e12, start, 0.0), method="hybr", tol=_TOLERANCE)
+    solution = scipy.optimize.root(
+        disagreement, np.where(np.abs(start) < 1e12, start, 0.0), method="hybr", tol=_TOLERANCE
+    )
     residual = _relative(disagreement(solution.x), solution.x)
     return Equilibrium(converged=residual <= 1e-9, sweeps=_SWEEPS + evaluations, residual=residual)
 

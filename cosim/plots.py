@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.signal import welch
 
 from cosim.study.measures import DISPLAY, Measure
 from eightpost import units
@@ -57,7 +57,7 @@ def plot_spectra(
         for (label, series), color in zip(runs.items(), _COLORS, strict=False):
             values = _displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
-            frequency, density = welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
+            frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
             kept = (frequency > 0.0) & (frequency <= highest)
             panel.semilogy(frequency[kept], density[kept], lw=1.2, color=color, label=label)
         unit = _display_unit(next(iter(runs.values())), channel)

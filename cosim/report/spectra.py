@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from eightpost.signals import TimeSeries
 
@@ -55,5 +55,7 @@ def spectra(series: TimeSeries) -> Spectra | None:
     length = min(len(even), round(BLOCK * rate), max(_FEWEST, 2 * CAPACITY // len(even.names)))
     if length < _FEWEST:
         return None
-    frequency, density = welch(even.values, fs=rate, window="hann", nperseg=length, detrend="constant", axis=-1)
+    frequency, density = scipy.signal.welch(
+        even.values, fs=rate, window="hann", nperseg=length, detrend="constant", axis=-1
+    )
     return Spectra(frequency[1:], density[:, 1:], block=length / rate, duration=even.duration)

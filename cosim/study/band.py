@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
@@ -38,7 +38,7 @@ class _Sections:
         return self._once(forward[::-1])[::-1][pad:-pad]
 
     def _once(self, values: Array) -> Array:
-        filtered, _ = sosfilt(self.rows, values, zi=self.rest * values[0])
+        filtered, _ = scipy.signal.sosfilt(self.rows, values, zi=self.rest * values[0])
         return np.asarray(filtered, dtype=np.float64)
 
 
@@ -73,14 +73,14 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
 def _sections(low: float, high: float, rate: float) -> _Sections | None:
     """The filter; None where both sides are open."""
     if low > 0.0 and np.isfinite(high):
-        rows = butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
+        rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
     elif low > 0.0:
-        rows = butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
+        rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
     elif np.isfinite(high):
-        rows = butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
+        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
     else:
         return None
-    return _Sections(np.asarray(rows), np.asarray(sosfilt_zi(rows)))
+    return _Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from eightpost.errors import InputError
 
@@ -79,7 +79,7 @@ def _variation(response: Response) -> float:
 def _work(response: Response) -> float:
     """Integral of the product of force and velocity by the trapezoidal rule."""
     power = response.rows[0] * response.rows[1]
-    return float(trapezoid(power, dx=response.step))
+    return float(scipy.integrate.trapezoid(power, dx=response.step))
 
 
 def _share(response: Response) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,9 +32,9 @@ def lowpass(values: Array, rate: float, cutoff_hz: float, *, order: int = 8) -> 
     """
     if not 0.0 < cutoff_hz < 0.5 * rate:
         raise ValueError(f"the cut-off must lie between 0 and {0.5 * rate:g} Hz (half the rate), not at {cutoff_hz:g}")
-    sections = butter(order, cutoff_hz, fs=rate, output="sos")
+    sections = scipy.signal.butter(order, cutoff_hz, fs=rate, output="sos")
     pad = min(values.shape[-1] - 1, int(np.ceil(3.0 * order * rate / cutoff_hz)))
-    return np.asarray(sosfiltfilt(sections, values, axis=-1, padlen=pad), dtype=np.float64)
+    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=-1, padlen=pad), dtype=np.float64)
 
 
 def derivative(values: Array, rate: float) -> Array:

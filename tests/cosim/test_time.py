@@ -161,8 +161,17 @@ def test_a_coupled_component_gets_the_drives_exact_mean_in_a_step_no_longer_than
     """In one step, on a straight line, wherever the drive's points lie; and the drive's value at the step's end."""
     drive = rough(seed, [0.002] * 84)
     step = drive.duration / np.ceil(drive.duration / (parts * 0.002))
-    moved, told = make.integrator(capabilities=RAMPS), make.gain(0.0, "m/s", "N", capabilities=RAMPS)
-    coupled = (Connection("moved.y", "told.u"), Connection("told.y", "moved.u"))
+    ports = make.table(
+        *(make.variable(*port) for port in (("u", "input", "N"), ("v", "input", "N"), ("y", "output", "N")))
+    )
+    moved = make.component(
+        ports,
+        lambda x, _: {"y": x},
+        lambda x, start, end, h: x + 0.5 * (start["u"] + end["u"] + start["v"] + end["v"]) * h,
+        capabilities=RAMPS,
+    )
+    told = make.gain(0.0, capabilities=RAMPS)
+    coupled = (Connection("moved.y", "told.u"), Connection("told.y", "moved.v"))
     system = System({"moved": moved, "told": told}, connections=coupled)
     scenario = Scenario(drive.duration, drive, {"u": "moved.u"})
     series = run(system, scenario, algorithm=algorithm, step=step).series
