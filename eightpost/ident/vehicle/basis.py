@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eigvals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,13 +49,14 @@ class PolynomialBasis:
 
     def roots(self, coefficients: Array) -> Complex:
         """Return the zeros of `sum_k c_k p_k` (degree,), leading coefficients that are zero left out."""
-        kept = np.trim_zeros(coefficients, "b")
-        n = kept.size - 1
+        n = coefficients.size - 1
+        while n > 0 and coefficients[n] == 0.0:
+            n -= 1
         if n < 1:
             return np.empty(0, dtype=np.complex128)
         companion = self.hessenberg[:n, :n].copy()
-        companion[:, -1] -= self.hessenberg[n, n - 1] * kept[:-1] / kept[-1]
-        return np.asarray(eigvals(companion), dtype=np.complex128)
+        companion[:, -1] -= (self.hessenberg[n, n - 1] / coefficients[n]) * coefficients[:n]
+        return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128)
 
     def leading(self, coefficients: Array) -> float:
         """Return the coefficient of the highest power of s."""

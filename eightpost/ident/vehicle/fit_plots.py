@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+
 _COLUMNS = 4
 #: Sizes [in]: a panel with its labels, left of its axes, and the strip below all panels.
 _WIDE, _HIGH_ROW, _MARGIN, _STRIP = 3.9, 3.0, 0.72, 2.2
@@ -28,6 +31,8 @@ _WIDE, _HIGH_ROW, _MARGIN, _STRIP = 3.9, 3.0, 0.72, 2.2
 _LEGEND = 2.7
 #: What is drawn [Hz].
 _LOW, _HIGH = 0.3, 25.0
+#: Of PNGs, 0 to 9: more takes longer and saves little.
+_COMPRESSION = 3
 
 
 def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Path]:
@@ -42,28 +47,102 @@ def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Pat
         return []
     estimate = fit.response.select(outputs=outputs).band(_LOW, _HIGH)
     model = response_of(fit.vehicle.state_space.select(outputs=outputs), estimate.frequency)
+    sheet = _Sheet(estimate, fit.recipe)
     paths = [folder / f"{output}.png" for output in outputs]
-    for output, path in zip(outputs, paths, strict=True):
-        figure = _figure(estimate.select(outputs=[output]), model.select(outputs=[output]), fit.recipe)
+    for row, path in enumerate(paths):
+        sheet.show(estimate, model, row)
         with atomic_path(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=90)
+            sheet.figure.savefig(temporary, format="png", dpi=90, pil_kwargs={"compress_level": _COMPRESSION})
     return paths
 
 
-def _figure(estimate: FrequencyResponse, model: FrequencyResponse, recipe: str) -> Figure:
-    """Places are reckoned: laying out by what is drawn takes as long as drawing it."""
-    columns = min(_COLUMNS, len(estimate.inputs))
-    rows = -(-len(estimate.inputs) // columns)
-    figure = Figure(figsize=(_WIDE * columns, _STRIP + _HIGH_ROW * rows + 0.25))
-    FigureCanvasAgg(figure)
-    for place in range(len(estimate.inputs)):
-        row, column = divmod(place, columns)
-        corner = (_WIDE * column + _MARGIN, _STRIP + _HIGH_ROW * (rows - 1 - row) + 0.5)
-        _magnitude(_axes(figure, corner, (_WIDE - 0.85, _HIGH_ROW - 0.95)), estimate, model, place)
-    _coherence(_axes(figure, (_MARGIN, 0.5), (_WIDE * columns - _LEGEND, _STRIP - 0.75)), estimate)
-    title = f"{estimate.outputs[0].name}: estimate and model, {recipe}"
-    figure.suptitle(title, y=1.0 - 0.12 / figure.get_figheight(), va="top")
-    return figure
+class _Sheet:
+    """The panels of one output, made once and filled for one after the other: making them takes as long as drawing.
+
+    Places are reckoned, of titles too: laying out by what is drawn takes as long again.
+
+    Args:
+        estimate: Its inputs have a panel each.
+        recipe: For the title.
+    """
+
+    def __init__(self, estimate: FrequencyResponse, recipe: str) -> None:
+        columns = min(_COLUMNS, len(estimate.inputs))
+        rows = -(-len(estimate.inputs) // columns)
+        self.figure = Figure(figsize=(_WIDE * columns, _STRIP + _HIGH_ROW * rows + 0.25))
+        FigureCanvasAgg(self.figure)
+        self._panels = []
+        for place in range(len(estimate.inputs)):
+            row, column = divmod(place, columns)
+            corner = (_WIDE * column + _MARGIN, _STRIP + _HIGH_ROW * (rows - 1 - row) + 0.5)
+            axes = _axes(self.figure, corner, (_WIDE - 0.85, _HIGH_ROW - 0.95))
+            self._panels.append(_Panel(axes, estimate.frequency, estimate.inputs[place].name, is_first=place == 0))
+        self._strip = _Strip(_axes(self.figure, (_MARGIN, 0.5), (_WIDE * columns - _LEGEND, _STRIP - 0.75)), estimate)
+        high = self.figure.get_figheight()
+        self._title = self.figure.suptitle("", y=1.0 - 0.12 / high, va="top")
+        self._recipe = recipe
+
+    def show(self, estimate: FrequencyResponse, model: FrequencyResponse, row: int) -> None:
+        """Fill the panels with an output."""
+        out = estimate.outputs[row]
+        for panel, source, paths in zip(
+            self._panels, estimate.inputs, zip(estimate.H[row], model.H[row], strict=True), strict=True
+        ):
+            panel.show(*paths, f"dB re {out.unit} per {source.unit}")
+        self._strip.show(estimate, row)
+        self._title.set_text(f"{out.name}: estimate and model, {self._recipe}")
+
+
+class _Panel:
+    """Estimate and model of one path."""
+
+    def __init__(self, axes: Axes, frequency: Array, name: str, *, is_first: bool) -> None:
+        self._axes = axes
+        empty = np.full(frequency.size, np.nan)
+        self._lines = (
+            axes.plot(frequency, empty, color="0.6", linewidth=2.2, label="estimate")[0],
+            axes.plot(frequency, empty, color="tab:red", linewidth=1.1, label="model")[0],
+        )
+        axes.set_title(name, y=1.0)
+        axes.locator_params(nbins=5)
+        axes.grid(alpha=0.3)
+        if is_first:
+            axes.legend(fontsize="small")
+
+    def show(self, estimate: Complex, model: Complex, label: str) -> None:
+        for line, path in zip(self._lines, (estimate, model), strict=True):
+            line.set_ydata(_decibels(path))
+        self._axes.set_ylabel(label)
+        self._axes.relim()
+        self._axes.autoscale_view()
+
+
+class _Strip:
+    """Coherence with each input and with all."""
+
+    def __init__(self, axes: Axes, estimate: FrequencyResponse) -> None:
+        empty = np.full(estimate.frequency.size, np.nan)
+        self._lines = []
+        if estimate.partial_coherence is not None:
+            for source in estimate.inputs:
+                self._lines += axes.plot(estimate.frequency, empty, linewidth=1.0, label=source.name)
+        if estimate.coherence is not None:
+            self._lines += axes.plot(estimate.frequency, empty, color="black", linewidth=1.2, label="all inputs")
+        title = "coherence with all inputs" if estimate.partial_coherence is None else "coherence, partial by input"
+        axes.set_title(title, y=1.0)
+        axes.set(ylim=(0.0, 1.05), xlabel="frequency [Hz]")
+        axes.grid(alpha=0.3)
+        if self._lines:
+            axes.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.005, 0.5), ncols=2)
+        self._axes = axes
+
+    def show(self, estimate: FrequencyResponse, row: int) -> None:
+        partial = () if estimate.partial_coherence is None else estimate.partial_coherence[row]
+        every = () if estimate.coherence is None else (estimate.coherence[row],)
+        for line, values in zip(self._lines, (*partial, *every), strict=True):
+            line.set_ydata(values)
+        self._axes.relim()
+        self._axes.autoscale_view(scaley=False)
 
 
 def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]) -> Axes:
@@ -72,30 +151,6 @@ def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]
     return figure.add_axes((corner[0] / wide, corner[1] / high, size[0] / wide, size[1] / high))
 
 
-def _magnitude(axes: Axes, estimate: FrequencyResponse, model: FrequencyResponse, column: int) -> None:
-    decibels = [_decibels(response.H[0, column]) for response in (estimate, model)]
-    axes.plot(estimate.frequency, decibels[0], color="0.6", linewidth=2.2, label="estimate")
-    axes.plot(model.frequency, decibels[1], color="tab:red", linewidth=1.1, label="model")
-    source, out = estimate.inputs[column], estimate.outputs[0]
-    axes.set(title=source.name, ylabel=f"dB re {out.unit} per {source.unit}")
-    axes.locator_params(nbins=5)
-    axes.grid(alpha=0.3)
-    if column == 0:
-        axes.legend(fontsize="small")
-
-
-def _decibels(path: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _decibels(path: Complex) -> Array:
     size = np.abs(path)
     return np.asarray(20.0 * np.log10(np.where(size > 0.0, size, np.nan)))
-
-
-def _coherence(axes: Axes, estimate: FrequencyResponse) -> None:
-    if estimate.partial_coherence is not None:
-        for source, partial in zip(estimate.inputs, estimate.partial_coherence[0], strict=True):
-            axes.plot(estimate.frequency, partial, linewidth=1.0, label=source.name)
-    if estimate.coherence is not None:
-        axes.plot(estimate.frequency, estimate.coherence[0], color="black", linewidth=1.2, label="all inputs")
-    title = "coherence with all inputs" if estimate.partial_coherence is None else "coherence, partial by input"
-    axes.set(title=title, ylim=(0.0, 1.05), xlabel="frequency [Hz]")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.005, 0.5), ncols=2)

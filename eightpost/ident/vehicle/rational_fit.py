@@ -90,13 +90,16 @@ class _Problem:
 
     def solve(self) -> _Ratio:
         """Return the coefficients of the best fit."""
-        best = min(self._reweighted(), key=self.cost)
+        found = self._reweighted()
+        costs = [self.cost(ratio) for ratio in found]
+        best = int(np.argmin(costs))
+        ratio, cost = found[best], costs[best]
         for _ in range(self.recipe.iterations):
-            following = self._improved(best)
-            if self.cost(following) >= self.cost(best) * (1.0 - _CONVERGED):
+            following, reached = self._improved(ratio, cost)
+            if reached >= cost * (1.0 - _CONVERGED):
                 break
-            best = following
-        return best
+            ratio, cost = following, reached
+        return ratio
 
     def cost(self, ratio: _Ratio) -> float:
         """Return Eq 4.29."""
@@ -148,19 +151,19 @@ class _Problem:
     def _unstable(self, poles: Complex) -> NDArray[np.bool_]:
         return np.asarray(poles.real >= 0.0 if self.recipe.dt is None else np.abs(poles) >= 1.0, dtype=np.bool_)
 
-    def _improved(self, ratio: _Ratio) -> _Ratio:
-        """Take a Gauss-Newton step of Eq 4.29, halved until it helps."""
+    def _improved(self, ratio: _Ratio, cost: float) -> tuple[_Ratio, float]:
+        """Take a Gauss-Newton step of Eq 4.29, halved until it helps; return where it leads, and the cost there."""
         A, B = self.P @ ratio.a, self.P[:, : ratio.b.size] @ ratio.b
         by_b = self.P[:, : ratio.b.size] / A[:, None]
         by_a = -self.P[:, :-1] * (B / A**2)[:, None]
         step = _least_squares(np.hstack((by_b, by_a)) * self.root[:, None], self._misfit(ratio))
-        here = self.cost(ratio)
         for k in range(_HALVINGS):
             moved = step * 0.5**k
             tried = _Ratio(ratio.b + moved[: ratio.b.size], ratio.a + np.append(moved[ratio.b.size :], 0.0))
-            if self.cost(tried) < here and not self._unstable(self.basis.roots(tried.a)).any():
-                return tried
-        return ratio
+            reached = self.cost(tried)
+            if reached < cost and not self._unstable(self.basis.roots(tried.a)).any():
+                return tried, reached
+        return ratio, cost
 
 
 def _least_squares(matrix: Complex, target: Complex) -> Array:
