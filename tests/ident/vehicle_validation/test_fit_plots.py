@@ -1,0 +1,46 @@
+"""Pictures of a fit: all that they say is in them, and nothing of the output that was drawn before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageChops
+
+from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.fit_plots import plot_fits
+
+from .conftest import truth_fit
+
+OUTPUTS = ("velocity", "tire_force", "ride_height")
+
+
+@pytest.fixture(scope="module")
+def fit() -> VehicleFit:
+    return truth_fit("quarter_car")
+
+
+def drawn(fit: VehicleFit, folder: Path, *outputs: str) -> list[Image.Image]:
+    folder.mkdir()
+    return [Image.open(path).convert("RGB") for path in plot_fits(fit, outputs, folder)]
+
+
+def differ(one: Image.Image, other: Image.Image) -> bool:
+    return one.size != other.size or ImageChops.difference(one, other).getbbox() is not None
+
+
+def test_a_picture_is_the_same_alone_and_after_others(fit: VehicleFit, tmp_path: Path) -> None:
+    together = drawn(fit, tmp_path / "together", *OUTPUTS)
+    alone = [drawn(fit, tmp_path / name, name)[0] for name in OUTPUTS]
+    assert [differ(*pair) for pair in zip(together, alone, strict=True)] == [False] * 3
+    assert differ(together[0], together[1])
+
+
+@pytest.mark.parametrize("kind", ["coherence", "partial_coherence", "H"])
+def test_estimate_and_coherences_are_in_the_picture(fit: VehicleFit, tmp_path: Path, kind: str) -> None:
+    estimate = fit.response
+    shape = {"coherence": estimate.H.shape[::2], "partial_coherence": estimate.H.shape, "H": estimate.H.shape}[kind]
+    high, low = (replace(fit, response=replace(estimate, **{kind: np.full(shape, level)})) for level in (0.9, 0.4))
+    assert differ(*drawn(high, tmp_path / "high", "velocity"), *drawn(low, tmp_path / "low", "velocity"))
