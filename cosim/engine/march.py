@@ -8,7 +8,7 @@ from typing import NamedTuple
 from cosim.engine import calls
 from cosim.engine.compiled import shared
 from cosim.engine.implicit import restore_parts, save_parts, step_group
-from cosim.engine.meters import accept, add_defects, add_energy, add_limits
+from cosim.engine.meters import accept, add_bonds, add_limits
 from cosim.engine.plan import (
     DISCARD,
     DIVERGED,
@@ -134,8 +134,7 @@ def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
 
     Return the first signal that is no sensible number, or -1.
     """
-    add_energy(plan, m, h)
-    add_defects(plan, m, h)
+    add_bonds(plan, m, h)
     if end > mode.settling:
         add_limits(plan, m, h)
     m.counts[STEPS] += 1

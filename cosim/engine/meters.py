@@ -1,4 +1,4 @@
-"""What is added up over a run, step by step: energy per bond, defects of coupled values, time beyond limits."""
+"""What is added up over a run, step by step: energy per bond, defects of what it couples, time beyond limits."""
 
 from __future__ import annotations
 
@@ -9,29 +9,34 @@ _DIVERGED = 1e15
 
 
 @hot
-def add_energy(plan: Plan, m: Memory, h: float) -> None:
-    """Add the energy given at the velocity end less the energy taken at the force end of every bond [J]."""
-    bonds = plan.bonds
-    for b in range(bonds.velocity.size):
-        v, f = bonds.velocity[b], bonds.force[b]
-        moved, pushed = plan.terms.source[v], plan.terms.source[f]
-        given = bonds.given[b] * (m.now[moved] + m.ahead[moved]) * m.fed[f] * h
-        taken = bonds.taken[b] * (m.now[pushed] + m.ahead[pushed]) * m.fed[v] * h
-        m.residual[b] += given - taken
-        m.transferred[b] += abs(taken)
+def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
+    """Add the squares of what term k had assumed for the end of the step less what came, and the term's own.
+
+    Return twice the mean of its source.
+    """
+    terms = plan.terms
+    now, end = m.now[terms.source[k]], m.ahead[terms.source[k]]
+    came = terms.weight[k] * end + terms.offset[k]
+    missed = m.assumed[k] - came
+    m.defect[k] += missed * missed * h
+    m.total[k] += came * h
+    m.squares[k] += came * came * h
+    twice: float = now + end
+    return twice
 
 
 @hot
-def add_defects(plan: Plan, m: Memory, h: float) -> None:
-    """Add the squares of what each term had assumed for the end of the step less what came, and the term's own."""
-    terms = plan.terms
+def add_bonds(plan: Plan, m: Memory, h: float) -> None:
+    """Add what both terms of every bond missed, and the energy given at one end less that taken at the other [J]."""
+    bonds = plan.bonds
     m.duration[0] += h
-    for k in range(terms.source.size):
-        came = terms.weight[k] * m.ahead[terms.source[k]] + terms.offset[k]
-        missed = m.assumed[k] - came
-        m.defect[k] += missed * missed * h
-        m.total[k] += came * h
-        m.squares[k] += came * came * h
+    for b in range(bonds.velocity.size):
+        v, f = bonds.velocity[b], bonds.force[b]
+        moved, pushed = _add_term(plan, m, v, h), _add_term(plan, m, f, h)
+        given = bonds.given[b] * moved * m.fed[f] * h
+        taken = bonds.taken[b] * pushed * m.fed[v] * h
+        m.residual[b] += given - taken
+        m.transferred[b] += abs(taken)
 
 
 @hot
