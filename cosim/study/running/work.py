@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
 from cosim.study.running.choose_coupling import choose_coupling
@@ -25,8 +26,9 @@ def evaluator_for(study: str) -> Evaluator:
 
 
 def open_study(study: str) -> None:
-    """Open a study, by its JSON, so that its first setup need not wait for it."""
+    """Open a study, by its JSON, and load what measures filter with, so that its first setup need not wait for them."""
     evaluator_for(study)
+    import_module("scipy.signal")
 
 
 def choose(study: str) -> Coupling:
