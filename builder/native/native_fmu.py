@@ -79,8 +79,13 @@ def _source(product: Product, disclosure: Disclosure) -> Source:
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
     )
-    whole = sealed(description, members, lambda guid: c_sources(product, visible, guid), disclosure=disclosure)
-    return replace(whole, library=replace(whole.library, is_one_unit=True))
+    return sealed(
+        description,
+        members,
+        lambda guid: c_sources(product, visible, guid),
+        disclosure=disclosure,
+        is_one_unit=True,
+    )
 
 
 def sealed(
@@ -89,6 +94,7 @@ def sealed(
     code: Callable[[str], dict[str, bytes]],
     *,
     disclosure: Disclosure = Disclosure.FULL,
+    is_one_unit: bool = False,
 ) -> Source:
     """Return an FMU without its binaries, with a GUID that is drawn from all that is in it.
 
@@ -97,6 +103,7 @@ def sealed(
         members: Documents.
         code: Returns the C sources with a GUID in them.
         disclosure: A confidential FMU carries no sources.
+        is_one_unit: Whether its C files may be compiled as one (Library).
     """
     drafted = code("")
     named = {f"sources/{name}": content for name, content in drafted.items()}
@@ -106,7 +113,9 @@ def sealed(
     found = code(guid)
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
     xml = model_description(replace(description, guid=guid))
-    return Source({**members, "modelDescription.xml": xml, **sources}, Library(description.identifier, found))
+    return Source(
+        {**members, "modelDescription.xml": xml, **sources}, Library(description.identifier, found, is_one_unit)
+    )
 
 
 def _visible(interface: Interface, disclosure: Disclosure) -> Interface:
