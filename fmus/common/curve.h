@@ -31,11 +31,6 @@ static inline double polynomial_slope(const double *coefficients, int count, dou
     return value;
 }
 
-static inline double within(double value, double low, double high)
-{
-    return value < low ? low : value > high ? high : value;
-}
-
 static inline double size_of(double value)
 {
     return value < 0.0 ? -value : value;
@@ -43,7 +38,8 @@ static inline double size_of(double value)
 
 static inline double outer_share(const Parameters *p, double speed)
 {
-    return within((speed - p->curve_transition_speed) / p->curve_transition_width + 0.5, 0.0, 1.0);
+    const double apart = speed - p->curve_transition_speed, half = 0.5 * p->curve_transition_width;
+    return apart >= half ? 1.0 : apart <= -half ? 0.0 : apart / p->curve_transition_width + 0.5;
 }
 
 static inline double inner_force(const Parameters *p, double v)
@@ -66,9 +62,10 @@ static inline double outer_force(const Parameters *p, double v)
 static inline double fitted_force(const Parameters *p, double v)
 {
     const double share = outer_share(p, size_of(v));
-    const double inner = share < 1.0 ? inner_force(p, v) : 0.0;
-    const double outer = share > 0.0 ? outer_force(p, v) : 0.0;
-    return (1.0 - share) * inner + share * outer;
+    if (share == 0.0) {
+        return inner_force(p, v);
+    }
+    return share == 1.0 ? outer_force(p, v) : (1.0 - share) * inner_force(p, v) + share * outer_force(p, v);
 }
 
 static inline double fitted_slope(const Parameters *p, double v)

@@ -1,7 +1,5 @@
 /* What a host calls in every step, at once: these functions call nothing unless something is unusual, which goes the long way
  * with every check (variables.c, derivatives.c). */
-#include <string.h>
-
 #include "instance.h"
 #include "elementary.h"
 
@@ -21,7 +19,8 @@ static int are_all_inputs(const fmi2ValueReference vr[], size_t n)
 static int are_in_range(const fmi2Real value[])
 {
     for (int k = 0; k < INPUTS; k++) {
-        if (!(value[k] >= variables[k].minimum && value[k] <= variables[k].maximum)) {
+        const double given = fresh(value + k);
+        if (!(given >= variables[k].minimum && given <= variables[k].maximum)) {
             return 0;
         }
     }
@@ -46,7 +45,7 @@ fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], si
         return set_reals(instance, vr, n, value);
     }
     if (are_all_inputs(vr, n) && are_in_range(value)) {
-        memcpy(c->memory.values.at, value, INPUTS * sizeof *value);
+        copy_fresh(c->memory.values.at, value, INPUTS);
         return fmi2OK;
     }
     if (!are_inputs(vr, n, value)) {
@@ -64,7 +63,8 @@ static int are_finite_and_first(const fmi2Integer order[], const fmi2Real value[
     double rest = 0.0; /* of what is finite */
     for (int k = 0; k < INPUTS; k++) {
         other |= order[k] != 1;
-        rest += value[k] - value[k];
+        const double given = fresh(value + k);
+        rest += given - given;
     }
     return other == 0 && rest == 0.0;
 }
@@ -88,7 +88,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueRe
         return slopes_refused(instance, n, is_null);
     }
     if (are_all_inputs(vr, n) && are_finite_and_first(order, value)) {
-        memcpy(c->memory.slope, value, INPUTS * sizeof *value);
+        copy_fresh(c->memory.slope, value, INPUTS);
         return fmi2OK;
     }
     if (!are_first_derivatives(vr, n, order, value)) {

@@ -10,9 +10,10 @@
 static double advance_lag(LagFactors *f, double lagged, double static_start, double static_end, double time_constant,
                           double h)
 {
-    const double ratio = h / time_constant;
-    if (ratio != f->ratio) {
-        f->ratio = ratio;
+    if (h != f->step || time_constant != f->time_constant) {
+        const double ratio = h / time_constant;
+        f->step = h;
+        f->time_constant = time_constant;
         f->rise = -exponential_minus_1(-ratio);
         f->ramp = 1.0 - f->rise / ratio;
     }

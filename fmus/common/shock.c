@@ -10,6 +10,9 @@
 static const double STRAIGHT = 0.01;
 enum { MOST_PIECES = 1000 };
 
+/* For so many pieces in a step their factors are kept: a step of one is often followed by one of two or three. */
+enum { KEPT = 4 };
+
 /* ---- The port ------------------------------------------------------------------------------------------------------- */
 
 /* F_s [N] at a port velocity [m/s]. */
@@ -57,32 +60,43 @@ static int respond(Signals *s, const Parameters *p, double lagged, double f)
 /* In how many straight pieces F_s is followed while the port velocity goes from start to end. */
 static int pieces(const Parameters *p, double start, double end)
 {
-    const double count = size_of(p->motion_ratio * (end - start)) / STRAIGHT;
-    return count < 1.0 ? 1 : count >= MOST_PIECES ? MOST_PIECES : (int)count + 1;
+    const double change = size_of(p->motion_ratio * (end - start));
+    if (change < STRAIGHT) {
+        return 1;
+    }
+    const double count = change / STRAIGHT;
+    return count >= MOST_PIECES ? MOST_PIECES : (int)count + 1;
+}
+
+/* Returns F_lag at the end of the piece, and F_s there. */
+static double follow_piece(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
+{
+    const double v = p->motion_ratio * end;
+    const Piece piece = {p->motion_ratio * start, *f, v, end == start ? *f : valve_force(p, v), h};
+    *f = piece.static_end;
+    return law_advance_lag(p, kept, lagged, &piece);
 }
 
 /* Returns F_lag at the end of the step, and F_s there; F_s at its start is given. */
 static double follow(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
 {
     const int count = pieces(p, start, end);
-    Piece piece = {.velocity_end = p->motion_ratio * start, .static_end = *f, .step = h / (double)count};
-    for (int k = 1; k <= count; k++) {
-        const double velocity = k == count ? end : start + (end - start) * ((double)k / (double)count);
-        piece.velocity_start = piece.velocity_end;
-        piece.static_start = piece.static_end;
-        piece.velocity_end = p->motion_ratio * velocity;
-        piece.static_end = velocity == start ? piece.static_start : valve_force(p, piece.velocity_end);
-        lagged = law_advance_lag(p, kept, lagged, &piece);
+    const double part = count == 1 ? h : h / (double)count;
+    double before = start;
+    LagFactors *factors = &kept[(count < KEPT ? count : KEPT) - 1];
+    for (int k = 1; k < count; k++) {
+        const double velocity = start + (end - start) * ((double)k / (double)count);
+        lagged = follow_piece(p, factors, lagged, before, velocity, part, f);
+        before = velocity;
     }
-    *f = piece.static_end;
-    return lagged;
+    return follow_piece(p, factors, lagged, before, end, part, f);
 }
 
 /* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
 
 size_t model_work_size(void)
 {
-    return sizeof(LagFactors);
+    return KEPT * sizeof(LagFactors);
 }
 
 int model_refuses(const Values *v, Message *why)

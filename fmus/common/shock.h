@@ -4,9 +4,9 @@
 
 #include "component.h"
 
-/* Of the last step's ratio h / tau: 1 - e and 1 - (1 - e) tau / h. They are kept, since most steps are as long as the last. */
+/* Of a step h and a tau: 1 - e and 1 - (1 - e) tau / h. They are kept, since most steps are as long as the last. */
 typedef struct {
-    double ratio, rise, ramp;
+    double step, time_constant, rise, ramp;
 } LagFactors;
 
 /* A stretch of time in which the damper velocity [m/s] and F_s [N] go linearly. */

@@ -56,8 +56,8 @@ static int may_step(const Component *c, double time, double h)
 static void carry_inputs(Memory *m, double h, double *from)
 {
     for (int k = 0; k < INPUTS; k++) {
-        from[k] = m->values.at[k];
-        m->values.at[k] += m->slope[k] * h;
+        from[k] = fresh(m->values.at + k);
+        m->values.at[k] = from[k] + fresh(m->slope + k) * h;
     }
 }
 

@@ -6,8 +6,8 @@
 double law_lag_weight(const Parameters *p, double static_force)
 {
     const double size = static_force < 0.0 ? -static_force : static_force;
-    const double share = (p->lag_zero_force - size) / (p->lag_zero_force - p->lag_full_force);
-    return share < 0.0 ? 0.0 : share > 1.0 ? 1.0 : share;
+    const double left = p->lag_zero_force - size, whole = p->lag_zero_force - p->lag_full_force;
+    return left <= 0.0 ? 0.0 : left >= whole ? 1.0 : left / whole;
 }
 
 double law_lag_weight_slope(const Parameters *p, double static_force)

@@ -78,7 +78,7 @@ static double time_constant_over(const Parameters *p, double w, double force, do
 
 static double followed(double w, double v, double end, double tau, double h)
 {
-    LagFactors none = {0.0, 0.0, 0.0};
+    LagFactors none = {0.0, 0.0, 0.0, 0.0};
     return h >= SETTLED * tau ? end - (end - v) * (tau / h) : advance_lag(&none, w, v, end, tau, h);
 }
 

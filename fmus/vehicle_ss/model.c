@@ -113,12 +113,15 @@ static const Factors *factors(Work *work, double h)
 }
 
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in
- * the same order everywhere. */
+ * the same order everywhere. Inputs that nobody drives are zero, and add nothing. */
 static void load(const double *u, Modal *w)
 {
     for (int b = 0; b < STATE_BLOCKS; b++) {
         double sum[BLOCK] = {0.0};
         for (int c = 0; c < INPUTS; c++) {
+            if (u[c] == 0.0) {
+                continue;
+            }
             for (int r = 0; r < BLOCK; r++) {
                 sum[r] += B[b][c][r] * u[c];
             }
