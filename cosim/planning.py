@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.conversion import to_si
 from cosim.coupling import Coupling, Feed
-from cosim.engine.plan import Bonds, Indices, Inputs, Loops, Parts, Plan, Signals, Terms, Watch
+from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
 from cosim.functions import FunctionTable
 from cosim.system import Bond, System
 
@@ -23,35 +23,41 @@ class Layout:
     """Where everything is: parts, signals and extras by name, terms by (source, target).
 
     Args:
-        parts: Names of the components, in the order of their numbers.
+        parts: Names of the components, numbered in the order of stepping, those that are connected with each other side
+            by side.
         signals: `component.variable` of what is read after every step; of one part side by side.
         extras: The same of what is read at recorded points only.
         terms: Number of each connection's term, by source and target.
-        order: The parts in the order of stepping, those that are connected with each other side by side.
-        groups: How many parts each group of connected ones has, in that order.
+        levels: Per group of connected parts, how many follow each other without taking anything from each other.
     """
 
     parts: tuple[str, ...]
     signals: tuple[str, ...]
     extras: tuple[str, ...]
     terms: Mapping[tuple[str, str], int]
-    order: tuple[str, ...]
-    groups: tuple[int, ...]
+    levels: tuple[tuple[int, ...], ...]
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """How many parts each group has."""
+        return tuple(sum(counts) for counts in self.levels)
 
 
 def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
     """Number everything; `order` is the order of stepping."""
-    parts = tuple(coupling.components)
-    moving = {name: _moving(coupling.feeds[name]) for name in parts}
-    pairs = [(term.source, f"{name}.{feed.target}") for name in parts for feed in moving[name] for term in feed.terms]
-    groups = _groups(parts, pairs, order)
+    takes = {
+        name: {term.source.partition(".")[0] for feed in coupling.feeds[name] for term in feed.terms} for name in order
+    }
+    groups = _groups(takes, order)
+    parts = tuple(name for group in groups for name in group)
+    feeds = [(name, feed) for name in parts for feed in _moving(coupling.feeds[name])]
+    pairs = [(term.source, f"{name}.{feed.target}") for name, feed in feeds for term in feed.terms]
     return Layout(
         parts=parts,
         signals=tuple(f"{name}.{v}" for name in parts for v in coupling.outputs[name]),
         extras=tuple(f"{name}.{v}" for name in parts for v in coupling.recorded[name]),
         terms={pair: k for k, pair in enumerate(pairs)},
-        order=tuple(name for group in groups for name in group),
-        groups=tuple(len(group) for group in groups),
+        levels=tuple(_levels(group, takes) for group in groups),
     )
 
 
@@ -80,11 +86,15 @@ def make_plan(
         parts=_parts(coupling, layout, tables, following),
         inputs=_inputs(coupling, layout, tables),
         terms=_terms(coupling, layout, position),
+        driven=_driven(coupling, layout),
         signals=_signals(layout, tables),
         bonds=_bonds(system, layout),
         watch=Watch(_indices(position[n] for n, _ in watch), _integers(int(above) for _, above in watch)),
         loops=_loops(layout, position),
-        order=_indices(layout.parts.index(name) for name in layout.order),
+        levels=Levels(
+            parts=_begins(count for counts in layout.levels for count in counts),
+            groups=_begins(len(counts) for counts in layout.levels),
+        ),
     )
 
 
@@ -93,9 +103,9 @@ def _moving(feeds: Iterable[Feed]) -> tuple[Feed, ...]:
     return tuple(feed for feed in feeds if feed.terms or feed.drive is not None)
 
 
-def _groups(parts: Sequence[str], pairs: Iterable[tuple[str, str]], order: Sequence[str]) -> list[list[str]]:
+def _groups(takes: Mapping[str, Iterable[str]], order: Sequence[str]) -> list[list[str]]:
     """Parts that are connected, directly or through others, in the order of stepping."""
-    home = {name: name for name in parts}
+    home = {name: name for name in order}
 
     def root(name: str) -> str:
         while home[name] != name:
@@ -103,12 +113,23 @@ def _groups(parts: Sequence[str], pairs: Iterable[tuple[str, str]], order: Seque
             name = home[name]
         return name
 
-    for source, target in pairs:
-        home[root(source.partition(".")[0])] = root(target.partition(".")[0])
+    for name in order:
+        for source in takes[name]:
+            home[root(source)] = root(name)
     groups: dict[str, list[str]] = {}
     for name in order:
         groups.setdefault(root(name), []).append(name)
     return list(groups.values())
+
+
+def _levels(group: Sequence[str], takes: Mapping[str, Collection[str]]) -> tuple[int, ...]:
+    """How many parts follow each other, none of which takes anything from one before it among them."""
+    levels: list[list[str]] = [[]]
+    for name in group:
+        if any(source in levels[-1] for source in takes[name]):
+            levels.append([])
+        levels[-1].append(name)
+    return tuple(map(len, levels))
 
 
 def _integers(values: Iterable[int]) -> Integers:
@@ -127,7 +148,8 @@ def _parts(
     coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable], following: Collection[str]
 ) -> Parts:
     columns = ("set_real", "set_slopes", "do_step", "get_real", "save", "restore", "instance")
-    inputs = [len(_moving(coupling.feeds[name])) for name in layout.parts]
+    moving = [_moving(coupling.feeds[name]) for name in layout.parts]
+    inputs = [len(feeds) for feeds in moving]
     signals = [len(coupling.outputs[name]) for name in layout.parts]
     extras = [len(coupling.recorded[name]) for name in layout.parts]
     addresses = {column: _integers(getattr(tables[name], column) for name in layout.parts) for column in columns}
@@ -136,6 +158,8 @@ def _parts(
         ramps=_integers(int(coupling.components[n].capabilities.interpolates_inputs) for n in layout.parts),
         follows=_integers(int(name in following) for name in layout.parts),
         inputs=_begins(inputs),
+        terms=_begins(sum(len(feed.terms) for feed in feeds) for feeds in moving),
+        driven=_begins(sum(feed.drive is not None for feed in feeds) for feeds in moving),
         signals=_begins(signals),
         extras=_begins(extras),
         input_count=_integers(inputs),
@@ -145,31 +169,48 @@ def _parts(
 
 
 def _inputs(coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable]) -> Inputs:
-    rows = [(name, feed) for name in layout.parts for feed in _moving(coupling.feeds[name])]
-    held = {name for name in layout.parts if not coupling.components[name].capabilities.interpolates_inputs}
-    direct = {name: coupling.direct_inputs(name) for name in held}
+    rows = _rows(coupling, layout)
     return Inputs(
         reference=np.array([tables[name].references[feed.target] for name, feed in rows], dtype=np.uint32),
         order=np.ones(len(rows), np.int32),
-        constant=np.array([feed.constant for _, feed in rows], dtype=np.float64),
-        terms=_begins(len(feed.terms) for _, feed in rows),
-        column=_integers(-1 if feed.drive is None else feed.drive for _, feed in rows),
-        factor=np.array([feed.drive_conversion.factor for _, feed in rows], dtype=np.float64),
-        offset=np.array([feed.drive_conversion.offset for _, feed in rows], dtype=np.float64),
-        holds_end=_integers(int(feed.target in direct.get(name, ())) for name, feed in rows),
+        constant=_reals(feed.constant for _, feed in rows),
+    )
+
+
+def _rows(coupling: Coupling, layout: Layout) -> list[tuple[str, Feed]]:
+    """All inputs, in the order of their numbers, with their parts."""
+    return [(name, feed) for name in layout.parts for feed in _moving(coupling.feeds[name])]
+
+
+def _reals(values: Iterable[float]) -> NDArray[np.float64]:
+    return np.array(list(values), dtype=np.float64)
+
+
+def _driven(coupling: Coupling, layout: Layout) -> Driven:
+    rows = [(k, feed) for k, (_, feed) in enumerate(_rows(coupling, layout)) if feed.drive is not None]
+    return Driven(
+        target=_indices(k for k, _ in rows),
+        channel=_indices(feed.drive or 0 for _, feed in rows),
+        factor=_reals(feed.drive_conversion.factor for _, feed in rows),
+        offset=_reals(feed.drive_conversion.offset for _, feed in rows),
     )
 
 
 def _terms(coupling: Coupling, layout: Layout, position: Mapping[str, int]) -> Terms:
-    rank = {name: k for k, name in enumerate(layout.order)}
-    rows = [
-        (rank[name], term) for name in layout.parts for feed in _moving(coupling.feeds[name]) for term in feed.terms
-    ]
+    rank = {name: k for k, name in enumerate(layout.parts)}
+    held = {name for name in layout.parts if not coupling.components[name].capabilities.interpolates_inputs}
+    direct = {name: coupling.direct_inputs(name) for name in held}
+    feeds = _rows(coupling, layout)
+    rows = [(k, name, term) for k, (name, feed) in enumerate(feeds) for term in feed.terms]
+    ends = [1.0 if feeds[k][1].target in direct.get(name, ()) else 0.5 for k, name, _ in rows]
     return Terms(
-        source=_indices(position[term.source] for _, term in rows),
-        early=_integers(int(rank[term.source.partition(".")[0]] < place) for place, term in rows),
-        weight=np.array([term.gain * term.conversion.factor for _, term in rows], dtype=np.float64),
-        offset=np.array([term.gain * term.conversion.offset for _, term in rows], dtype=np.float64),
+        source=_indices(position[term.source] for _, _, term in rows),
+        target=_indices(k for k, _, _ in rows),
+        early=_integers(int(rank[term.source.partition(".")[0]] < rank[name]) for _, name, term in rows),
+        weight=_reals(term.gain * term.conversion.factor for _, _, term in rows),
+        offset=_reals(term.gain * term.conversion.offset for _, _, term in rows),
+        start=_reals(1.0 - end for end in ends),
+        end=_reals(ends),
     )
 
 
@@ -205,14 +246,14 @@ def _ends(bond: Bond, which: str) -> tuple[str, str]:
 
 def _loops(layout: Layout, position: Mapping[str, int]) -> Loops:
     """What each group needs before it is known: sources that do not come before their target in the order."""
-    rank = {name: k for k, name in enumerate(layout.order)}
+    rank = {name: k for k, name in enumerate(layout.parts)}
     early = {
         source for source, target in layout.terms if rank[source.partition(".")[0]] >= rank[target.partition(".")[0]]
     }
     group_of = {
         name: g
         for g, (first, count) in enumerate(zip(_begins(layout.groups), layout.groups, strict=False))
-        for name in layout.order[first : first + count]
+        for name in layout.parts[first : first + count]
     }
     unknowns = sorted(early, key=lambda s: (group_of[s.partition(".")[0]], position[s]))
     counts = [sum(group_of[s.partition(".")[0]] == g for s in unknowns) for g in range(len(layout.groups))]

@@ -33,7 +33,8 @@ class Block:
         self.parts = [Block(value) if isinstance(value, tuple) else value for value in content]
         self.table = np.array([word for value in self.parts for word in _words(value)], dtype=np.int64)
         self.address = _address(self.table)
-        self.kind = _kind_of_block(type(content).__name__, content._fields, tuple(map(_kind, self.parts)))
+        self.make = (type(content), tuple(map(_make, self.parts)))
+        self.kind: BlockType = _kind_of(self.make)
 
 
 class BlockType(types.Type):
@@ -105,22 +106,21 @@ def _array(context: Any, builder: Any, kind: Any, load: Any) -> Any:
     return array._getvalue()
 
 
-def _kind(value: Any) -> Any:
-    if isinstance(value, Block):
-        return value.kind
+def _make(value: Any) -> Any:
+    """What a value's type follows from; numba's own types take long to compare."""
     if isinstance(value, np.ndarray):
-        return _kind_of_array(value.dtype, value.ndim)
-    return types.float64 if isinstance(value, float) else types.int64
+        return value.dtype.char, value.ndim
+    return value.make if isinstance(value, Block) else float if isinstance(value, float) else int
 
 
 @cache
-def _kind_of_block(name: str, fields: tuple[str, ...], kinds: tuple[Any, ...]) -> BlockType:
-    return BlockType(name, tuple(zip(fields, kinds, strict=True)))
-
-
-@cache
-def _kind_of_array(dtype: Any, ndim: int) -> Any:
-    return types.Array(from_dtype(dtype), ndim, "C")
+def _kind_of(make: Any) -> Any:
+    if make in (float, int):
+        return types.float64 if make is float else types.int64
+    what, parts = make
+    if isinstance(what, str):
+        return types.Array(from_dtype(np.dtype(what)), parts, "C")
+    return BlockType(what.__name__, tuple(zip(what._fields, map(_kind_of, parts), strict=True)))
 
 
 def _address(array: Any) -> int:
@@ -129,12 +129,12 @@ def _address(array: Any) -> int:
     return address
 
 
-def _words(value: Any) -> list[int]:
-    if isinstance(value, Block):
-        return [value.address, 0, 0]
+def _words(value: Any) -> tuple[int, ...]:
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise ValueError("a block's arrays must be contiguous")
-        return [_address(value), *value.shape, *([0] * (2 - value.ndim))]
+        return _address(value), *value.shape, *(0 for _ in range(_WORDS - 1 - value.ndim))
+    if isinstance(value, Block):
+        return value.address, 0, 0
     number = np.float64(value).view(np.int64) if isinstance(value, float) else value
-    return [int(number), 0, 0]
+    return int(number), 0, 0

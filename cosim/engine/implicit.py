@@ -43,9 +43,8 @@ _DIFFERENCE = 1e-5
 
 @shared
 def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
-    """Save the states of the parts order[first:last]; 1 where one refused."""
-    for k in range(first, last):
-        c = plan.order[k]
+    """Save the states of the parts first to last - 1; 1 where one refused."""
+    for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         status = calls.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, SAVE):
@@ -56,8 +55,7 @@ def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
 @shared
 def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
     """Restore the states that were saved; 1 where a part refused."""
-    for k in range(first, last):
-        c = plan.order[k]
+    for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         status = calls.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, RESTORE):
@@ -240,7 +238,7 @@ def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mo
         return 1
     m.turn[0] = m.turn[2] = m.turn[3] = 0
     while True:
-        if sweep(plan, m, first, last, drive, step, sequential, values, mode.final):
+        if sweep(plan, m, g, drive, step, sequential, values, mode.final):
             return 1
         if not repeats:
             return 0

@@ -247,7 +247,7 @@ def _try_step(
     plan: Plan, m: Memory, kept: Memory, knots: Knots, mode: Mode, control: Control, p: Progress, time: float, h: float
 ) -> float:
     """Make one step, then the same as two halves, which stay; return the error, -1 where a part refused."""
-    count = plan.order.size
+    count = plan.parts.instance.size
     _copy(m, kept)
     if save_parts(plan, m, 0, count, 0):
         return -1.0
@@ -289,7 +289,7 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             return REFUSED
         if not 0.0 <= error <= 1.0:
             m.counts[REJECTED] += 1
-            if restore_parts(plan, m, 0, plan.order.size, 0):
+            if restore_parts(plan, m, 0, plan.parts.instance.size, 0):
                 return REFUSED
             _copy(kept, m)
             if h <= control.least * 1.0000001:

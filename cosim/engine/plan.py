@@ -1,8 +1,8 @@
 """A resolved system as flat arrays: what the loop reads (Plan) and what it writes (Memory).
 
-Everything that belongs to one part (a component) is contiguous: `inputs[c]` to `inputs[c + 1]` are the inputs of part
-c. A *term* is a share of an input, `weight * signal + offset`; a *signal* is an output that is read after every step,
-an *extra* one that is read at recorded points only.
+Parts (components) are numbered in the order in which they are stepped. Everything that belongs to one is contiguous:
+`inputs[c]` to `inputs[c + 1]` are the inputs of part c. A *term* is a share of an input, `weight * signal + offset`; a
+*signal* is an output that is read after every step, an *extra* one that is read at recorded points only.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class Mode(NamedTuple):
 class Parts(NamedTuple):
     """Per part: addresses of its functions, its instance, where its rows are in the other tables, (C,) or (C+1,).
 
-    `ramps`: its inputs may change over a step; `follows`: it is stepped from each point of the drive to the next.
+    `inputs`, `terms`, `driven`, `signals`, `extras`: where each part's begin. `ramps`: its inputs may change over a
+    step; `follows`: it is stepped from each point of the drive to the next.
     """
 
     set_real: Integers
@@ -70,6 +71,8 @@ class Parts(NamedTuple):
     ramps: Integers
     follows: Integers
     inputs: Indices
+    terms: Indices
+    driven: Indices
     signals: Indices
     extras: Indices
     input_count: Integers
@@ -78,28 +81,35 @@ class Parts(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Per input, (N,): its reference, what does not change, its terms, its channel of the drive (-1: none).
-
-    `holds_end` is 1 where the part cannot ramp and a coupled output follows the input without delay: what is held over
-    a step is then the end, not the mean.
-    """
+    """Per input, (N,): its reference, the order of its derivative that is set, what does not change."""
 
     reference: References
     order: NDArray[np.int32]
     constant: Reals
-    terms: Indices
-    column: Integers
-    factor: Reals
-    offset: Reals
-    holds_end: Integers
 
 
 class Terms(NamedTuple):
-    """Per term, (T,). `early` is 1 where the source's part comes before the input's in the order of stepping."""
+    """Per term, (T,): the signal, the input; `early`: 1 where the source's part comes before the input's in the order.
+
+    `start`, `end`: what each end gives to a part that cannot ramp and holds a value: a half each, the mean; but the end
+    alone where a coupled output follows the input without delay.
+    """
 
     source: Indices
+    target: Indices
     early: Integers
     weight: Reals
+    offset: Reals
+    start: Reals
+    end: Reals
+
+
+class Driven(NamedTuple):
+    """Per input that the drive moves, (F,): the input, the drive's channel, and how it is converted."""
+
+    target: Indices
+    channel: Indices
+    factor: Reals
     offset: Reals
 
 
@@ -129,7 +139,7 @@ class Watch(NamedTuple):
 class Loops(NamedTuple):
     """What an implicit step solves for: signals that are needed before their part has stepped.
 
-    Groups are parts that are connected with each other: `parts[g]` to `parts[g + 1]` of `order`, and `unknowns[g]` to
+    Groups are parts that are connected with each other: `parts[g]` to `parts[g + 1]`, and `unknowns[g]` to
     `unknowns[g + 1]` of `signal` (G+1,); `matrix[g]` is where the group's inverse Jacobian begins; `least` is the size
     below which an unknown counts as this large.
     """
@@ -139,6 +149,16 @@ class Loops(NamedTuple):
     signal: Indices
     matrix: Indices
     least: Reals
+
+
+class Levels(NamedTuple):
+    """Parts that follow each other and take nothing from each other are one level: `parts[l]` to `parts[l + 1]` (L+1,).
+
+    `groups[g]` to `groups[g + 1]` are the levels of group g (G+1,).
+    """
+
+    parts: Indices
+    groups: Indices
 
 
 class Drive(NamedTuple):
@@ -157,7 +177,7 @@ class Step(NamedTuple):
     """A coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`.
 
     `per_second` is 1 / `size`. A signal that changed by `x` over the last step, and by `y` over the one before, changes
-    by `line` x over this one on a straight line, by `newer` x - `older` y on a parabola; `sag` is what _sag asks for.
+    by `line` x over this one on a straight line, by `newer` x - `older` y on a parabola; `sag` is what _start asks for.
     """
 
     time: float
@@ -177,11 +197,12 @@ class Plan(NamedTuple):
     parts: Parts
     inputs: Inputs
     terms: Terms
+    driven: Driven
     signals: Signals
     bonds: Bonds
     watch: Watch
     loops: Loops
-    order: Indices
+    levels: Levels
 
 
 class Addresses(NamedTuple):
@@ -192,6 +213,7 @@ class Addresses(NamedTuple):
     starts: Integers
     values: Integers
     rates: Integers
+    slopes: Integers
     signal_references: Integers
     signals: Integers
     extra_references: Integers
@@ -202,7 +224,8 @@ class Memory(NamedTuple):
     """What a run changes.
 
     `ahead`, `now`, `past`, `older`: signals at the end of the step, at its start, and at the starts of the two before
-    it; `last`: how long those two were [s], `pace`: 1 / `last`. `seen`: `now`, and after it `extra`. `fed`: the mean
+    it; `last`: how long those two were [s], `pace`: 1 / `last`. `seen`: `now`, and after it `extra`. `start`, `rate`:
+    inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of the step. `fed`: the mean
     over the step of what each term gave; `assumed`: its end. `defect`: what a bond's term had assumed for the end less
     what came, squared and summed; `total`, `squares`: the term itself. `states`: two saved states of each part. From
     `size` to `turn`: of an implicit step.
@@ -215,9 +238,9 @@ class Memory(NamedTuple):
     older: Reals
     guess: Reals
     start: Reals
-    end: Reals
     value: Reals
     rate: Reals
+    slope: Reals
     fed: Reals
     assumed: Reals
     extra: Reals
@@ -258,7 +281,7 @@ def memory(plan: Plan) -> Memory:
     signals, inputs, terms = plan.signals.reference.size, plan.inputs.reference.size, plan.terms.source.size
     parts, bonds, watch = plan.parts.instance.size, plan.bonds.velocity.size, plan.watch.signal.size
     unknowns, matrices = plan.loops.signal.size, int(plan.loops.matrix[-1])
-    ahead, start, value, rate = np.zeros(signals), np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
+    ahead, start, value, rate, slope = np.zeros(signals), *(np.zeros(inputs) for _ in range(4))
     seen = np.zeros(signals + plan.signals.extra_reference.size)
     now, extra = seen[:signals], seen[signals:]
     return Memory(
@@ -269,9 +292,9 @@ def memory(plan: Plan) -> Memory:
         older=np.zeros(signals),
         guess=np.zeros(signals),
         start=start,
-        end=np.zeros(inputs),
         value=value,
         rate=rate,
+        slope=slope,
         fed=np.zeros(terms),
         assumed=np.zeros(terms),
         extra=extra,
@@ -300,11 +323,13 @@ def memory(plan: Plan) -> Memory:
         counts=np.zeros(5, np.int64),
         failure=np.zeros(4, np.int64),
         stop=np.zeros(1, np.int64),
-        at=_addresses(plan, start, value, rate, ahead, extra),
+        at=_addresses(plan, start, value, rate, slope, ahead, extra),
     )
 
 
-def _addresses(plan: Plan, start: Reals, value: Reals, rate: Reals, ahead: Reals, extra: Reals) -> Addresses:
+def _addresses(
+    plan: Plan, start: Reals, value: Reals, rate: Reals, slope: Reals, ahead: Reals, extra: Reals
+) -> Addresses:
     parts, inputs, signals = plan.parts, plan.inputs, plan.signals
     return Addresses(
         input_references=_places(inputs.reference, parts.inputs),
@@ -312,6 +337,7 @@ def _addresses(plan: Plan, start: Reals, value: Reals, rate: Reals, ahead: Reals
         starts=_places(start, parts.inputs),
         values=_places(value, parts.inputs),
         rates=_places(rate, parts.inputs),
+        slopes=_places(slope, parts.inputs),
         signal_references=_places(signals.reference, parts.signals),
         signals=_places(ahead, parts.signals),
         extra_references=_places(signals.extra_reference, parts.extras),

@@ -17,6 +17,7 @@ from cosim.engine.plan import (
     Drive,
     Memory,
     Plan,
+    Reals,
     Step,
 )
 
@@ -39,16 +40,6 @@ def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
 
 
 @hot
-def _sag(m: Memory, s: int, end: float, step: Step) -> float:
-    """How far the start of a straight line must be moved for the mean of a parabola through the last step's start, too.
-
-    What a signal does over a step is then wrong in the third order only, without an exchange in between.
-    """
-    sag: float = (end - m.now[s] - (m.now[s] - m.past[s]) * step.line) * step.sag
-    return sag
-
-
-@hot
 def on_parabola(m: Memory, s: int, step: Step) -> float:
     """A signal at the end of the step, on with the last two steps' slopes and their change."""
     end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
@@ -56,67 +47,75 @@ def on_parabola(m: Memory, s: int, step: Step) -> float:
 
 
 @hot
+def _start(m: Memory, s: int, end: float, step: Step) -> float:
+    """Where a straight line to `end` starts that has the mean of a parabola through the last step's start, too.
+
+    What a signal does over a step is then wrong in the third order only, without an exchange in between.
+    """
+    now = m.now[s]
+    start: float = now - (end - now - (now - m.past[s]) * step.line) * step.sag
+    return start
+
+
+@hot
 def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has made it."""
     end = m.ahead[s]
-    if mode == HELD:
-        return end, end
-    return m.now[s] - _sag(m, s, end, step) if mode > EXTRAPOLATED else m.now[s], end
+    if mode > EXTRAPOLATED:
+        return _start(m, s, end, step), end
+    return (end if mode == HELD else m.now[s]), end
 
 
 @hot
 def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has not made it."""
+    if mode > EXTRAPOLATED:
+        end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
+        return _start(m, s, end, step), end
     now = m.now[s]
     if mode == HELD:
         return now, now
     if mode == INTERPOLATED:
         return m.past[s], now
-    if mode == EXTRAPOLATED:
-        return now, now + (now - m.past[s]) * step.line
-    end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
-    return now - _sag(m, s, end, step), end
+    return now, now + (now - m.past[s]) * step.line
 
 
 @shared
-def _assume(plan: Plan, m: Memory, c: int, step: Step) -> None:
+def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
     """What is guessed would be assumed on a parabola: the measure of an implicit step's error."""
-    terms, inputs, parts = plan.terms, plan.inputs, plan.parts
-    for k in range(inputs.terms[parts.inputs[c]], inputs.terms[parts.inputs[c + 1]]):
+    terms = plan.terms
+    for k in range(plan.parts.terms[first], plan.parts.terms[last]):
         if terms.early[k] == 0:
             m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], step) + terms.offset[k]
 
 
 @hot
-def feed(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
-    """Find what the inputs of part c are at the start and at the end of the step, and what each term gives on average.
+def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
+    """Find what the inputs of the parts `first` to `last` - 1 are at the start of the step and how they go on, and what
+    each term gives on average.
 
     `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
     from `guess`.
     """
-    inputs, terms = plan.inputs, plan.terms
-    before, after = drive.starts[step.first], drive.samples[step.last]
-    for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        start = end = inputs.constant[i]
-        holds_end = inputs.holds_end[i] == 1
-        for k in range(inputs.terms[i], inputs.terms[i + 1]):
-            s, is_known = terms.source[k], sequential == 1 and terms.early[k] == 1
-            x, y = _known(m, s, step, mode) if is_known else _supposed(m, s, step, mode)
-            a = terms.weight[k] * x + terms.offset[k]
-            b = terms.weight[k] * y + terms.offset[k]
-            start += a
-            end += b
-            m.fed[k] = b if holds_end else 0.5 * (a + b)
-            m.assumed[k] = b
-        d = inputs.column[i]
-        if d >= 0:
-            start += inputs.factor[i] * before[d] + inputs.offset[i]
-            end += inputs.factor[i] * after[d] + inputs.offset[i]
-        m.start[i] = start
-        m.end[i] = end
-        m.rate[i] = (end - start) * step.per_second
+    parts, inputs, terms, driven = plan.parts, plan.inputs, plan.terms, plan.driven
+    for i in range(parts.inputs[first], parts.inputs[last]):
+        m.start[i], m.rate[i] = inputs.constant[i], 0.0
+    for k in range(parts.terms[first], parts.terms[last]):
+        s, i, is_known = terms.source[k], terms.target[k], sequential == 1 and terms.early[k] == 1
+        x, y = _known(m, s, step, mode) if is_known else _supposed(m, s, step, mode)
+        a = terms.weight[k] * x + terms.offset[k]
+        b = terms.weight[k] * y + terms.offset[k]
+        m.start[i] += a
+        m.rate[i] += (b - a) * step.per_second
+        m.fed[k] = terms.start[k] * a + terms.end[k] * b
+        m.assumed[k] = b
+    for j in range(parts.driven[first], parts.driven[last]):
+        i, d = driven.target[j], driven.channel[j]
+        x, y = drive.starts[step.first, d], drive.samples[step.last, d]
+        m.start[i] += driven.factor[j] * x + driven.offset[j]
+        m.rate[i] += driven.factor[j] * (y - x) * step.per_second
     if mode == GUESSED:
-        _assume(plan, m, c, step)
+        _assume(plan, m, first, last, step)
 
 
 @hot
@@ -126,16 +125,16 @@ def _share_at(drive: Drive, step: Step, j: int) -> float:
     return share
 
 
-@hot
-def _value_at(plan: Plan, m: Memory, i: int, drive: Drive, step: Step, j: int, share: float) -> float:
-    """An input at the drive's point j, the step gone by to `share`: on its straight line, the drive as it is there."""
-    first, last = step.first, step.last
-    value: float = m.start[i] + (m.end[i] - m.start[i]) * share
-    d = plan.inputs.column[i]
-    if d >= 0:
+@shared
+def _value_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int, to: Reals) -> None:
+    """The inputs of part c at the drive's point j: on their straight lines, the drive as it is there."""
+    driven, first, last, share = plan.driven, step.first, step.last, _share_at(drive, step, j)
+    for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
+        to[i] = m.start[i] + m.rate[i] * (step.size * share)
+    for k in range(plan.parts.driven[c], plan.parts.driven[c + 1]):
+        d = driven.channel[k]
         line = drive.samples[first, d] + (drive.samples[last, d] - drive.samples[first, d]) * share
-        value += plan.inputs.factor[i] * (drive.samples[j, d] - line)
-    return value
+        to[driven.target[k]] += driven.factor[k] * (drive.samples[j, d] - line)
 
 
 @hot
@@ -158,13 +157,13 @@ def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
 
 
 @hot
-def _ramp(plan: Plan, m: Memory, c: int, values: int) -> int:
-    """The same, and how they go on over its step."""
+def _ramp(plan: Plan, m: Memory, c: int, values: int, slopes: int) -> int:
+    """The same, and how they go on over its step, which is at the address `slopes`."""
     if _set(plan, m, c, values):
         return 1
     parts, at = plan.parts, m.at
     status = calls.set_slopes(
-        parts.set_slopes[c], parts.instance[c], at.input_references[c], parts.input_count[c], at.orders[c], at.rates[c]
+        parts.set_slopes[c], parts.instance[c], at.input_references[c], parts.input_count[c], at.orders[c], slopes
     )
     return failed(m, status, c, SLOPES)
 
@@ -173,11 +172,11 @@ def _ramp(plan: Plan, m: Memory, c: int, values: int) -> int:
 def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int) -> int:
     """Give part c its inputs at the drive's point j, and their slopes to the next."""
     per_second = 1.0 / (drive.times[j + 1] - drive.times[j])
-    share, then = _share_at(drive, step, j), _share_at(drive, step, j + 1)
+    _value_between(plan, m, c, drive, step, j, m.value)
+    _value_between(plan, m, c, drive, step, j + 1, m.slope)
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        m.value[i] = _value_at(plan, m, i, drive, step, j, share)
-        m.rate[i] = (_value_at(plan, m, i, drive, step, j + 1, then) - m.value[i]) * per_second
-    return _ramp(plan, m, c, m.at.values[c])
+        m.slope[i] = (m.slope[i] - m.value[i]) * per_second
+    return _ramp(plan, m, c, m.at.values[c], m.at.slopes[c])
 
 
 @shared
@@ -193,16 +192,15 @@ def _mean_of_drive(drive: Drive, first: int, last: int, d: int) -> float:
 @shared
 def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) -> int:
     """Give part c, which cannot ramp, what it holds between two of the drive's points: the exact mean of the drive."""
-    inputs = plan.inputs
-    for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
-        held = inputs.constant[i]
-        for k in range(inputs.terms[i], inputs.terms[i + 1]):
-            held += m.fed[k]
-        d = inputs.column[i]
-        if d >= 0:
-            mean = drive.means[first, d] if last == first + 1 else _mean_of_drive(drive, first, last, d)
-            held += inputs.factor[i] * mean + inputs.offset[i]
-        m.value[i] = held
+    parts, driven = plan.parts, plan.driven
+    for i in range(parts.inputs[c], parts.inputs[c + 1]):
+        m.value[i] = plan.inputs.constant[i]
+    for k in range(parts.terms[c], parts.terms[c + 1]):
+        m.value[plan.terms.target[k]] += m.fed[k]
+    for j in range(parts.driven[c], parts.driven[c + 1]):
+        d = driven.channel[j]
+        mean = drive.means[first, d] if last == first + 1 else _mean_of_drive(drive, first, last, d)
+        m.value[driven.target[j]] += driven.factor[j] * mean + driven.offset[j]
     return _set(plan, m, c, m.at.values[c])
 
 
@@ -217,7 +215,7 @@ def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> 
     """Step part c at once."""
     if plan.parts.input_count[c] > 0:
         if plan.parts.ramps[c] == 1:
-            if _ramp(plan, m, c, m.at.starts[c]):
+            if _ramp(plan, m, c, m.at.starts[c], m.at.rates[c]):
                 return 1
         elif _hold(plan, m, c, drive, step.first, step.last):
             return 1
@@ -251,19 +249,24 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
 
 
 @hot
-def sweep(
-    plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int, final: int
-) -> int:
-    """Step the parts order[first:last]; 1 where one refused."""
-    passes = step.last > step.first + 1
-    for k in range(first, last):
-        c = plan.order[k]
-        feed(plan, m, c, drive, step, sequential, mode)
-        if passes and plan.parts.follows[c] == 1:
-            if _follow(plan, m, c, drive, step, final):
+def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
+    """Step part c and read its signals; 1 where it refused."""
+    if step.last > step.first + 1 and plan.parts.follows[c] == 1:
+        if _follow(plan, m, c, drive, step, final):
+            return 1
+    elif _go(plan, m, c, drive, step, final):
+        return 1
+    return _read(plan, m, c)
+
+
+@hot
+def sweep(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, sequential: int, mode: int, final: int) -> int:
+    """Step the parts of group g, level by level; 1 where one refused."""
+    levels = plan.levels
+    for level in range(levels.groups[g], levels.groups[g + 1]):
+        first, last = levels.parts[level], levels.parts[level + 1]
+        feed(plan, m, first, last, drive, step, sequential, mode)
+        for c in range(first, last):
+            if _step(plan, m, c, drive, step, final):
                 return 1
-        elif _go(plan, m, c, drive, step, final):
-            return 1
-        if _read(plan, m, c):
-            return 1
     return 0

@@ -51,7 +51,7 @@ class Outcome:
                 setup.system, setup.coupling, setup.algorithm, self.equilibrium, energy, coupled, self._troubles()
             ),
             algorithm=setup.algorithm.name,
-            order=setup.layout.order,
+            order=setup.layout.parts,
             step=self.ending.least,
             steps=int(counts[STEPS]),
             seconds=sum(self.seconds),

@@ -85,8 +85,8 @@ def begin(setup: Setup) -> Equilibrium:
     coupling, components = setup.coupling, setup.system.components
     for name, component in components.items():
         component.begin(0.0, setup.scenario.stop, setup.system.parameters.get(name, {}))
-    equilibrium = solve_equilibrium(coupling, setup.layout.order)
-    for name in setup.layout.order:
+    equilibrium = solve_equilibrium(coupling, setup.layout.parts)
+    for name in setup.layout.parts:
         components[name].end_initialization()
         coupling.now.update(coupling.read(name))
     return equilibrium
