@@ -225,7 +225,7 @@ class Memory(NamedTuple):
 
     `ahead`, `now`, `past`, `older`: signals at the end of the step, at its start, and at the starts of the two before
     it; `last`: how long those two were [s], `pace`: 1 / `last`. `seen`: `now`, and after it `extra`. `start`, `rate`:
-    inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of the step. `fed`: the mean
+    inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of it. `fed`: the mean
     over the step of what each term gave; `assumed`: its end. `defect`: what a bond's term had assumed for the end less
     what came, squared and summed; `total`, `squares`: the term itself. `states`: two saved states of each part. From
     `size` to `turn`: of an implicit step.
