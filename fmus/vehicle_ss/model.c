@@ -142,18 +142,27 @@ static double row_times(const double *row, const double *z)
     return (sum[0] + sum[2]) + (sum[1] + sum[3]);
 }
 
+static int are_equal(const double *a, const double *b)
+{
+    for (int k = 0; k < INPUTS; k++) {
+        if (a[k] != b[k]) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 /* b u at both ends of a step. */
 static void load_ends(Work *work, const double *from, const double *to, const Modal **w0, const Modal **w1)
 {
-    const size_t size = sizeof work->input;
     Modal *begin = &work->load[work->loaded], *end = &work->load[1 - work->loaded];
-    if (memcmp(work->input, from, size) != 0) { /* all zero is right from the beginning */
-        memcpy(work->input, from, size);
+    if (!are_equal(work->input, from)) { /* all zero is right from the beginning */
+        copy_fresh(work->input, from, INPUTS);
         load(from, begin);
     }
     *w0 = *w1 = begin;
-    if (memcmp(from, to, size) != 0) {
-        memcpy(work->input, to, size);
+    if (!are_equal(from, to)) {
+        copy_fresh(work->input, to, INPUTS);
         load(to, end);
         work->loaded = 1 - work->loaded;
         *w1 = end;
@@ -291,7 +300,7 @@ static void reach(Memory *memory, const Modal *z, int rubs)
 {
     double *u = memory->state + REACHED;
     memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
-    memcpy(u, memory->values.named.signals.input, INPUTS * sizeof *u);
+    copy_fresh(u, memory->values.named.signals.input, INPUTS);
     if (rubs) {
         add_friction(&memory->values.named.parameters, z->at, u);
     }
