@@ -75,7 +75,8 @@ class ChunkFolder:
     def _read(self, number: int) -> pa.Table:
         path = self._folder / _name(number)
         try:
-            return pyarrow.parquet.read_table(path, use_threads=False).replace_schema_metadata()
+            with pyarrow.parquet.ParquetFile(path) as file:
+                return file.read(use_threads=False).replace_schema_metadata()
         except pa.ArrowInvalid as error:
             raise DataError(f"is damaged ({error}): remove it, and its setups are run again", path=path) from error
 
