@@ -1,0 +1,72 @@
+"""How components are numbered for the loop: any wiring, any order of stepping."""
+
+from __future__ import annotations
+
+from itertools import accumulate, pairwise
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim import Scenario, System
+from cosim.coupling import Coupling
+from cosim.planning import Layout, lay_out
+from cosim.system import Connection
+
+NAMES = "abcdefg"
+
+#: `make` only builds: one serves all examples.
+same_make = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+#: Per component the one that feeds it, or none; and the order of stepping.
+wirings = st.tuples(
+    st.lists(st.none() | st.integers(0, len(NAMES) - 1), min_size=len(NAMES), max_size=len(NAMES)),
+    st.permutations(NAMES),
+)
+
+
+def laid_out(make: Any, sources: list[int | None], order: list[str]) -> tuple[Layout, dict[str, str]]:
+    """The layout, and which component each takes its input from."""
+    takes = {name: NAMES[k] for name, k in zip(NAMES, sources, strict=True) if k is not None}
+    system = System(
+        {name: make.integrator("N", "N") for name in NAMES},
+        connections=tuple(Connection(f"{source}.y", f"{name}.u") for name, source in takes.items()),
+        constants={f"{name}.u": 0.0 for name in NAMES if name not in takes},
+    )
+    return lay_out(Coupling(system, Scenario(1.0), every_step=(), recorded=()), order), takes
+
+
+@same_make
+@given(wiring=wirings)
+def test_components_of_a_level_take_nothing_from_those_before_them_and_levels_are_as_large_as_that_allows(
+    make: Any, wiring: tuple[list[int | None], list[str]]
+) -> None:
+    layout, takes = laid_out(make, *wiring)
+    bounds = list(accumulate((count for counts in layout.levels for count in counts), initial=0))
+    assert bounds[-1] == len(NAMES)
+    begins = set(accumulate(layout.groups, initial=0))
+    for first, last in pairwise(bounds):
+        level = layout.parts[first:last]
+        for k, name in enumerate(level):
+            assert takes.get(name) not in level[:k]
+        if first not in begins:
+            before = layout.parts[bounds[bounds.index(first) - 1] : first]
+            assert takes[level[0]] in before
+
+
+@same_make
+@given(wiring=wirings)
+def test_connected_components_are_side_by_side_in_the_order_of_stepping(
+    make: Any, wiring: tuple[list[int | None], list[str]]
+) -> None:
+    layout, takes = laid_out(make, *wiring)
+    home = {
+        name: g
+        for g, (first, last) in enumerate(pairwise(accumulate(layout.groups, initial=0)))
+        for name in layout.parts[first:last]
+    }
+    assert sorted(home) == sorted(NAMES)
+    assert all(home[name] == home[source] for name, source in takes.items())
+    for g in set(home.values()):
+        group = [name for name in layout.parts if home[name] == g]
+        assert group == [name for name in wiring[1] if home[name] == g]
