@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.io import loadmat, savemat
-from scipy.io.matlab import MatReadError
+import scipy
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
@@ -54,11 +53,11 @@ def read_mat(path: str | Path) -> RawRecord:
 
 def _load(path: Path) -> dict[str, Any]:
     try:
-        content = loadmat(path, simplify_cells=True)
+        content = scipy.io.loadmat(path, simplify_cells=True)
     except NotImplementedError as error:
         what = "it is a MATLAB 7.3 (HDF5) file, which is not read; save it again with `save(..., '-v7')`"
         raise FileFormatError(what, path=path) from error
-    except (MatReadError, ValueError, TypeError, EOFError) as error:
+    except (scipy.io.matlab.MatReadError, ValueError, TypeError, EOFError) as error:
         raise FileFormatError(f"not a MATLAB file: {error}", path=path) from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
@@ -113,7 +112,7 @@ def write_mat(
         "eightpost": time_series_header(units, sources=sources, note=note),
     }
     with atomic_path(path) as temporary:
-        savemat(temporary, content, long_field_names=True, oned_as="column")
+        scipy.io.savemat(temporary, content, long_field_names=True, oned_as="column")
 
 
 def _variables(names: tuple[str, ...]) -> list[str]:
