@@ -20,7 +20,7 @@ from eightpost.errors import FmuError
 VEHICLE = "vehicle_ss"
 
 #: What a model's compilation unit takes from fmus/common.
-_BENEATH = ("component.h", "elementary.c", "elementary.h", "message.h", "names.h")
+_BENEATH = ("component.h", "elementary.c", "elementary.h", "fresh.h", "message.h", "names.h")
 
 _ASSEMBLED = "it can be run with the others as it is (eightpost run), but not be put into one FMU"
 

@@ -16,6 +16,7 @@ COMMON = (
     "elementary.c",
     "elementary.h",
     "exchange.c",
+    "fresh.h",
     "fmu_state.c",
     "instance.h",
     "lifecycle.c",

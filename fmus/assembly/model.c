@@ -1,7 +1,7 @@
 /* assembly: a vehicle and its shocks with the coupling solved inside. A communication step is cut into equal micro steps of
  * at most coupling_step. In each the vehicle steps first, with the shock forces extrapolated by the slope of their last
  * micro step; then each shock, with the vehicle's outputs going linearly from the start to the end of the micro step. It is
- * the scheme of `eightpost run` (gauss-seidel, extrapolated values), operation by operation. */
+ * the scheme of `eightpost run` (gauss-seidel, extrapolated values). */
 #include <string.h>
 
 #include "machine.h"

@@ -64,21 +64,6 @@ double model_output(const Memory *memory, int output);
 /* d output / d input without delay, of two indices in Values.at, where the instance is now. */
 double model_direct_term(const Memory *memory, int output, int input);
 
-/* A number that was written a moment ago, read by itself. A processor hands what it has just stored on to a load of the same
- * size, and lets a wider one wait until the stores are done; a compiler would load several numbers at once, and a shock's step
- * then takes half as long again. */
-static inline double fresh(const double *number)
-{
-    return *(const volatile double *)number;
-}
-
-static inline void copy_fresh(double *to, const double *from, int count)
-{
-    for (int k = 0; k < count; k++) {
-        to[k] = fresh(from + k);
-    }
-}
-
 /* A Real variable of an index in Values.at. */
 static inline double value_of(const Memory *memory, int index)
 {

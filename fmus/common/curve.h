@@ -1,4 +1,5 @@
-/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity: eightpost/shock/curve.py, operation by operation. */
+/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity: the bits of eightpost/shock/curve.py. What a
+ * weight of 0 or 1 leaves out is not computed. */
 #ifndef EIGHTPOST_CURVE_H
 #define EIGHTPOST_CURVE_H
 

@@ -2,6 +2,7 @@
  * with every check (variables.c, derivatives.c). */
 #include "instance.h"
 #include "elementary.h"
+#include "fresh.h"
 
 /* Most hosts set all inputs at once, in their order: then there is nothing to look up. */
 static int are_all_inputs(const fmi2ValueReference vr[], size_t n)

@@ -1,4 +1,4 @@
-/* A shock: static curve, lag, output weight, port. The same operations in the same order as eightpost/shock/{curve,law,
+/* A shock: static curve, lag, output weight, port. The same bits as by eightpost/shock/{curve,law,
  * port}.py, which the fit uses. */
 #include "shock.h"
 

@@ -3,6 +3,7 @@
 
 #include "instance.h"
 #include "elementary.h"
+#include "fresh.h"
 
 /* Honest hosts add up their time: this much of a difference is rounding, not another point; of a large time, this share. */
 static const double ROUNDING = 1e-9;

@@ -10,6 +10,7 @@
 
 #include "component.h"
 #include "elementary.h"
+#include "fresh.h"
 #include "phi.h"
 #include "vehicle_data.h"
 

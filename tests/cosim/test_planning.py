@@ -18,6 +18,8 @@ NAMES = "abcdefg"
 #: `make` only builds: one serves all examples.
 same_make = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
+Wiring = tuple[list[int | None], list[str]]
+
 #: Per component the one that feeds it, or none; and the order of stepping.
 wirings = st.tuples(
     st.lists(st.none() | st.integers(0, len(NAMES) - 1), min_size=len(NAMES), max_size=len(NAMES)),
@@ -25,8 +27,14 @@ wirings = st.tuples(
 )
 
 
-def laid_out(make: Any, sources: list[int | None], order: list[str]) -> tuple[Layout, dict[str, str]]:
+def for_any_wiring(claim: Any) -> Any:
+    """Check a claim for many of them."""
+    return same_make(given(wiring=wirings)(claim))
+
+
+def laid_out(make: Any, wiring: Wiring) -> tuple[Layout, dict[str, str]]:
     """The layout, and which component each takes its input from."""
+    sources, order = wiring
     takes = {name: NAMES[k] for name, k in zip(NAMES, sources, strict=True) if k is not None}
     system = System(
         {name: make.integrator("N", "N") for name in NAMES},
@@ -36,12 +44,11 @@ def laid_out(make: Any, sources: list[int | None], order: list[str]) -> tuple[La
     return lay_out(Coupling(system, Scenario(1.0), every_step=(), recorded=()), order), takes
 
 
-@same_make
-@given(wiring=wirings)
+@for_any_wiring
 def test_components_of_a_level_take_nothing_from_those_before_them_and_levels_are_as_large_as_that_allows(
-    make: Any, wiring: tuple[list[int | None], list[str]]
+    make: Any, wiring: Wiring
 ) -> None:
-    layout, takes = laid_out(make, *wiring)
+    layout, takes = laid_out(make, wiring)
     bounds = list(accumulate((count for counts in layout.levels for count in counts), initial=0))
     assert bounds[-1] == len(NAMES)
     begins = set(accumulate(layout.groups, initial=0))
@@ -54,12 +61,9 @@ def test_components_of_a_level_take_nothing_from_those_before_them_and_levels_ar
             assert takes[level[0]] in before
 
 
-@same_make
-@given(wiring=wirings)
-def test_connected_components_are_side_by_side_in_the_order_of_stepping(
-    make: Any, wiring: tuple[list[int | None], list[str]]
-) -> None:
-    layout, takes = laid_out(make, *wiring)
+@for_any_wiring
+def test_connected_components_are_side_by_side_in_the_order_of_stepping(make: Any, wiring: Wiring) -> None:
+    layout, takes = laid_out(make, wiring)
     home = {
         name: g
         for g, (first, last) in enumerate(pairwise(accumulate(layout.groups, initial=0)))
