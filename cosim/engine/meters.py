@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cosim.engine.compiled import hot, shared
 from cosim.engine.plan import Memory, Plan
+from cosim.engine.sweep import pace_of
 
 _DIVERGED = 1e15
 
@@ -64,8 +65,9 @@ def accept(m: Memory, h: float) -> int:
 
     Return the first signal that is no sensible number, or -1.
     """
+    pace = pace_of(m, h)
     m.last[1], m.pace[1] = m.last[0], m.pace[0]
-    m.last[0], m.pace[0] = h, 1.0 / h
+    m.last[0], m.pace[0] = h, pace
     sensible = 0
     for s in range(m.now.size):
         value = m.ahead[s]

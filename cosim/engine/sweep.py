@@ -23,19 +23,27 @@ from cosim.engine.plan import (
 
 
 @hot
+def pace_of(m: Memory, h: float) -> float:
+    """1 / h [1/s], which is known where the last step was as long."""
+    pace: float = m.pace[0] if h == m.last[0] else 1.0 / h
+    return pace
+
+
+@hot
 def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
     """A coupling step of `h` from `time` [s], with what all signals' lines and parabolas over it share."""
-    bend = h * (h + m.last[0]) / (m.last[0] + m.last[1])
+    again = h == m.last[0]  # most steps: then nothing is divided
+    bend = h if again and h == m.last[1] else h * (h + m.last[0]) / (m.last[0] + m.last[1])
     return Step(
         time=time,
         size=h,
         first=first,
         last=last,
-        per_second=1.0 / h,
+        per_second=pace_of(m, h),
         line=h * m.pace[0],
         newer=(h + bend) * m.pace[0],
         older=bend * m.pace[1],
-        sag=h / (3.0 * (h + m.last[0])),
+        sag=1.0 / 6.0 if again else h / (3.0 * (h + m.last[0])),
     )
 
 
@@ -61,9 +69,7 @@ def _start(m: Memory, s: int, end: float, step: Step) -> float:
 def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has made it."""
     end = m.ahead[s]
-    if mode > EXTRAPOLATED:
-        return _start(m, s, end, step), end
-    return (end if mode == HELD else m.now[s]), end
+    return (_start(m, s, end, step) if mode > EXTRAPOLATED else m.now[s]), end
 
 
 @hot
@@ -73,8 +79,6 @@ def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
         end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
         return _start(m, s, end, step), end
     now = m.now[s]
-    if mode == HELD:
-        return now, now
     if mode == INTERPOLATED:
         return m.past[s], now
     return now, now + (now - m.past[s]) * step.line
@@ -90,16 +94,22 @@ def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
 
 
 @hot
-def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
-    """Find what the inputs of the parts `first` to `last` - 1 are at the start of the step and how they go on, and what
-    each term gives on average.
+def _take_values(plan: Plan, m: Memory, first: int, last: int, sequential: int) -> None:
+    """What the inputs take from other parts where that is held: no line to find, half the work of _take_lines."""
+    parts, terms = plan.parts, plan.terms
+    for k in range(parts.terms[first], parts.terms[last]):
+        s = terms.source[k]
+        x = m.ahead[s] if sequential == 1 and terms.early[k] == 1 else m.now[s]
+        a = terms.weight[k] * x + terms.offset[k]
+        m.start[terms.target[k]] += a
+        m.fed[k] = a
+        m.assumed[k] = a
 
-    `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
-    from `guess`.
-    """
-    parts, inputs, terms, driven = plan.parts, plan.inputs, plan.terms, plan.driven
-    for i in range(parts.inputs[first], parts.inputs[last]):
-        m.start[i], m.rate[i] = inputs.constant[i], 0.0
+
+@hot
+def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequential: int, mode: int) -> None:
+    """What the inputs take from other parts where that moves over the step."""
+    parts, terms = plan.parts, plan.terms
     for k in range(parts.terms[first], parts.terms[last]):
         s, i, is_known = terms.source[k], terms.target[k], sequential == 1 and terms.early[k] == 1
         x, y = _known(m, s, step, mode) if is_known else _supposed(m, s, step, mode)
@@ -109,6 +119,23 @@ def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step,
         m.rate[i] += (b - a) * step.per_second
         m.fed[k] = terms.start[k] * a + terms.end[k] * b
         m.assumed[k] = b
+
+
+@hot
+def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
+    """Find what the inputs of the parts `first` to `last` - 1 are at the start of the step and how they go on, and what
+    each term gives on average.
+
+    `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
+    from `guess`.
+    """
+    parts, inputs, driven = plan.parts, plan.inputs, plan.driven
+    for i in range(parts.inputs[first], parts.inputs[last]):
+        m.start[i], m.rate[i] = inputs.constant[i], 0.0
+    if mode == HELD:
+        _take_values(plan, m, first, last, sequential)
+    else:
+        _take_lines(plan, m, first, last, step, sequential, mode)
     for j in range(parts.driven[first], parts.driven[last]):
         i, d = driven.target[j], driven.channel[j]
         x, y = drive.starts[step.first, d], drive.samples[step.last, d]
@@ -211,10 +238,20 @@ def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int
 
 
 @hot
-def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
+def _stands_still(plan: Plan, c: int, mode: int) -> bool:
+    """Whether no input of part c moves over any step of the run: then no slope is ever set, as none is at first."""
+    stands: bool = mode == HELD and plan.parts.driven[c] == plan.parts.driven[c + 1]
+    return stands
+
+
+@hot
+def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
     """Step part c at once."""
     if plan.parts.input_count[c] > 0:
-        if plan.parts.ramps[c] == 1:
+        if _stands_still(plan, c, mode):
+            if _set(plan, m, c, m.at.starts[c]):
+                return 1
+        elif plan.parts.ramps[c] == 1:
             if _ramp(plan, m, c, m.at.starts[c], m.at.rates[c]):
                 return 1
         elif _hold(plan, m, c, drive, step.first, step.last):
@@ -249,12 +286,12 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
 
 
 @hot
-def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
+def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
     """Step part c and read its signals; 1 where it refused."""
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
         if _follow(plan, m, c, drive, step, final):
             return 1
-    elif _go(plan, m, c, drive, step, final):
+    elif _go(plan, m, c, drive, step, mode, final):
         return 1
     return _read(plan, m, c)
 
@@ -267,6 +304,6 @@ def sweep(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, sequential: i
         first, last = levels.parts[level], levels.parts[level + 1]
         feed(plan, m, first, last, drive, step, sequential, mode)
         for c in range(first, last):
-            if _step(plan, m, c, drive, step, final):
+            if _step(plan, m, c, drive, step, mode, final):
                 return 1
     return 0

@@ -107,6 +107,21 @@ def test_python_components_among_native_ones_give_the_same_bits(
     assert np.ptp(result.series["rr.force"]) > 10.0
 
 
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+@pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
+def test_slopes_are_set_where_inputs_move_over_a_step_and_nowhere_else(
+    seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, engine: str
+) -> None:
+    ports = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+    capabilities = Capabilities(interpolates_inputs=True)
+    damper = make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=capabilities)
+    told: list[float] = []
+    damper.set_derivatives = lambda _, values: told.extend(values)
+    run(seven_dof(parts={"rr": damper}), Scenario(0.05, track), algorithm=algorithm, step=0.001, engine=engine)
+    assert len(told) == (0 if algorithm.values == "held" else 50)
+    assert any(told) == bool(told)
+
+
 def test_the_default_gives_the_same_bits_in_both_loops(quarter_cars: Join, bumps: Drivefile) -> None:
     both(quarter_cars(), Scenario(0.2, bumps, {"a": "car_a.road"}), Automatic())
 
