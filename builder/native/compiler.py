@@ -17,8 +17,25 @@ from builder.native.toolchain import Toolchain
 from builder.native.universal import universal
 from eightpost.errors import FmuError
 
-#: A C file that includes all others.
-_WHOLE = "whole.c"
+#: A C file that includes all others, and one that does so for processors with AVX (fmus/common/wide.h).
+_WHOLE, _WIDE = "whole.c", "wide.c"
+
+#: ISO C wants at least one declaration in every file.
+_WIDE_UNIT = """\
+#if defined(__x86_64__)
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx"))), apply_to = function)
+#else
+#pragma GCC target("avx")
+#endif
+#define FMI2_FUNCTION_PREFIX wide_
+{includes}#if defined(__clang__)
+#pragma clang attribute pop
+#endif
+#else
+typedef int not_here;
+#endif
+"""
 
 
 @dataclass(frozen=True)
@@ -30,23 +47,31 @@ class Library:
         sources: Its C files and headers by name (one flat folder).
         is_one_unit: Whether no two of its C files have a name of their own in common, so that they may be compiled as
             one: functions of one file are then put where another calls them, which makes steps some percent cheaper.
+        is_wide: Whether that is done once more for processors with AVX.
     """
 
     identifier: str
     sources: Mapping[str, bytes]
     is_one_unit: bool = False
+    is_wide: bool = False
 
     @property
     def units(self) -> tuple[str, ...]:
         """Names of the C files that are compiled."""
-        return (_WHOLE,) if self.is_one_unit else _c_files(self.sources)
+        if not self.is_one_unit:
+            return _c_files(self.sources)
+        return (_WHOLE, _WIDE) if self.is_wide else (_WHOLE,)
 
     @property
     def files(self) -> Mapping[str, bytes]:
         """What the compiler finds in its folder."""
         if not self.is_one_unit:
             return self.sources
-        return {**self.sources, _WHOLE: "".join(f'#include "{name}"\n' for name in _c_files(self.sources)).encode()}
+        includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
+        if not self.is_wide:
+            return {**self.sources, _WHOLE: includes.encode()}
+        units = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
+        return {**self.sources, **{name: text.encode() for name, text in units.items()}}
 
 
 def compile_libraries(

@@ -13,6 +13,7 @@ from builder.native.sources import c_sources
 from builder.native.toolchain import Toolchain
 from builder.product import Product
 from eightpost import __version__
+from eightpost.shock import Shock
 
 #: What fmus/common does for every model.
 CAPABILITIES = {
@@ -85,6 +86,7 @@ def _source(product: Product, disclosure: Disclosure) -> Source:
         lambda guid: c_sources(product, visible, guid),
         disclosure=disclosure,
         is_one_unit=True,
+        is_wide=not isinstance(product.source, Shock),
     )
 
 
@@ -95,6 +97,7 @@ def sealed(
     *,
     disclosure: Disclosure = Disclosure.FULL,
     is_one_unit: bool = False,
+    is_wide: bool = False,
 ) -> Source:
     """Return an FMU without its binaries, with a GUID that is drawn from all that is in it.
 
@@ -104,6 +107,7 @@ def sealed(
         code: Returns the C sources with a GUID in them.
         disclosure: A confidential FMU carries no sources.
         is_one_unit: Whether its C files may be compiled as one (Library).
+        is_wide: Whether they are compiled for wide processors, too: worth it where a model has many sums of products.
     """
     drafted = code("")
     named = {f"sources/{name}": content for name, content in drafted.items()}
@@ -113,9 +117,8 @@ def sealed(
     found = code(guid)
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
     xml = model_description(replace(description, guid=guid))
-    return Source(
-        {**members, "modelDescription.xml": xml, **sources}, Library(description.identifier, found, is_one_unit)
-    )
+    library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide)
+    return Source({**members, "modelDescription.xml": xml, **sources}, library)
 
 
 def _visible(interface: Interface, disclosure: Disclosure) -> Interface:

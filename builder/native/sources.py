@@ -27,6 +27,7 @@ COMMON = (
     "refusals.c",
     "step.c",
     "variables.c",
+    "wide.h",
 )
 SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
 

@@ -3,6 +3,7 @@
 #include "instance.h"
 #include "elementary.h"
 #include "fresh.h"
+#include "wide.h"
 
 /* Most hosts set all inputs at once, in their order: then there is nothing to look up. */
 static int are_all_inputs(const fmi2ValueReference vr[], size_t n)
@@ -104,6 +105,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component instance, const fmi2ValueRe
 fmi2Status fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     const Component *c = (const Component *)instance;
+    GO_ON_WIDE(instance, fmi2GetReal(instance, vr, n, value));
     if (c == NULL || c->memory.phase != STEPPING || vr == NULL || value == NULL) {
         return get_reals(instance, vr, n, value);
     }

@@ -17,6 +17,7 @@ typedef struct {
     fmi2ComponentEnvironment environment;
     int logging;
     int categories;
+    int is_wide; /* wide.h */
 } Component;
 
 enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING };

@@ -4,6 +4,7 @@
 
 #include "instance.h"
 #include "elementary.h"
+#include "wide.h"
 
 static void start_over(Component *c)
 {
@@ -142,6 +143,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (c != NULL) {
         c->logging = logging != fmi2False;
         c->categories = ~0;
+        c->is_wide = can_be_wide();
         start_over(c);
     }
     return c;

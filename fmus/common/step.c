@@ -4,6 +4,7 @@
 #include "instance.h"
 #include "elementary.h"
 #include "fresh.h"
+#include "wide.h"
 
 /* Honest hosts add up their time: this much of a difference is rounding, not another point; of a large time, this share. */
 static const double ROUNDING = 1e-9;
@@ -71,6 +72,7 @@ static fmi2Status discarded(Component *c, const double *from, const Message *why
 
 fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boolean final)
 {
+    GO_ON_WIDE(instance, fmi2DoStep(instance, time, h, final));
     Component *c = entered(instance, "fmi2DoStep", STEPPING);
     Message why;
     double from[INPUTS];

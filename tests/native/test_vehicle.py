@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from builder.build import build
+from builder.native.platforms import this_platform
 from cosim import FmuComponent
+from eightpost.archive import read_archive, write_archive
 from eightpost.errors import ParameterError, StepError
 from eightpost.vehicle import (
     Channel,
@@ -120,6 +122,42 @@ def test_without_friction_the_step_is_the_linear_one_bit_for_bit(component):
         fmu.end_initialization()
         found.append(drive(fmu, model, moves))
     assert found[0].tobytes() == found[1].tobytes()
+
+
+@pytest.fixture
+def for_every_processor(fmus, tmp_path):
+    """Cars compiled from their sources alone, which hold nothing for AVX (fmus/common/wide.h)."""
+    loaded = []
+
+    def load(name, **parameters):
+        members = {n: content for n, content in read_archive(fmus[name]).items() if not n.startswith("binaries/")}
+        write_archive(tmp_path / f"{name}.fmu", members)
+        loaded.append(FmuComponent(tmp_path / f"{name}.fmu", "plain", compile_missing=True))
+        loaded[-1].begin(0.0, 1e6, parameters)
+        return loaded[-1]
+
+    yield load
+    for fmu in loaded:
+        fmu.finish()
+
+
+@pytest.mark.parametrize("friction", [{}, {"rr.friction_force": 150.0}], ids=["free", "rubbing"])
+def test_a_processor_with_avx_gives_the_bits_of_one_without(component, for_every_processor, friction):
+    model = model_of("seven_dof")
+    moves, found = random_moves(model, 200, 7, held=False), []
+    for load in (component, for_every_processor):
+        fmu = load("seven_dof", **friction)
+        fmu.end_initialization()
+        found.append(drive(fmu, model, moves))
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_a_cars_library_goes_on_with_avx_where_the_processor_has_it_and_elsewhere_never(fmus):
+    """vzeroupper ends a function that used wide registers."""
+    content = {n.split("/")[1]: c for n, c in read_archive(fmus["seven_dof"]).items() if n.startswith("binaries/")}
+    wide = {name for name, library in content.items() if b"\xc5\xf8\x77" in library}
+    assert this_platform().name in content
+    assert wide == content.keys() & {"linux64", "win64", "darwin64"}
 
 
 def test_a_step_too_long_for_the_friction_is_refused_and_changes_nothing(component):
