@@ -40,13 +40,11 @@ def main() -> None:
             rates=options.rates or (QUICK_RATES if options.quick else RATES),
             engines=tuple(options.engines.split(",")) if options.engines else (),
             dampings=tuple(options.damping.split(",")),
-            repeats=2 if options.quick else 5,
+            passes=2 if options.quick else 3,
+            repeats=1 if options.quick else 3,
             quick=options.quick,
         )
-        found = []
-        for row in rows(bench, prepare(bench)):
-            found.append(row)
-            print(markdown([row]).splitlines()[-1], file=sys.stderr)
+        found = rows(bench, prepare(bench), lambda row: print(markdown([row]).splitlines()[-1], file=sys.stderr))
         text = _text(bench, found, large=not options.quick and bench.wants(ours.ENGINE))
     print(text)
     if options.markdown:
