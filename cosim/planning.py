@@ -89,7 +89,11 @@ def make_plan(
         driven=_driven(coupling, layout),
         signals=_signals(layout, tables),
         bonds=_bonds(system, layout),
-        watch=Watch(_indices(position[n] for n, _ in watch), _integers(int(above) for _, above in watch)),
+        watch=Watch(
+            _indices(position[name] for name, _ in watch),
+            sign=_reals(1.0 if is_above else -1.0 for _, is_above in watch),
+            limit=_reals(0.5 if is_above else 0.0 for _, is_above in watch),
+        ),
         loops=_loops(layout, position),
         levels=Levels(
             parts=_begins(count for counts in layout.levels for count in counts),

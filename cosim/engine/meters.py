@@ -46,8 +46,7 @@ def add_limits(plan: Plan, m: Memory, h: float) -> None:
     watch = plan.watch
     m.watched[watch.signal.size] += h
     for w in range(watch.signal.size):
-        value = m.ahead[watch.signal[w]]
-        if (watch.above[w] == 1 and value > 0.5) or (watch.above[w] == 0 and value < 0.0):
+        if watch.sign[w] * m.ahead[watch.signal[w]] > watch.limit[w]:
             m.watched[w] += h
 
 

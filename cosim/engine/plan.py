@@ -130,10 +130,11 @@ class Bonds(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """Signals whose time beyond a limit is counted, (W,): above 0.5 where `above` is 1, else below 0."""
+    """Signals whose time beyond a limit is counted, (W,): where `sign` (1 or -1) times the signal exceeds `limit`."""
 
     signal: Indices
-    above: Integers
+    sign: Reals
+    limit: Reals
 
 
 class Loops(NamedTuple):
