@@ -30,6 +30,8 @@ FIXED: Mapping[str, cosim.Algorithm] = {
 ADAPTIVE: Mapping[str, cosim.Adaptive] = {
     f"adaptive, {tolerance:g}": cosim.Adaptive(relative=tolerance) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)
 }
+#: What is run several times is run this long for each time [s], as the others are, but no more often than this.
+AS_LONG, MOST = 0.3, 40
 #: Recorded every so often where steps are not of one size [s].
 RECORD_STEP = 0.008
 NAMES = tuple(f"{component}.{name}" for component, name in RECORDED)
@@ -76,8 +78,11 @@ def _timed(system: cosim.System, scenario: cosim.Scenario, repeats: int) -> tupl
 
 
 def _best(run: Callable[[], cosim.Result], repeats: int) -> Recording:
+    """The least of `repeats` runs, or of as many as take about as long as one of a slower engine."""
     try:
-        results = [run() for _ in range(repeats)]
+        results = [run()]
+        most = max(repeats, int(AS_LONG * repeats / max(results[0].stepping_seconds, 1e-3)))
+        results += [run() for _ in range(min(most, MOST) - 1)] if repeats > 1 else []
     except StepError as error:
         raise Diverged(str(error)) from error
     result = results[-1]
