@@ -64,7 +64,7 @@ class Bench:
         found += [f"{peer.engine}: {peer.package} is not installed, so it is left out." for peer in left]
         found.append(
             f"Every time is the least of at least {self.passes * self.repeats} runs, in {self.passes} passes over the "
-            "whole table (ours of as many as take about as long as a slower engine's, 40 a pass at most); "
+            f"whole table (ours of as many as take about as long as a slower engine's, {ours.MOST} a pass at most); "
             "of slow engines (fmpy-ssp) it is that of one run."
         )
         return [*found, *(f"{text}." for text in ABSENT if not self.engines)]

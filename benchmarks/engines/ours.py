@@ -30,7 +30,7 @@ FIXED: Mapping[str, cosim.Algorithm] = {
 ADAPTIVE: Mapping[str, cosim.Adaptive] = {
     f"adaptive, {tolerance:g}": cosim.Adaptive(relative=tolerance) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)
 }
-#: What is run several times is run this long for each time [s], as the others are, but no more often than this.
+#: What is run more than once is run this long each time [s], as long as a slower engine takes, MOST times at most.
 AS_LONG, MOST = 0.3, 40
 #: Recorded every so often where steps are not of one size [s].
 RECORD_STEP = 0.008
@@ -78,11 +78,12 @@ def _timed(system: cosim.System, scenario: cosim.Scenario, repeats: int) -> tupl
 
 
 def _best(run: Callable[[], cosim.Result], repeats: int) -> Recording:
-    """The least of `repeats` runs, or of as many as take about as long as one of a slower engine."""
+    """The least of `repeats` runs; where that is several, of as many as take about as long as a slower engine's."""
     try:
         results = [run()]
-        most = max(repeats, int(AS_LONG * repeats / max(results[0].stepping_seconds, 1e-3)))
-        results += [run() for _ in range(min(most, MOST) - 1)] if repeats > 1 else []
+        if repeats > 1:
+            as_long = int(repeats * AS_LONG / results[0].stepping_seconds)
+            results += [run() for _ in range(min(max(repeats, as_long), MOST) - 1)]
     except StepError as error:
         raise Diverged(str(error)) from error
     result = results[-1]

@@ -94,15 +94,18 @@ def test_the_compiled_and_the_readable_loop_give_the_same_bits(
     assert np.ptp(result.series["car.lf.velocity"]) > 0.01
 
 
+def linear_damper(make: Any, *, ramps: bool) -> Any:
+    ports = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+    capabilities = Capabilities(interpolates_inputs=ramps)
+    return make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=capabilities)
+
+
 @pytest.mark.parametrize("ramps", [False, True], ids=["holds", "ramps"])
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
 def test_python_components_among_native_ones_give_the_same_bits(
     seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, ramps: bool
 ) -> None:
-    ports = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
-    can = Capabilities(interpolates_inputs=ramps)
-    damper = make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=can)
-    system = seven_dof(parts={"rr": damper}, compression_scale=0.3, rebound_scale=0.3)
+    system = seven_dof(parts={"rr": linear_damper(make, ramps=ramps)}, compression_scale=0.3, rebound_scale=0.3)
     result = both(system, Scenario(0.12, track, drive_start=2.0), algorithm, 0.004)
     assert np.ptp(result.series["rr.force"]) > 10.0
 
@@ -112,9 +115,7 @@ def test_python_components_among_native_ones_give_the_same_bits(
 def test_slopes_are_set_where_inputs_move_over_a_step_and_nowhere_else(
     seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, engine: str
 ) -> None:
-    ports = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
-    capabilities = Capabilities(interpolates_inputs=True)
-    damper = make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=capabilities)
+    damper = linear_damper(make, ramps=True)
     told: list[float] = []
     damper.set_derivatives = lambda _, values: told.extend(values)
     run(seven_dof(parts={"rr": damper}), Scenario(0.05, track), algorithm=algorithm, step=0.001, engine=engine)
