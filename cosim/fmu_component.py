@@ -37,8 +37,9 @@ _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 class FmuComponent(OpenedFmu):
     """One instance of an FMU in this process; names are resolved once per set of names, so that stepping costs little.
 
-    The instance is kept after a run and reset for the next one; it is freed with the component. An FMU that crashes
-    ends this process, one that hangs holds it up: see IsolatedComponent.
+    The instance of an FMU that this project built is kept after a run and reset for the next one; that of any other is
+    freed after each run and made anew for the next. An FMU that crashes ends this process, one that hangs holds it up:
+    see IsolatedComponent.
 
     Args:
         path: The .fmu file.
@@ -68,7 +69,7 @@ class FmuComponent(OpenedFmu):
         self._references = fmu.references
         self._arrays: dict[tuple[str, ...], tuple[Any, Any]] = {}
         self._slave: Any = None
-        self._steps = False
+        self._steps = self._begun = False
 
     @property
     def usable(self) -> bool:
@@ -97,7 +98,7 @@ class FmuComponent(OpenedFmu):
         return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Reset the last run's instance or make one, set parameters, set up and enter initialization.
+        """Make an instance, or reset the last run's where it is kept, set parameters, set up and enter initialization.
 
         Args:
             start: Time at which the run starts [s].
@@ -218,7 +219,7 @@ class FmuComponent(OpenedFmu):
         self._instance.spare.append(known.pointer)
 
     def finish(self) -> None:
-        """Terminate; the instance waits for the next `begin`, or for the end of the component."""
+        """Terminate, and free the instance unless it may be reset for the next `begin`."""
         slave, self._slave = self._slave, None
         steps, self._steps = self._steps, False
         if slave is not None:
@@ -241,8 +242,19 @@ class FmuComponent(OpenedFmu):
         except EightpostError:
             raise
         except Exception as error:  # fmpy raises bare Exceptions where it cannot load or instantiate
-            needed = "install the tool that made it: it cannot run without (needsExecutionTool)"
-            raise self._failure("failed to instantiate", f"{error}.", needed if self._fmu.needs_tool else "") from error
+            raise self._failure("failed to instantiate", f"{error}.", self._advice_on_instantiation()) from error
+        finally:
+            self._begun = True
+
+    def _advice_on_instantiation(self) -> str:
+        if self._fmu.needs_tool:
+            return "install the tool that made it: it cannot run without (needsExecutionTool)"
+        if self._begun and not self._fmu.is_ours:
+            return (
+                "a process may be able to make one instance of it only: run it in processes of its own: --isolate, "
+                "IsolatedComponent"
+            )
+        return ""
 
     def _limit_log(self) -> None:
         """From here on log only what goes wrong: a debug message in every step would cost more than the step."""

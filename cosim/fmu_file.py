@@ -79,6 +79,11 @@ class FmuFile:
         return ("all.c",) if "all.c" in found else found
 
     @property
+    def is_ours(self) -> bool:
+        """Whether this project built it: its reset is then known, by tests, to give the same bits again."""
+        return str(self.description.generationTool or "").startswith("eightpost ")
+
+    @property
     def once(self) -> bool:
         """Whether a process may hold one instance of it only."""
         return bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)

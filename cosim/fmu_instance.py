@@ -1,4 +1,8 @@
-"""The instance of an FMU in this process: made, reset, freed in order, or, after fmi2Fatal, never touched again."""
+"""The instance of an FMU in this process: made, freed in order, or, after fmi2Fatal, never touched again.
+
+Only an FMU that this project built is reset for its next run. Any other is freed with its library after each run and
+made anew: an fmi2Reset may restore the variables and leave the time or the solver as they were.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +69,7 @@ class FmuInstance:
         _instances.add(self)
 
     def ready(self) -> Any:
-        """Return the instance as new: reset where there is one and it can be, else made.
+        """Return the instance as new: reset where the last run left it, else made.
 
         Raises:
             StepError: Another component holds an FMU that allows one instance, or an instance of it failed fatally.
@@ -99,7 +103,7 @@ class FmuInstance:
         )
 
     def finish(self, *, terminate: bool) -> None:
-        """Terminate it where it stepped without error; free it where it cannot be reset from where it is."""
+        """Terminate it where it stepped without error; free it where its reset is not to be trusted from there."""
         if self.slave is None:
             return
         self.free_states()
@@ -109,7 +113,7 @@ class FmuInstance:
         if terminate:
             with suppress(Exception):
                 self.slave.terminate()
-        if self.fmu.once or not terminate:
+        if not (self.fmu.is_ours and terminate) or self.fmu.once:
             self.free_instance()
 
     def free_states(self) -> None:

@@ -47,6 +47,9 @@ _CALLS = {
 class IsolatedComponent(OpenedFmu):
     """One instance of an FMU in a child process, with a working folder of its own.
 
+    An FMU that this project did not build gets a new process and an empty folder for each run: whatever it keeps
+    elsewhere than in its instance is gone with the old ones.
+
     Inputs, slopes and saved states go along with the next step, and what was read after the last step comes back with
     it, so a step is one question and one answer. What an input is refused for is told with that step or reading.
 
@@ -194,7 +197,7 @@ class IsolatedComponent(OpenedFmu):
         self._pending.append(("free", known.number))
 
     def finish(self) -> None:
-        """Terminate; the process waits for the next `begin`, or for the end of the component."""
+        """Terminate; the process of an FMU of ours waits for the next `begin`, any other is ended."""
         running, self._running = self._running, False
         self._forget()
         self._states.clear()
@@ -202,6 +205,8 @@ class IsolatedComponent(OpenedFmu):
             with contextlib.suppress(StepError):  # whatever ended the run has been told
                 self._ask([("finish",)])
             self._pass_on_prints()
+            if not self.is_ours:
+                self._process.kill()
 
     def _start(self) -> Process:
         process = Process(self._fmu.path.absolute(), self._name, Path(self._folder), self._log.write)

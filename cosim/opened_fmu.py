@@ -36,6 +36,11 @@ class OpenedFmu:
         return self._fmu.capabilities
 
     @property
+    def is_ours(self) -> bool:
+        """Whether this project built the FMU: what it keeps from run to run is known."""
+        return self._fmu.is_ours
+
+    @property
     def identity(self) -> str:
         """The FMU's GUID."""
         return str(self._fmu.description.guid)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -51,6 +52,7 @@ class Process:
 
     def __init__(self, path: Path, name: str, folder: Path, log: Callable[[int, str], None]) -> None:
         self._folder, self._log = folder, log
+        shutil.rmtree(folder / "work", ignore_errors=True)  # what another process left there is not to be found
         (folder / "work").mkdir(exist_ok=True)
         (folder / "call").write_bytes(b"\0")
         self._connection, theirs = open_channel()

@@ -16,6 +16,7 @@ from cosim.scenario import Scenario
 from cosim.session.adaptive import march_adaptive
 from cosim.session.fixed import march_fixed
 from cosim.session.outcome import Outcome
+from cosim.session.repeats import check_repeat
 from cosim.session.running import Ending, Marching, Running, begin, prepare
 from cosim.session.setup import Setup
 from cosim.system import System
@@ -68,6 +69,7 @@ class Session:
             result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
             if ending.why == STOPPED:
                 raise RunInterrupted(result)
+            check_repeat(self._setup, result.series)
             return result
         finally:
             for component in self._setup.system.components.values():

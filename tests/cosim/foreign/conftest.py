@@ -71,7 +71,7 @@ def write_fmu(path, library, **declared):
     write_archive(path, members)
 
 
-def compiled(target, *definitions):
+def compiled(target, *definitions, source=SOURCE):
     if os.name == "nt":
         pytest.skip("the C file is for POSIX")
     try:
@@ -80,8 +80,14 @@ def compiled(target, *definitions):
         pytest.skip("there is no C compiler here")
     headers = Path(fmpy.__file__).with_name("c-code")
     options = ["-shared", "-fPIC", "-O1", "-w", *definitions, "-I", str(headers)]
-    subprocess.run([*compiler, *options, str(SOURCE), "-o", str(target), "-lm"], check=True)
+    subprocess.run([*compiler, *options, str(source), "-o", str(target), "-lm"], check=True)
     return target.read_bytes()
+
+
+@pytest.fixture(scope="session")
+def foreign_compiler():
+    """Compile a C file into a library: foreign_compiler(target, *definitions, source=...) returns its bytes."""
+    return compiled
 
 
 @pytest.fixture(scope="session")

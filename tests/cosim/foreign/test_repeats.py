@@ -1,0 +1,185 @@
+"""Systems of FMUs that we did not build give the same bits again whatever their fmi2Reset does, or an error."""
+
+from functools import partial
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+import scipy
+
+from cosim import Bond, FmuComponent, IsolatedComponent, Scenario, System, run
+from eightpost.archive import write_archive
+from eightpost.errors import StepError
+from eightpost.signals import Drivefile, TimeSeries
+
+SOURCE = Path(__file__).with_name("quarter_car_fmu.c")
+STOP = 1.0
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}" generationTool="20-sim">
+  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true" {flags}/>
+  <UnitDefinitions>
+    <Unit name="m"><BaseUnit m="1"/></Unit><Unit name="m/s"><BaseUnit m="1" s="-1"/></Unit>
+    <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
+  </UnitDefinitions>
+  <ModelVariables>{variables}</ModelVariables>
+  <ModelStructure><Outputs>{outputs}</Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+VARIABLES = {
+    "car": (
+        ("force", 0, "input", "N"), ("road", 1, "input", "m"),
+        ("velocity", 10, "output", "m/s"), ("displacement", 11, "output", "m"), ("tire_force", 12, "output", "N"),
+        ("body", 13, "output", "m"),
+    ),
+    "damper": (("velocity", 0, "input", "m/s"), ("displacement", 1, "input", "m"), ("force", 10, "output", "N")),
+}  # fmt: skip
+INTERPOLATES = 'canInterpolateInputs="true"'
+
+
+def write_part(path, kind, library, flags):
+    rows = (
+        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><Real unit="{unit}" '
+        f"""{'start="0"' if causality == "input" else ""}/></ScalarVariable>"""
+        for name, number, causality, unit in VARIABLES[kind]
+    )
+    names = [name for name, *_ in VARIABLES[kind]]
+    direct = {"tire_force": str(1 + names.index("road"))} if kind == "car" else {}
+    outputs = (
+        f'<Unknown index="{1 + k}" dependencies="{direct.get(name, "")}"/>'
+        for k, (name, _, causality, _) in enumerate(VARIABLES[kind])
+        if causality == "output"
+    )
+    xml = DESCRIPTION.format(
+        name=kind, guid=f"{{{kind}}}", flags=flags, variables="".join(rows), outputs="".join(outputs)
+    )
+    binary = f"binaries/{fmpy.platform}/{kind}{fmpy.sharedLibraryExtension}"
+    write_archive(path, {"modelDescription.xml": xml.encode(), binary: library})
+    return path
+
+
+@pytest.fixture(scope="session")
+def parts(foreign_compiler, tmp_path_factory):
+    """Write both FMUs, compiled with definitions, and return their paths."""
+
+    def write(*definitions, flags=INTERPOLATES):
+        folder = tmp_path_factory.mktemp("parts")
+        compiled = partial(foreign_compiler, source=SOURCE)
+        return {
+            "car": write_part(folder / "car.fmu", "car", compiled(folder / "car.so", "-DCAR", *definitions), flags),
+            "damper": write_part(folder / "damper.fmu", "damper", compiled(folder / "s.so", *definitions), flags),
+        }
+
+    return write
+
+
+def quarter_car(paths, kind=FmuComponent):
+    return System(
+        {name: kind(path, name) for name, path in paths.items()}, (Bond.between("car", "damper"),), constants={}
+    )
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """A road of three sines, straight between points 1 ms apart."""
+    time = np.linspace(0.0, STOP, 1001)
+    rows = sum(a * np.sin(2.0 * np.pi * f * time) for a, f in ((0.02, 1.1), (0.005, 4.3), (0.001, 13.0)))
+    return Drivefile(TimeSeries.from_channels(time, {"road": ("m", rows)}))
+
+
+@pytest.fixture(scope="module")
+def monolithic_car(rough):
+    """Outputs of the whole quarter car, integrated at once: exact for a road that is straight between its points."""
+    a = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-20e3 / 300.0, 0.0, 20e3 / 300.0, 0.0, 1.0 / 300.0],
+            [0.0, 0.0, 0.0, 1.0, 0.0],
+            [20e3 / 40.0, 0.0, -220e3 / 40.0, 0.0, -1.0 / 40.0],
+            [0.0, -1500.0 / 0.005, 0.0, 1500.0 / 0.005, -1.0 / 0.005],
+        ]
+    )
+    b = np.array([[0.0], [0.0], [0.0], [200e3 / 40.0], [0.0]])
+    road = rough.series["road"]
+    _, _, states = scipy.signal.lsim((a, b, np.eye(5), np.zeros((5, 1))), road, rough.series.time)
+    zs, vs, zu, vu, force = states.T
+    return {
+        "car.velocity": vu - vs,
+        "car.displacement": zu - zs,
+        "car.tire_force": 200e3 * (road - zu),
+        "car.body": zs,
+        "damper.force": force,
+    }
+
+
+def scenario(rough):
+    return Scenario(stop=STOP, drive=rough, targets={"road": "car.road"}, record_step=2e-3)
+
+
+def assert_same(first, second):
+    assert first.names == second.names
+    np.testing.assert_array_equal(first.time, second.time)
+    for name in first.names:
+        np.testing.assert_array_equal(first[name].view(np.uint64), second[name].view(np.uint64), err_msg=name)
+
+
+@pytest.mark.parametrize("kind", [FmuComponent, IsolatedComponent], ids=["direct", "isolated"])
+def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_right_and_the_same_again_by_default(
+    kind, parts, rough, monolithic_car
+):
+    system = quarter_car(parts(), kind)
+    first, second = (run(system, scenario(rough), engine="python") for _ in range(2))
+    assert_same(first.series, second.series)
+    assert first.stated_error == second.stated_error and first.steps == second.steps
+    for name, exact in monolithic_car.items():
+        apart = np.std(first.series[name] - np.interp(first.series.time, rough.series.time, exact)) / np.std(exact)
+        assert apart < 4e-3, (name, apart)
+
+
+def test_fmus_that_hold_their_inputs_too_are_the_same_again(parts, rough, monolithic_car):
+    system = quarter_car(parts(flags=""))
+    first, second = (run(system, scenario(rough), engine="python") for _ in range(2))
+    assert_same(first.series, second.series)
+    body = np.interp(first.series.time, rough.series.time, monolithic_car["car.body"])
+    assert np.std(first.series["car.body"] - body) < 0.05 * np.std(body)
+
+
+def test_memory_of_the_library_that_outlives_instances_is_new_for_each_run(parts, rough):
+    """The library goes with its last instance, and its memory with it."""
+    system = quarter_car(parts("-DSTATIC_MEMORY"))
+    first, second = (run(system, scenario(rough), step=1e-3, engine="python") for _ in range(2))
+    assert_same(first.series, second.series)
+
+
+def test_a_run_that_is_another_one_again_is_an_error_that_names_the_fmu(parts, rough):
+    """A library that the loader keeps (as many of C++ are) keeps its memory too; a process of its own does not."""
+    paths = parts("-DSTATIC_MEMORY", "-Wl,-z,nodelete")
+    system = quarter_car(paths)
+    run(system, scenario(rough), step=1e-3, engine="python")
+    with pytest.raises(
+        StepError, match=r"other bits than the last one.*'car' \(car.fmu\).* keeps something from run to run.*--isolate"
+    ):
+        run(system, scenario(rough), step=1e-3, engine="python")
+    apart = quarter_car(paths, IsolatedComponent)
+    assert_same(*(run(apart, scenario(rough), step=1e-3, engine="python").series for _ in range(2)))
+
+
+def test_another_step_or_drive_is_another_run(parts, rough):
+    system = quarter_car(parts())
+    half = Drivefile(TimeSeries.from_channels(rough.series.time, {"road": ("m", 0.5 * rough.series["road"])}))
+    for drive, step in ((rough, 1e-3), (rough, 2e-3), (half, 1e-3), (rough, 1e-3)):
+        run(system, scenario(drive), step=step, engine="python")
+
+
+def test_our_own_fmus_are_reset_and_foreign_ones_made_anew(parts, fmus, begun):
+    car, ours = FmuComponent(parts()["car"], "car"), FmuComponent(fmus["lpf1"], "ours")
+    kept = []
+    for part in (car, ours):
+        instances = []
+        for _ in range(2):
+            part.begin(0.0, 1.0, {})
+            part.end_initialization()
+            instances.append(part._instance.slave)
+            part.finish()
+        kept.append(instances[0] is instances[1])
+    assert kept == [False, True]
