@@ -17,9 +17,6 @@ from eightpost.errors import InputError, StepError
 #: Coupling step to begin with [s]: twice what suits race cars and their shocks (docs/coupling.md).
 FIRST_STEP = 2e-3
 
-#: A result whose coupling error is stated to be larger is not acceptable [%].
-LARGEST_ERROR = 5.0
-
 #: Steps are chosen for this share of the tolerance: an estimate is no bound.
 _AIM = 0.8
 
@@ -103,7 +100,7 @@ class _Search:
         self._record = scenario.record_step or first
         self._scenario = replace(scenario, record_step=self._record)
         self._ramped = system.ramps
-        self._decisive = decisive(system)
+        self._decisive = system.decisive
         self._parts = max(1, ceil(self._record / first * (1.0 - 1e-12)))
         self.tried: list[str] = []
         self._seconds = self._stepping = 0.0
@@ -183,17 +180,5 @@ class _Search:
             notes=notes + result.notes,
             seconds=self._seconds,
             stepping_seconds=self._stepping,
-            converged=result.converged and worst <= LARGEST_ERROR,
+            tolerance=self._wish.tolerance,
         )
-
-
-def decisive(system: System) -> frozenset[str]:
-    """Velocities and forces of bonds, and tire forces."""
-    ends = {c.source for bond in system.bonds for c in (bond.velocity, bond.force)}
-    tires = {
-        f"{name}.{v.name}"
-        for name, component in system.components.items()
-        for v in component.variables.values()
-        if v.causality == "output" and v.name.endswith("tire_force")
-    }
-    return frozenset(ends | tires)

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 from cosim.algorithm import Algorithm
 from cosim.coupling import Coupling
-from cosim.energy import DOUBTFUL, BondEnergy
 from cosim.equilibrium import Equilibrium
-from cosim.result import Coupled
 from cosim.system import System
-
-#: Local error of a bond that is said [% of the standard deviation].
-_COARSE = 5.0
 
 
 def notes_of(
@@ -20,16 +15,12 @@ def notes_of(
     coupling: Coupling,
     algorithm: Algorithm,
     equilibrium: Equilibrium,
-    energy: Mapping[str, BondEnergy],
-    coupled: Mapping[str, Coupled],
     troubles: Iterable[str],
 ) -> tuple[str, ...]:
     """Return all notes of a run, those that matter most first."""
     return (
         *troubles,
         *_equilibrium_notes(equilibrium),
-        *_energy_notes(energy),
-        *_local_notes(coupled),
         *_order_notes(coupling, algorithm),
         *_held_notes(system, algorithm),
         *_unit_notes(system),
@@ -44,29 +35,6 @@ def _equilibrium_notes(equilibrium: Equilibrium) -> Iterator[str]:
             f"the start is not an equilibrium: a connection still changes by {equilibrium.residual:.1e} of its size; "
             "the beginning of the result rings"
         )
-
-
-def _energy_notes(energy: Mapping[str, BondEnergy]) -> Iterator[str]:
-    for name, bond in energy.items():
-        if not bond.acceptable:
-            yield (
-                f"bond {name}: {abs(bond.relative):.0%} of the energy through it is lost or made by the coupling: take "
-                "a smaller coupling step, and do not use this result"
-            )
-        elif abs(bond.relative) > DOUBTFUL:
-            yield (
-                f"bond {name}: {abs(bond.relative):.2%} of the energy through it is lost or made by the coupling; "
-                "sound runs stay under 1 %: halve the coupling step and compare"
-            )
-
-
-def _local_notes(coupled: Mapping[str, Coupled]) -> Iterator[str]:
-    for name, bond in coupled.items():
-        if bond.percent > _COARSE:
-            yield (
-                f"bond {name}: what its ends assume of each other is wrong by {bond.percent:.2g} % of its "
-                "standard deviation in every step: take a smaller coupling step, or see how it adds up (--verify)"
-            )
 
 
 def _order_notes(coupling: Coupling, algorithm: Algorithm) -> Iterator[str]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from cosim.energy import BondEnergy
 from cosim.system import System
+from cosim.verdict import verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series
+from eightpost.verdict import Verdict
 
 SCHEMA = 1
 
@@ -70,6 +73,8 @@ class Result:
         stated_error: Per recorded variable: error of the coupling, in percent of its standard deviation after settling,
             from runs at two steps; empty where one run was made.
         scheme: The algorithm that the default took; empty where one was given.
+        decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
+        tolerance: Coupling error that the default aimed at, in percent; 0 where the step was given.
     """
 
     series: TimeSeries
@@ -97,11 +102,18 @@ class Result:
     stepping_seconds: float = 0.0
     stated_error: Mapping[str, float] = field(default_factory=dict)
     scheme: str = ""
+    decisive: frozenset[str] = frozenset()
+    tolerance: float = 0.0
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the run can be used, and why (docs/verdict.md)."""
+        return verdict_of(self)
 
     @property
     def acceptable(self) -> bool:
-        """Whether all converged, the run came to its stop, and no bond makes or loses a notable share of its energy."""
-        return self.converged and not self.partial and all(energy.acceptable for energy in self.energy.values())
+        """Whether the verdict is anything but "not usable": what the exit code of `eightpost run` says."""
+        return self.verdict.is_acceptable
 
     def settled(self) -> TimeSeries:
         """Return the series without the settling time."""
@@ -121,12 +133,13 @@ class Result:
         document = {
             name: getattr(self, name)
             for name in self.__dataclass_fields__
-            if name not in ("series", "energy", "coupled")
+            if name not in ("series", "energy", "coupled", "decisive")
         }
         coupled = {name: asdict(c) | {"percent": c.percent} for name, c in self.coupled.items()}
         energy = {name: asdict(e) | {"relative": e.relative} for name, e in self.energy.items()}
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
-        return heading | document | {"energy": energy, "coupled": coupled, "channels": list(self.series.names)}
+        extra = {"decisive": sorted(self.decisive), "energy": energy, "coupled": coupled}
+        return heading | {"verdict": self.verdict.to_json()} | document | extra | {"channels": list(self.series.names)}
 
 
 def held_direct_outputs(system: System, held: frozenset[str], names: tuple[str, ...]) -> tuple[str, ...]:

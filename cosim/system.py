@@ -130,6 +130,18 @@ class System:
         return all(c.capabilities.interpolates_inputs for c in self.components.values())
 
     @property
+    def decisive(self) -> frozenset[str]:
+        """Outputs whose coupling error is judged: velocities and forces of bonds, tire forces."""
+        ends = {c.source for bond in self.bonds for c in (bond.velocity, bond.force)}
+        tires = {
+            f"{name}.{v.name}"
+            for name, component in self.components.items()
+            for v in component.variables.values()
+            if v.causality == "output" and v.name.endswith("tire_force")
+        }
+        return frozenset(ends | tires)
+
+    @property
     def all_connections(self) -> tuple[Connection, ...]:
         """Those of the bonds, then the others."""
         return tuple(c for bond in self.bonds for c in bond.connections) + self.connections

@@ -1,5 +1,10 @@
-"""Rewrite the variable tables in docs/ports.md from the interface.toml files: `python docs/make_tables.py`."""
+"""Rewrite the tables in docs that come from the code: `python docs/make_tables.py`.
 
+The variables in docs/ports.md come from the interface.toml files, the rules in docs/verdict.md from the modules that
+state them.
+"""
+
+import importlib
 import re
 import tomllib
 from pathlib import Path
@@ -14,17 +19,26 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
-_REGION = re.compile(r"(?P<start><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
 
 def rewrite(page: str) -> str:
     """Return the page with every marked region replaced by the table of its interface."""
-    return _REGION.sub(lambda match: match["start"] + _region(match["name"]) + match["end"], page)
+    return _REGION.sub(lambda match: match["start"] + _region(match["kind"], match["name"]) + match["end"], page)
 
 
-def _region(name: str) -> str:
+def _region(kind: str, name: str) -> str:
+    if kind == "rules":
+        return rules(name)
     return laws() if name == "laws" else table(SOURCES[name])
+
+
+def rules(module: str) -> str:
+    """Return the table of the rules that a module states."""
+    rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
+    head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
+    return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
 
 
 def laws() -> str:
@@ -72,5 +86,5 @@ def _range(row: dict) -> str:
 
 
 if __name__ == "__main__":
-    path = DOCS / "ports.md"
-    path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")
+    for path in (DOCS / "ports.md", DOCS / "verdict.md"):
+        path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

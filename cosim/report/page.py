@@ -18,7 +18,7 @@ from cosim.report.groups import Group, groups
 from cosim.report.packing import Store
 from cosim.report.provenance import drive_digest, origins, versions
 from cosim.report.spectra import Spectra, spectra
-from cosim.report.status import bond_rows, facts, notes, tiles, verdict
+from cosim.report.status import bond_rows, facts, notes, tiles
 from cosim.report.traces import Traces, traces
 from cosim.report.wiring import arrows
 from cosim.result import Result
@@ -71,7 +71,7 @@ def page(
     kept, densities = traces(result.series), spectra(settled)
     manifest, numbers = _packed(result, kept, densities)
     return template(_PACKAGE, {"figure": figure, "percent": percent, "listed": listed}).render(
-        _summary(result, system, scenario)
+        _summary(result, scenario)
         | _signals(result, settled)
         | {
             "title": title,
@@ -92,11 +92,11 @@ def page(
     )
 
 
-def _summary(result: Result, system: System, scenario: Scenario) -> dict[str, Any]:
+def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
     """Return what the page says of the run as a whole."""
     return {
-        "verdict": verdict(result, system, scenario.stop),
-        "tiles": tiles(result, system),
+        "verdict": result.verdict,
+        "tiles": tiles(result),
         "notes": notes(result),
         "facts": facts(result),
         "drive": scenario.drive,

@@ -47,9 +47,7 @@ class Outcome:
         return Result(
             series=recorded_series(setup.system, setup.names, self.running.tape),
             converged=bool(self.equilibrium.converged and self.ending.why != STUCK and counts[LOOSE] == 0),
-            notes=notes_of(
-                setup.system, setup.coupling, setup.algorithm, self.equilibrium, energy, coupled, self._troubles()
-            ),
+            notes=notes_of(setup.system, setup.coupling, setup.algorithm, self.equilibrium, self._troubles()),
             algorithm=setup.algorithm.name,
             order=setup.layout.parts,
             step=self.ending.least,
@@ -70,6 +68,7 @@ class Outcome:
             settling=setup.scenario.settling,
             share_beyond_fit=setup.limits.beyond_fit(watched),
             share_tire_off=setup.limits.tire_off(watched),
+            decisive=setup.system.decisive,
         )
 
     def _energy(self) -> dict[str, BondEnergy]:

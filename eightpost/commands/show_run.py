@@ -9,6 +9,7 @@ from rich.table import Column, Table
 import cosim
 from cosim.study.measures import DISPLAY
 from eightpost import units
+from eightpost.commands.show_verdict import show_verdict
 
 
 def show_result(console: Console, name: str, result: cosim.Result) -> None:
@@ -20,18 +21,10 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
         highlight=False,
     )
     console.print(_statistics(result))
-    _show_error(console, result)
+    _show_local_error(console, result)
     for bond, energy in result.energy.items():
         console.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
                       f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
-    for shock, share in result.share_beyond_fit.items():
-        if share > 0.0:
-            console.print(f"[yellow]note[/] {shock} is beyond its fitted velocities {share:.1%} of the time")
-    for tire, share_off in result.share_tire_off.items():
-        if share_off:
-            console.print(f"[yellow]note[/] {tire} is below zero load {share_off:.1%} of the time: the tire lifts off")
-    if any(share is None for share in result.share_tire_off.values()):
-        console.print("[yellow]note[/] no static tire force is given, so lift-off cannot be told")
     if result.held_direct:
         console.print(
             f"[yellow]note[/] {len(result.held_direct)} outputs, such as {result.held_direct[0]}, follow an input that "
@@ -40,6 +33,7 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
         )
     for note in result.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_verdict(console, result.verdict)
 
 
 def show_verification(console: Console, found: cosim.Verification, result: cosim.Result) -> None:
@@ -60,17 +54,12 @@ def _step(result: cosim.Result) -> str:
     return f"{result.step * 1e3:.4g} ms"
 
 
-def _show_error(console: Console, result: cosim.Result) -> None:
-    """Print what is known of the coupling's error, most telling first."""
-    if result.stated_error:
-        name, worst = max(result.stated_error.items(), key=lambda item: item[1])
-        console.print(f"coupling error: at most {worst:.2g} % of the standard deviation ({name})", highlight=False)
-    elif result.coupled:
+def _show_local_error(console: Console, result: cosim.Result) -> None:
+    """Print the largest local error of a bond where the run states no error."""
+    if result.coupled and not result.stated_error:
         bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
         console.print(
-            f"coupling error of a single step: {local:.2g} % of the standard deviation (bond {bond}); how it adds up "
-            "over the run only a comparison tells: --verify, or the default algorithm",
-            highlight=False,
+            f"coupling error of a single step: {local:.2g} % of the standard deviation (bond {bond})", highlight=False
         )
 
 

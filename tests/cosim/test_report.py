@@ -212,33 +212,34 @@ def test_names_are_text_whatever_they_are_made_of(oscillator):
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [
-        ({}, "good", r"This result can be used: the stated coupling error is at most 0\.34 % .*\(damper\.y\)"),
-        ({"stated_error": {}}, "open", r"passed .* to be used with care: its coupling error is not stated"),
-        ({"stated_error": {"mass.y": np.inf}}, "open", r"its coupling error is not stated"),
-        ({"partial": True}, "bad", r"not to be used: the run ended early, at 2 s of 2 s; the stated coupling error"),
-        ({"converged": False}, "bad", r"not to be used: it did not converge"),
-        ({"converged": False, "stated_error": {"mass.y": 7.0}}, "bad", r"used: the coupling error is above 5 %"),
-        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "bad", r"made or lost 9 % of the energy through bond joint"),
+        ({}, "usable", r"Usable: the coupling error is small \(0\.34 % .*damper\.y"),
+        ({"tolerance": 0.2}, "usable-within-limits", r"Usable within limits: .* larger than asked for \(0\.34 % "),
+        ({"stated_error": {}}, "unknown", r"Unknown: the coupling error is not stated .*usable: energy, convergence"),
+        ({"stated_error": {"mass.y": np.inf}}, "unknown", r"the coupling error is not stated"),
+        ({"partial": True}, "not-usable", r"Not usable: the run ended early \(at 2 s; .*coupling"),
+        ({"converged": False}, "not-usable", r"Not usable: the run did not converge"),
+        ({"stated_error": {"mass.y": 7.0}}, "not-usable", r"Not usable: the coupling error .* \(7 % .*mass\.y"),
+        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"energy is made .*\(9\.00% .*bond joint\)"),
     ],
 )  # fmt: skip
 def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, change, kind, words):
     result, system, scenario = run
     content = page_module.page(replace(result, **change), system, scenario, title="a run")
-    (sentence,) = re.findall(r'<p id="verdict" class="verdict (\w+)">(.*?)</p>', content, re.S)
+    (sentence,) = re.findall(r'<div id="verdict" class="verdict ([a-z-]+)">\s*<p>(.*?)</p>', content, re.S)
     said = html.unescape(re.sub(r"<.*?>", "", sentence[1])).replace("\N{NO-BREAK SPACE}", " ")
     assert sentence[0] == kind
     assert re.search(words, said), said
-    assert said.endswith(".") and said.count(". ") == 0
+    assert said == replace(result, **change).verdict.summary()
     assert content.index('id="verdict"') < content.index("<h2")
 
 
-def test_signals_of_bonds_are_told_from_the_worst_of_all_channels(make, oscillator):
-    system, scenario = oscillator()
-    result = _blank(TimeSeries.from_channels([0.0, 1.0], {"mass.y": ("m/s", [0.0, 1.0])}), identities={"mass": "guid"},
-                    stated_error={"mass.y": 0.1, "other.acceleration": 0.9})  # fmt: skip
-    text = _read(result, system, scenario).text.replace("\N{NO-BREAK SPACE}", " ")
-    assert "at most 0.1 % of a signal's standard deviation in bonds and tire forces (mass.y)" in text
-    assert "0.9 % in the worst of all channels (other.acceleration)" in text
+def test_the_page_shows_every_reason_with_figure_origin_and_remedy(run):
+    result, system, scenario = run
+    found = replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}, partial=True)
+    text = _read(found, system, scenario).text
+    for reason in found.verdict.reasons:
+        assert f"{reason.statement}: {reason.figure} ({reason.origin})" in text
+        assert (f"To do: {reason.remedy}" in text) == (reason.grade != "usable")
 
 
 def test_bonds_show_energy_and_local_errors(run):

@@ -69,9 +69,24 @@ def test_a_name_that_is_not_there_does_not_resolve():
         resolve("eightpost.shock.lpnl3.Lpnl3")
 
 
-def test_the_tables_of_ports_are_those_of_interface_toml(make_tables):
-    page = (ROOT / "docs" / "ports.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["ports.md", "verdict.md"])
+def test_the_tables_that_come_from_the_code_are_up_to_date(make_tables, name):
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     assert make_tables.rewrite(page) == page, "run: python docs/make_tables.py"
+
+
+def test_every_rule_of_a_verdict_stands_in_the_page():
+    """Looked for in the sources: a module whose rules the page leaves out would show."""
+    page = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
+    stated = {
+        path.relative_to(ROOT)
+        for package in ("eightpost", "cosim", "builder")
+        for path in (ROOT / package).rglob("*.py")
+        if re.search(r"^from eightpost\.verdict import .*\bRule\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert {f"<!-- rules {'.'.join(path.with_suffix('').parts)} -->" for path in stated} == set(
+        re.findall(r"<!-- rules .*? -->", page)
+    )
 
 
 @pytest.mark.parametrize("source", sorted((ROOT / "fmus").glob("*/*.toml")), ids=lambda path: path.parent.name)

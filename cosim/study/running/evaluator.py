@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from cosim.algorithm import GaussSeidel, Implicit
-from cosim.automatic import decisive, taken_by
+from cosim.automatic import taken_by
 from cosim.component import Component
 from cosim.conversion import to_si
 from cosim.fmu_component import FmuComponent
@@ -145,7 +145,7 @@ class Evaluator:
 
     def decisive(self, setup: Setup) -> frozenset[str]:
         """Return the channels whose coupling error is judged: velocities and forces of bonds, tire forces."""
-        return decisive(self.system(setup))
+        return self.system(setup).decisive
 
     @property
     def _names(self) -> list[str]:

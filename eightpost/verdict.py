@@ -1,0 +1,213 @@
+"""Whether a result or a model can be used: one type and one vocabulary for every command, file and page.
+
+A verdict is a list of reasons. Each reason has a grade, and states its figure, its origin and what to do. The verdict's
+grade is the worst one among its reasons. Reasons are made by rules, which docs/verdict.md lists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+from eightpost.errors import InputError
+
+
+class Grade(StrEnum):
+    """How far something can be used; the worst grade first."""
+
+    NOT_USABLE = "not usable"
+    UNKNOWN = "unknown"
+    LIMITED = "usable within limits"
+    USABLE = "usable"
+
+    @property
+    def slug(self) -> str:
+        """The name as a CSS class."""
+        return self.value.replace(" ", "-")
+
+
+#: From worst to best.
+ORDER: tuple[Grade, ...] = tuple(Grade)
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One reason of a verdict.
+
+    Args:
+        rule: Name of the rule that gave the reason.
+        about: What the reason is about: coupling, energy, shock, vehicle and so on.
+        grade: Grade that the reason alone would give.
+        statement: What was found, a clause without a full stop.
+        figure: The value that was found, with its unit and its limit.
+        origin: File, component or step that the figure comes from.
+        remedy: What to do about it.
+    """
+
+    rule: str
+    about: str
+    grade: Grade
+    statement: str
+    figure: str
+    origin: str
+    remedy: str
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isinstance(value, str) and value.strip()):
+                raise InputError(f"a verdict's reason: {field.name} must be a text that is not empty, not {value!r}")
+        object.__setattr__(self, "grade", Grade(self.grade))
+
+    def __str__(self) -> str:
+        return f"{self.statement} ({self.figure}; {self.origin})"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A rule that gives reasons.
+
+    Args:
+        name: Unique name of the rule.
+        about: What its reasons are about.
+        grade: Grade of its reasons.
+        condition: When it applies, with the threshold; for docs/verdict.md.
+        why: Why the threshold is where it is; for docs/verdict.md.
+        remedy: What the reader is to do.
+    """
+
+    name: str
+    about: str
+    grade: Grade
+    condition: str
+    why: str
+    remedy: str
+
+    def reason(self, statement: str, *, figure: str, origin: str, remedy: str | None = None) -> Reason:
+        """Return a reason; `remedy` replaces the rule's own where the case allows more specific advice."""
+        return Reason(self.name, self.about, self.grade, statement, figure, origin, remedy or self.remedy)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All reasons found, worst first; reasons of one grade keep the order in which they were given.
+
+    Reasons that differ in their origins only are one reason with all these origins.
+
+    Args:
+        reasons: In any order.
+    """
+
+    reasons: tuple[Reason, ...] = ()
+
+    def __init__(self, reasons: Iterable[Reason] = ()) -> None:
+        merged = _merged(reasons)
+        object.__setattr__(self, "reasons", tuple(sorted(merged, key=lambda reason: ORDER.index(reason.grade))))
+
+    @classmethod
+    def combined(cls, verdicts: Iterable[Verdict]) -> Verdict:
+        """Return one verdict with the reasons of several."""
+        return cls(reason for verdict in verdicts for reason in verdict.reasons)
+
+    @cached_property
+    def grade(self) -> Grade:
+        """The worst grade; unknown where nothing was examined."""
+        return self.reasons[0].grade if self.reasons else Grade.UNKNOWN
+
+    @property
+    def is_acceptable(self) -> bool:
+        """Whether a command exits with 0: anything but not usable."""
+        return self.grade is not Grade.NOT_USABLE
+
+    @property
+    def decisive(self) -> tuple[Reason, ...]:
+        """The reasons that set the grade."""
+        return tuple(reason for reason in self.reasons if reason.grade is self.grade)
+
+    @cached_property
+    def grades(self) -> Mapping[str, Grade]:
+        """The grade of each thing that the reasons are about."""
+        found: dict[str, Grade] = {}
+        for reason in self.reasons:  # the worst first
+            found.setdefault(reason.about, reason.grade)
+        return found
+
+    def about(self, *subjects: str) -> Verdict:
+        """Return the part of the verdict that is about some things only."""
+        return Verdict(reason for reason in self.reasons if reason.about in subjects)
+
+    def summary(self) -> str:
+        """Return one sentence: the grade, its first reason, and what is better than that."""
+        return f"{self.headline}: {self.detail}."
+
+    @property
+    def headline(self) -> str:
+        """The grade as the beginning of a sentence."""
+        return self.grade.value.capitalize()
+
+    @property
+    def detail(self) -> str:
+        """The rest of the summary: the first reason of the grade, and what has a better grade."""
+        if not self.reasons:
+            return "nothing was examined"
+        first, others = self.decisive[0], len(self.decisive) - 1
+        more = f", and {others} more reason{'s' * (others > 1)}" if others else ""
+        return f"{first}{more}{self._better()}"
+
+    def _better(self) -> str:
+        """Return, as the end of a sentence, what has a better grade than the whole."""
+        by_grade: dict[Grade, list[str]] = {}
+        for about, grade in self.grades.items():
+            if grade is not self.grade:
+                by_grade.setdefault(grade, []).append(about)
+        return "".join(f"; {grade.value}: {', '.join(by_grade[grade])}" for grade in ORDER if grade in by_grade)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what a JSON file holds."""
+        return {
+            "grade": self.grade.value,
+            "summary": self.summary(),
+            "reasons": [asdict(reason) for reason in self.reasons],
+        }
+
+    @classmethod
+    def from_json(cls, document: object) -> Verdict:
+        """Return what `to_json` wrote; the grade is computed from the reasons.
+
+        Raises:
+            InputError: The document is not a verdict.
+        """
+        reasons = document.get("reasons") if isinstance(document, Mapping) else None
+        if not isinstance(reasons, Sequence) or isinstance(reasons, str):
+            raise InputError(f"a verdict must be an object with a list of reasons, not {_short(document)}")
+        return cls(map(_reason, reasons))
+
+
+def _merged(reasons: Iterable[Reason]) -> list[Reason]:
+    origins: dict[Reason, list[str]] = {}
+    for reason in reasons:
+        found = origins.setdefault(replace(reason, origin="-"), [])
+        if reason.origin not in found:
+            found.append(reason.origin)
+    return [replace(reason, origin=", ".join(found)) for reason, found in origins.items()]
+
+
+def _reason(document: object) -> Reason:
+    names = {field.name for field in fields(Reason)}
+    if not isinstance(document, Mapping) or set(document) != names:
+        raise InputError(f"a verdict's reason must have {', '.join(sorted(names))}; it is {_short(document)}")
+    try:
+        return Reason(**document)
+    except InputError:
+        raise
+    except ValueError:
+        known = ", ".join(ORDER)
+        raise InputError(f"a verdict's grade is {document['grade']!r}; it must be one of: {known}") from None
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

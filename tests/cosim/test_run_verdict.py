@@ -1,0 +1,120 @@
+"""What the verdict on a run says, rule by rule."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cosim.verdict as rules
+from cosim import Result
+from cosim.energy import BondEnergy
+from cosim.result import Coupled
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade, Verdict
+
+BOND = "car.lf"
+
+
+def sound(**changes) -> Result:
+    """A run of one bond in which nothing is wrong."""
+    time = np.linspace(0.0, 10.0, 101)
+    series = TimeSeries.from_channels(time, {"car.lf.velocity": ("m/s", np.sin(time))})
+    result = Result(
+        series=series, converged=True, notes=(), algorithm="default", order=("car", "lf"), step=1e-3, steps=10_000,
+        seconds=1.0, equilibrium_sweeps=3, energy={BOND: BondEnergy(0.1, 1000.0)}, held_direct=(), identities={},
+        share_beyond_fit={"lf": 0.0}, share_tire_off={"car.lf.tire_force": 0.0}, scheme="gauss-seidel",
+        coupled={BOND: Coupled(1e-4, 0.5, 1.0, 800.0)}, stated_error={"car.lf.velocity": 0.1, "car.lf.hub": 0.5},
+        decisive=frozenset({"car.lf.velocity"}), tolerance=0.2,
+    )  # fmt: skip
+    return replace(result, **changes)
+
+
+def only(verdict: Verdict, rule: rules.Rule):
+    (reason,) = [reason for reason in verdict.reasons if reason.rule == rule.name]
+    return reason
+
+
+def test_a_sound_run_is_usable_and_says_by_which_figures():
+    verdict = sound().verdict
+    assert verdict.grade is Grade.USABLE
+    assert "0.1 % of the standard deviation" in only(verdict, rules.COUPLING_GOOD).figure
+    assert set(verdict.grades) == {"coupling", "energy", "convergence", "range of the models"}
+
+
+CASES = [
+    ("stated_error", {"car.lf.velocity": 5.1}, rules.COUPLING_ERROR),
+    ("stated_error", {"car.lf.velocity": 4.9}, rules.COUPLING_TOLERANCE),
+    ("stated_error", {"car.lf.velocity": 0.1, "car.lf.hub": 5.1}, rules.CHANNEL_ERROR),
+    ("stated_error", {}, rules.COUPLING_UNKNOWN),
+    ("stated_error", {"car.lf.velocity": np.inf}, rules.COUPLING_UNKNOWN),
+    ("stated_error", {"car.lf.velocity": np.nan}, rules.COUPLING_UNKNOWN),
+    ("coupled", {BOND: Coupled(0.026, 0.5, 1.0, 800.0)}, rules.LOCAL_ERROR),
+    ("energy", {BOND: BondEnergy(-60.0, 1000.0)}, rules.ENERGY_RESIDUAL),
+    ("energy", {BOND: BondEnergy(-20.0, 1000.0)}, rules.ENERGY_DOUBTFUL),
+    ("converged", False, rules.NOT_CONVERGED),
+    ("partial", True, rules.ENDED_EARLY),
+    ("share_beyond_fit", {"lf": 0.38}, rules.MOSTLY_BEYOND_FIT),
+    ("share_beyond_fit", {"lf": 0.02}, rules.BEYOND_FIT),
+    ("share_beyond_fit", {"lf": 0.005}, rules.WITHIN_FIT),
+    ("share_tire_off", {"car.lf.tire_force": 0.001}, rules.TIRE_OFF),
+    ("share_tire_off", {"car.lf.tire_force": 0.3}, rules.MOSTLY_TIRE_OFF),
+    ("share_tire_off", {"car.lf.tire_force": None}, rules.STATIC_LOAD_UNKNOWN),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("field", "value", "rule"), CASES)
+def test_each_fault_is_a_reason_of_its_rule_and_the_worst_reason_is_the_grade(field, value, rule):
+    verdict = sound(**{field: value}).verdict
+    assert only(verdict, rule).grade is rule.grade
+    assert verdict.grade is rule.grade
+
+
+def test_every_rule_of_a_run_is_tried_here():
+    tried = {rule.name for _, _, rule in CASES}
+    for result in (sound(), sound(energy={}, coupled={}, stated_error={})):
+        tried |= {reason.rule for reason in result.verdict.reasons}
+    assert tried == {rule.name for rule in rules.RULES}
+
+
+@pytest.mark.parametrize("changes", [{}, *({field: value} for field, value, _ in CASES)])
+def test_every_reason_has_a_figure_an_origin_and_a_remedy(changes):
+    """The type refuses an empty text; what stands there must also say how much."""
+    for reason in sound(**changes).verdict.reasons:
+        assert reason.remedy and reason.origin
+        assert any(character.isdigit() for character in reason.figure) or reason.rule == rules.NOT_CONVERGED.name
+
+
+def test_a_local_error_has_a_veto_whatever_error_is_stated():
+    """Two runs that alternate from step to step agree at the recorded points."""
+    chatter = sound(coupled={BOND: Coupled(1.4, 0.5, 1.0, 800.0)}, stated_error={"car.lf.velocity": 1e-3})
+    assert chatter.verdict.grade is Grade.NOT_USABLE
+    assert not chatter.acceptable
+    assert "280 %" in only(chatter.verdict, rules.LOCAL_ERROR).figure
+
+
+def test_an_unknown_error_is_acceptable_but_not_called_usable():
+    result = sound(stated_error={}, tolerance=0.0)
+    assert result.acceptable
+    assert result.verdict.grade is Grade.UNKNOWN
+
+
+def test_energy_outside_the_fitted_velocities_counts_like_time():
+    """A shock that is beyond its fit for little time, but dissipates most of its energy then."""
+    time = np.linspace(0.0, 10.0, 1001)
+    beyond = (time > 9.9).astype(float)
+    series = TimeSeries.from_channels(
+        time, {"lf.beyond_fit": ("1", beyond), "lf.dissipated_power": ("W", 1.0 + 1e4 * beyond)}
+    )
+    reason = only(sound(series=series, share_beyond_fit={"lf": 0.01}).verdict, rules.MOSTLY_BEYOND_FIT)
+    assert "99.0% of its energy" in reason.figure
+
+
+def test_the_verdict_of_a_run_is_in_its_json(tmp_path):
+    result = sound(converged=False)
+    result.write(tmp_path)
+    document = json.loads((tmp_path / "result.json").read_text())
+    assert document["verdict"]["grade"] == "not usable"
+    assert Verdict.from_json(document["verdict"]) == result.verdict
