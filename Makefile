@@ -3,6 +3,7 @@
 #   make test   installs, checks style, types and imports, and passes the tests
 #   make nightly  what takes minutes: a million random FMI call sequences on each FMU under sanitizers (needs a C compiler),
 #                 coverage of confidence intervals, all twelve configurations of the virtual dynamometer
+#   make mutants  changes the sources in one place at a time and runs the tests of that area: about an hour on 2 cores
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
@@ -10,7 +11,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types contracts unit nightly docs clean
+.PHONY: demo test lint types contracts unit nightly mutants docs clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m eightpost demo -o demo
@@ -33,6 +34,9 @@ unit: $(INSTALLED)
 nightly: $(INSTALLED)
 	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native
 	$(BIN)/pytest -n 2 -m nightly
+
+mutants: $(INSTALLED)
+	$(BIN)/python -m benchmarks.mutants $(MUTANTS)
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py

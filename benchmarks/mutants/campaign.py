@@ -1,0 +1,116 @@
+"""A campaign: a random sample of mutants of every area, each tried on a copy of the checkout."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from queue import SimpleQueue
+
+from benchmarks.mutants.areas import Area, Equivalent
+from benchmarks.mutants.mutant import Mutant, mutants
+from benchmarks.mutants.records import Record, append_record, digest_of_tests, read_records
+from benchmarks.mutants.trial import Outcome, Tree, Trial, copy_tree
+
+#: A trial may take so many times as long as one without a change, and so many seconds more.
+_SLOWER, _LONGER = 3.0, 20.0
+_BASELINE_LIMIT = 600.0
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What is tried, and where records are kept.
+
+    Args:
+        areas: Areas to sample.
+        equivalents: Mutants that no test can notice; they are counted and not tried.
+        folder: Folder of the records and of compiled FMUs.
+        seed: Seed of the sample.
+        workers: Number of trials at a time.
+        tell: Called with every new record, and with what else there is to report.
+    """
+
+    areas: Sequence[Area]
+    equivalents: Sequence[Equivalent]
+    folder: Path
+    seed: int
+    workers: int
+    tell: Callable[[str], None]
+
+    def run(self, count: int) -> list[Record]:
+        """Try a sample of `count` mutants, spread over the areas by their shares; return the records in that order.
+
+        Killed mutants of an earlier run are not tried again, survivors only where the tests have changed since.
+
+        Raises:
+            RuntimeError: The tests of an area fail without a change.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        total = sum(area.share for area in self.areas)
+        with ExitStack() as stack:
+            trees: SimpleQueue[Tree] = SimpleQueue()
+            for _ in range(self.workers):
+                copy = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mutants-")))
+                trees.put(copy_tree(copy, self.folder.resolve() / "cache"))
+            return [
+                record
+                for area in self.areas
+                for record in self._run_area(area, round(count * area.share / total), trees)
+            ]
+
+    def _run_area(self, area: Area, count: int, trees: SimpleQueue[Tree]) -> list[Record]:
+        known, tests = read_records(self._file), digest_of_tests(area)
+        sample = list(islice(mutants(area, self.seed), count))
+        missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
+        if missing:
+            limit = self._limit(area, trees)
+            with ThreadPoolExecutor(self.workers) as pool:
+                for record in pool.map(lambda mutant: self._try(area, mutant, limit, tests, trees), missing):
+                    known[record.key] = record
+        return [self._equivalent(mutant) or known[mutant.key] for mutant in sample]
+
+    @property
+    def _file(self) -> Path:
+        return self.folder / "records.jsonl"
+
+    def _must_try(self, mutant: Mutant, known: dict[str, Record], tests: str) -> bool:
+        if self._equivalent(mutant) is not None:
+            return False
+        record = known.get(mutant.key)
+        return record is None or (record.outcome is Outcome.SURVIVED and record.tests != tests)
+
+    def _equivalent(self, mutant: Mutant) -> Record | None:
+        for item in self.equivalents:
+            if (item.file, item.line, item.mutant) == (mutant.file, *mutant.lines):
+                return Record.of(mutant, Outcome.EQUIVALENT, note=item.reason)
+        return None
+
+    def _limit(self, area: Area, trees: SimpleQueue[Tree]) -> float:
+        """Return how long a trial may take [s], from one without a change."""
+        trial = _on_a_tree(trees, lambda tree: tree.try_mutant(area, None, _BASELINE_LIMIT))
+        if trial.outcome is not Outcome.SURVIVED:
+            raise RuntimeError(f"{area.name}: its tests fail on the sources as they are:\n{trial.output}")
+        self.tell(f"{area.name}: the tests take {trial.seconds:.0f} s")
+        return _SLOWER * trial.seconds + _LONGER
+
+    def _try(self, area: Area, mutant: Mutant, limit: float, tests: str, trees: SimpleQueue[Tree]) -> Record:
+        trial = _on_a_tree(trees, lambda tree: tree.try_mutant(area, mutant, limit))
+        noticed = re.search(r"^FAILED (\S+)|^ERROR (\S+)", trial.output, re.MULTILINE)
+        note = "" if noticed is None else noticed[1] or noticed[2]
+        record = Record.of(mutant, trial.outcome, seconds=trial.seconds, tests=tests, note=note)
+        append_record(self._file, record)
+        self.tell(f"{record.outcome:9} {record.seconds:5.1f} s  {mutant.file}:{mutant.line}  {mutant.lines[1]}")
+        return record
+
+
+def _on_a_tree(trees: SimpleQueue[Tree], task: Callable[[Tree], Trial]) -> Trial:
+    tree = trees.get()
+    try:
+        return task(tree)
+    finally:
+        trees.put(tree)

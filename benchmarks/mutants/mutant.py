@@ -1,0 +1,68 @@
+"""A mutant: a source with one change."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import unified_diff
+from pathlib import Path
+
+from benchmarks.mutants.areas import ROOT, Area
+from benchmarks.mutants.c_sites import c_sites
+from benchmarks.mutants.python_sites import python_sites
+from benchmarks.mutants.site import Site
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A source with one change.
+
+    Args:
+        area: Name of the area.
+        file: Path from the root of the checkout.
+        line: Line number of the change, from 1.
+        before: The source as it is.
+        after: The source with the change.
+    """
+
+    area: str
+    file: str
+    line: int
+    before: str
+    after: str
+
+    @property
+    def key(self) -> str:
+        """The same for the same change of the same source."""
+        return hashlib.sha256(f"{self.area}\0{self.file}\0{self.after}".encode()).hexdigest()[:16]
+
+    @property
+    def lines(self) -> tuple[str, str]:
+        """The changed line as it was and as it is, without the spaces around it."""
+        return tuple(text.splitlines()[self.line - 1].strip() for text in (self.before, self.after))
+
+    @property
+    def diff(self) -> str:
+        """The change as a patch."""
+        texts = (text.splitlines() for text in (self.before, self.after))
+        return "\n".join(unified_diff(*texts, f"a/{self.file}", f"b/{self.file}", n=1, lineterm=""))
+
+
+def mutants(area: Area, seed: int, root: Path = ROOT) -> Iterator[Mutant]:
+    """Yield mutants of an area in random order, one for each place of its sources.
+
+    A longer sample with the same seed begins with the shorter one.
+    """
+    places: list[tuple[Path, Site]] = []
+    for path in area.files(root):
+        find = python_sites if path.suffix == ".py" else c_sites
+        places += [(path, site) for site in find(path.read_text(encoding="utf-8"))]
+    chance = random.Random(f"{seed} {area.name}")
+    chance.shuffle(places)
+    for path, site in places:
+        before = path.read_text(encoding="utf-8")
+        after = chance.choice(site.changes)(before)
+        if after is not None and after != before:
+            yield Mutant(area.name, path.relative_to(root).as_posix(), site.line, before, after)

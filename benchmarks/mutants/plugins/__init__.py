@@ -1,0 +1,1 @@
+"""Modules that pytest loads before the tests of a trial."""

@@ -1,0 +1,69 @@
+"""What is known of mutants that were tried: a line of JSON for each, so that a campaign resumes where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.mutants.areas import ROOT, Area
+from benchmarks.mutants.mutant import Mutant
+from benchmarks.mutants.trial import Outcome
+
+
+@dataclass(frozen=True)
+class Record:
+    """A mutant that was tried.
+
+    Args:
+        key: Key of the mutant.
+        area: Name of the area.
+        file: Path from the root of the checkout.
+        line: Line number of the change, from 1.
+        outcome: What became of the mutant.
+        seconds: Duration of the trial [s].
+        tests: Digest of the tests that were run.
+        diff: The change as a patch.
+        note: Reason for which a mutant is equivalent, or the first test that noticed it.
+    """
+
+    key: str
+    area: str
+    file: str
+    line: int
+    outcome: Outcome
+    seconds: float
+    tests: str
+    diff: str
+    note: str = ""
+
+    @classmethod
+    def of(cls, mutant: Mutant, outcome: Outcome, *, seconds: float = 0.0, tests: str = "", note: str = "") -> Record:
+        """Return the record of a mutant."""
+        place = (mutant.key, mutant.area, mutant.file, mutant.line)
+        return cls(*place, outcome, round(seconds, 1), tests, mutant.diff, note)
+
+
+def digest_of_tests(area: Area) -> str:
+    """Return a digest of the tests of an area and of the fixtures beside and above them."""
+    digest = hashlib.sha256("\0".join(area.tests).encode())
+    files = {(ROOT / test.partition("::")[0]) for test in area.tests if (ROOT / test.partition("::")[0]).exists()}
+    for path in sorted(files):
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path, *path.parent.glob("conftest.py")]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def read_records(path: Path) -> dict[str, Record]:
+    """Return the last record of each mutant by its key."""
+    if not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {line["key"]: Record(**line | {"outcome": Outcome(line["outcome"])}) for line in lines}
+
+
+def append_record(path: Path, record: Record) -> None:
+    """Add a record to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(asdict(record)) + "\n")

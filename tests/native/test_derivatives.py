@@ -1,0 +1,116 @@
+"""Directional derivatives are slopes of the outputs on every side of the curve; input derivatives last for one step."""
+
+import ctypes
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.shock import LAWS
+
+OK, ERROR = 0, 3
+
+#: Velocities [m/s] in every part of the curve: beyond the fit, outer cubic, transition, inner polynomial.
+VELOCITIES = (-1.4, -0.8, -0.384, -0.379, -0.2, -0.02, 0.02, 0.2, 0.379, 0.384, 0.8, 1.5)
+
+#: Parameters of the port, all of which matter, and scales that differ between the sides.
+PORT = {
+    "motion_ratio": 0.9, "compression_scale": 0.8, "rebound_scale": 1.25, "gas_stiffness": 700.0, "gas_preload": 50.0,
+    "seal_friction": 15.0, "friction_velocity": 0.02,
+}  # fmt: skip
+
+
+def slopes(fmu, unknowns, knowns, direction):
+    """The status of fmi2GetDirectionalDerivative, and its results."""
+    size, results = ctypes.c_size_t, (ctypes.c_double * len(unknowns))(*[np.nan] * len(unknowns))
+    status = fmu.call(
+        "GetDirectionalDerivative",
+        (ctypes.c_uint * len(unknowns))(*(fmu.references[name] for name in unknowns)), size(len(unknowns)),
+        (ctypes.c_uint * len(knowns))(*(fmu.references[name] for name in knowns)), size(len(knowns)),
+        (ctypes.c_double * len(knowns))(*direction), results,
+    )  # fmt: skip
+    return status, list(results)
+
+
+def set_up(fmu, law):
+    """Give an FMU the port of PORT; return the law with it."""
+    fmu.call("SetupExperiment", 0, ctypes.c_double(0.0), ctypes.c_double(0.0), 0, ctypes.c_double(0.0))
+    assert fmu.set_named(PORT) == OK
+    assert fmu.call("EnterInitializationMode") == OK
+    assert fmu.call("ExitInitializationMode") == OK
+    return replace(law, port=type(law.port)(**PORT))
+
+
+@pytest.mark.parametrize("velocity", VELOCITIES)
+@pytest.mark.parametrize("name", LAWS)
+def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, shocks, name, velocity):
+    """With the lagged force held, in which the step before left a lag."""
+    fmu = host(name)
+    law = set_up(fmu, shocks[name].law)
+    fmu.set_named({"velocity": velocity, "displacement": 0.01})
+    assert fmu.step(0.0, 3e-4) == OK
+    (lagged,) = fmu.get("lagged_force")
+    per_velocity, per_displacement, change = 0.7, -30.0, 1e-6
+    ends = [
+        law.response(lagged, velocity + d * per_velocity, 0.01 + d * per_displacement).force for d in (-change, change)
+    ]
+    status, (found,) = slopes(fmu, ["force"], ["velocity", "displacement"], [per_velocity, per_displacement])
+    assert status == OK
+    assert found == pytest.approx((ends[1] - ends[0]) / (2.0 * change), rel=1e-5, abs=1e-3)
+
+
+def test_a_cars_derivatives_along_several_inputs_are_rows_of_its_direct_terms(host):
+    """Between steps d y = D d u; friction follows the state, and adds nothing."""
+    fmu = host("quarter_car").start()
+    assert fmu.step(0.0, 1e-3) == OK
+    inputs = ["force", "road", "aero_force"]
+    outputs = ["velocity", "tire_force", "hub_acceleration"]
+    single = {name: slopes(fmu, outputs, [name], [1.0])[1] for name in inputs}
+    assert np.count_nonzero(list(single.values())) >= 2
+    weights = [2.0, -0.003, 5.0]
+    status, found = slopes(fmu, outputs, inputs, weights)
+    assert status == OK
+    expected = sum(w * np.array(single[name]) for w, name in zip(weights, inputs, strict=True))
+    assert found == pytest.approx(list(expected), rel=1e-14)
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "quarter_car"])
+def test_a_derivative_along_nothing_is_zero(host, name):
+    output = "force" if name == "lpnl2" else "tire_force"
+    assert slopes(host(name).start(), [output], [], []) == (OK, [0.0])
+
+
+def ramp(fmu, name, slope):
+    return fmu.set_slopes({name: slope})
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_an_input_derivative_lasts_for_one_step(host, shocks, name):
+    """The first step takes the velocity from 0.1 to 0.2 m/s, where the second holds it."""
+    fmu, law = host(name).start(), shocks[name].law
+    fmu.set_named({"velocity": 0.1, "displacement": 0.0})
+    assert ramp(fmu, "velocity", 50.0) == OK
+    lagged = law.static_force(0.0)
+    for k, (start, end) in enumerate(((0.1, 0.2), (0.2, 0.2), (0.2, 0.2))):
+        assert fmu.step(2e-3 * k, 2e-3) == OK
+        lagged = law.follow(lagged, start, end, 2e-3)
+        assert fmu.get("velocity", "force") == pytest.approx([end, law.response(lagged, end, 0.0).force], rel=1e-12)
+
+
+def test_a_cars_input_derivative_lasts_for_one_step(host):
+    fmu = host("quarter_car").start()
+    assert ramp(fmu, "road", 0.5) == OK
+    for k, road in enumerate((0.001, 0.001, 0.001)):
+        assert fmu.step(2e-3 * k, 2e-3) == OK
+        assert fmu.get("road") == pytest.approx([road], rel=1e-12)
+
+
+def test_setting_an_input_ends_its_derivative_and_no_other(host):
+    fmu = host("lpnl2").start()
+    assert ramp(fmu, "velocity", 50.0) == OK
+    assert ramp(fmu, "displacement", 0.4) == OK
+    assert fmu.step(0.0, 1e-3) == OK
+    assert fmu.get("velocity", "displacement") == pytest.approx([0.05, 4e-4], rel=1e-12)
+    assert ramp(fmu, "displacement", 0.4) == OK
+    assert fmu.step(1e-3, 1e-3) == OK
+    assert fmu.get("velocity", "displacement") == pytest.approx([0.05, 8e-4], rel=1e-12)
