@@ -28,7 +28,7 @@ from cosim.fmu_instance import FmuInstance, State
 from cosim.fmu_log import FmuLog
 from cosim.functions import FunctionTable
 from cosim.opened_fmu import OpenedFmu
-from eightpost.errors import EightpostError, StepError
+from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
@@ -297,11 +297,15 @@ class FmuComponent(OpenedFmu):
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """What an FMI status above a warning means, and what may still be called after it."""
-        why, to_do = returned(status, function), advice(status)
+        why, to_do, terminated = returned(status, function), advice(status), False
         if status == DISCARD:
-            more, to_do = self._discarded() if what.startswith("step") else ("", "its inputs may be out of its range")
-            why += more
+            to_do = "its inputs may be out of its range"
+            if what.startswith("step"):
+                more, to_do, terminated = self._discarded()
+                why += more
         failure = self._failure(f"failed to {what}", why, to_do)
+        if terminated:
+            failure = TerminatedError(str(failure))
         if status == FATAL:
             self._instance.abandon()
             self._slave = None
@@ -311,8 +315,8 @@ class FmuComponent(OpenedFmu):
         self._instance.failed = status >= ERROR or status < 0
         return failure
 
-    def _discarded(self) -> tuple[str, str]:
-        """Return how far a step came and what to do; or that the FMU wants no more steps."""
+    def _discarded(self) -> tuple[str, str, bool]:
+        """Return how far a step came, what to do, and whether the FMU wants no more steps."""
         reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
         slave = self._slave
         with suppress(Exception):
@@ -321,5 +325,6 @@ class FmuComponent(OpenedFmu):
             slave.fmi2GetBooleanStatus(slave.component, _TERMINATED, ctypes.byref(ended))
         until = f" It came to {reached.value:g} s." if reached.value == reached.value else ""
         if ended.value:
-            return f"{until} It wants to end the simulation (fmi2Terminated).", "end the run before, or see why it ends"
-        return until, "take a smaller coupling step"
+            to_do = "end the run before, or see why it ends"
+            return f"{until} It wants to end the simulation (fmi2Terminated).", to_do, True
+        return until, "take a smaller coupling step", False

@@ -68,7 +68,9 @@ class Result:
         iterations: Of implicit steps, all together.
         rejected_steps: Steps that an adaptive run made again, smaller.
         largest_step: Largest coupling step [s].
-        partial: Whether the run ended before its stop.
+        partial: Whether the run was interrupted or given up before its stop.
+        ended_by: The component that ended the simulation before its stop, as an FMU may; empty where none did.
+        ended_at: When it did [s]; None where none did.
         stepping_seconds: Wall time of the steps alone [s]; of the default, of all its runs.
         stated_error: Per recorded variable: error of the coupling, in percent of its standard deviation after settling,
             from runs at two steps; empty where one run was made.
@@ -104,6 +106,8 @@ class Result:
     scheme: str = ""
     decisive: frozenset[str] = frozenset()
     tolerance: float = 0.0
+    ended_by: str = ""
+    ended_at: float | None = None
 
     @cached_property
     def verdict(self) -> Verdict:

@@ -107,3 +107,7 @@ class WiringError(InputError):
 
 class StepError(EightpostError):
     """A component failed while it was initialised or stepped."""
+
+
+class TerminatedError(StepError):
+    """A component wants no more steps: the simulation has come to its end."""

@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from cosim.isolation.channel import child_command, inheritance, open_channel, waiter
-from eightpost.errors import EightpostError, FmuError, StepError
+from eightpost.errors import EightpostError, FmuError, StepError, TerminatedError
 
 Call = tuple[Any, ...]
 
 _STARTING = 60.0  # s: python and fmpy, not the FMU
 _CLOSING = 3.0  # s
 _PRINTED = 65536  # bytes of what it printed in a run that are passed on
-_ERRORS: dict[str, type[EightpostError]] = {"StepError": StepError, "FmuError": FmuError}
+_ERRORS: dict[str, type[EightpostError]] = {kind.__name__: kind for kind in (StepError, TerminatedError, FmuError)}
 
 
 class EndedError(Exception):

@@ -10,7 +10,7 @@ from cosim.algorithm import Adaptive
 from cosim.conversion import to_si
 from cosim.engine.march import Control, Knots, Progress
 from cosim.engine.plan import DONE, STOPPED, STUCK, Drive, memory
-from cosim.session.failure import failure
+from cosim.session.failure import ended_or_failed, terminated_at
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
 from cosim.session.times import among, merged
@@ -31,15 +31,17 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
     state = _first_progress(setup.step, control, running.memory.now.size, knots.values.shape[1])
     kept = memory(running.plan)
     march = marching.bind(running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
-    began = clock.perf_counter()
+    began, ended_by = clock.perf_counter(), ""
     while True:
         end = march(max(1, marching.chunk // 10))
         time = float(state.time[0])
-        if end in (STOPPED, STUCK) or running.memory.failure[3] == 1:
+        if end == STUCK and (ended_by := terminated_at(setup, running, time, control.least)):
+            end = DONE
+        elif end not in (DONE, STOPPED, STUCK):
+            ended_by, end = ended_or_failed(setup, running, end, time), DONE
+        if end != DONE or ended_by or running.memory.failure[3] == 1:
             least, largest = float(state.smallest[0]), float(state.greatest[0])
-            return Ending(end, time, least=least, largest=largest, began=began)
-        if end != DONE:
-            raise failure(setup, running, end, time)
+            return Ending(end, time, least=least, largest=largest, began=began, ended_by=ended_by)
         marching.progress(min(1.0, time / setup.scenario.stop))
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cosim.engine.plan import DIVERGED
+from cosim.engine.plan import DISCARD, DIVERGED, STEP
 from cosim.functions import Callbacks, FunctionTable, Native
 from cosim.session.running import Running
 from cosim.session.setup import Setup
-from eightpost.errors import StepError
+from eightpost.errors import StepError, TerminatedError
 
 #: By the loop's numbers of calls.
 _CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
@@ -34,6 +34,37 @@ def failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcept
     if isinstance(component, Native):
         return component.refused(what, status, time, _inputs(setup, running, part))
     return StepError(f"component {name!r} ({component.source}) failed to {what} at {time:g} s")
+
+
+def ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
+    """Return the name of the component that ended the simulation; arguments as of `failure`.
+
+    Raises:
+        StepError: The loop ended for another reason, or before response measures begin.
+    """
+    error = failure(setup, running, end, time)
+    if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
+        raise error
+    return setup.layout.parts[int(running.memory.failure[1])]
+
+
+def terminated_at(setup: Setup, running: Running, time: float, step: float) -> str:
+    """Return the name of the component that wants no more steps, of which the loop saw that it discards them all.
+
+    An adaptive run takes its components back to `time` [s] before it gives up, and what they said of their end is then
+    gone: the smallest `step` [s] is asked for once more.
+    """
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    if (status, call) != (DISCARD, STEP) or time <= setup.scenario.settling:
+        return ""
+    name = setup.layout.parts[part]
+    try:
+        setup.system.components[name].step(time, step)
+    except TerminatedError:
+        return name
+    except StepError:
+        return ""
+    return ""
 
 
 def _divergence(setup: Setup, running: Running, time: float) -> StepError:

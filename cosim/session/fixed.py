@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.engine.march import Grid
 from cosim.engine.plan import DONE, STOPPED, Drive, Integers
-from cosim.session.failure import failure
+from cosim.session.failure import ended_or_failed
 from cosim.session.running import Ending, Marching, Running
 from cosim.session.setup import Setup
 from cosim.session.times import ROUNDING, Times, coupling_times, joined, step_sizes
@@ -25,16 +25,18 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     """
     grid, count = _grid(setup), setup.times.size - 1
     march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
-    began, end = clock.perf_counter(), DONE
+    began, end, ended_by = clock.perf_counter(), DONE, ""
     for first in range(0, count, marching.chunk):
         last = min(first + marching.chunk, count)
         end = march(first, last)
         if end == STOPPED:
             break
         if end != DONE:
-            raise failure(setup, running, end, _reached(setup, running))
+            ended_by, end = ended_or_failed(setup, running, end, _reached(setup, running)), DONE
+            break
         marching.progress(last / count)
-    return Ending(end, _reached(setup, running), least=setup.step, largest=setup.step, began=began)
+    reached = _reached(setup, running)
+    return Ending(end, reached, least=setup.step, largest=setup.step, began=began, ended_by=ended_by)
 
 
 def _reached(setup: Setup, running: Running) -> float:

@@ -61,6 +61,8 @@ class Outcome:
             rejected_steps=int(counts[REJECTED]),
             largest_step=self.ending.largest,
             partial=self.ending.why in (STOPPED, STUCK),
+            ended_by=self.ending.ended_by,
+            ended_at=self.ending.time if self.ending.ended_by else None,
             held_direct=held_direct_outputs(setup.system, setup.coupling.held_inputs(), setup.names),
             identities={name: component.identity for name, component in components.items()},
             sources={name: component.source for name, component in components.items()},
@@ -102,6 +104,12 @@ class Outcome:
             yield (
                 f"the coupling step went down to its least at {ending.time:g} s without meeting the "
                 "tolerance: the run ends there; allow a smaller step or a larger tolerance"
+            )
+        if name := ending.ended_by:
+            source, stop = self.setup.system.components[name].source, self.setup.scenario.stop
+            yield (
+                f"component {name!r} ({source}) ended the simulation at {ending.time:g} s of {stop:g} s "
+                "(fmi2Terminated): the result ends there"
             )
         if ending.why == STOPPED:
             yield "the run was interrupted: this is what was computed until then"

@@ -67,6 +67,7 @@ class Ending:
         least: Smallest step that was made [s].
         largest: Largest step that was made [s].
         began: What the clock (time.perf_counter) said before the first step [s].
+        ended_by: The component that ended the simulation before the stop; empty where none did.
     """
 
     why: int
@@ -74,6 +75,7 @@ class Ending:
     least: float
     largest: float
     began: float
+    ended_by: str = ""
 
 
 def begin(setup: Setup) -> Equilibrium:

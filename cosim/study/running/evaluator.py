@@ -227,7 +227,9 @@ def local_error(result: Result) -> float:
 
 
 def _marks(result: Result) -> Iterator[str]:
-    """What a reader of the row must know: limits that were left, energy that was lost."""
+    """What a reader of the row must know: an early end, limits that were left, energy that was lost."""
+    if result.ended_by:
+        yield f"{result.ended_by} ended the simulation at {result.ended_at:g} s"
     for shock, share in result.share_beyond_fit.items():
         if share > 0.0:
             yield f"{shock} beyond its fitted velocities {_percent(share)} of the time"

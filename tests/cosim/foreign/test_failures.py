@@ -5,6 +5,7 @@ import gc
 import logging
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from cosim import Adaptive, FmuComponent, GaussSeidel, IsolatedComponent, run
@@ -27,11 +28,6 @@ STATES = 'canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="tr
             r"Its inputs: piston.u = 250 mm/s. What to do: its inputs may be out of its range",
         ),
         (
-            "end",
-            r"fmi2DoStep returned fmi2Discard. It came to 0.5 s. It wants to end the simulation \(fmi2Terminated\).*"
-            r"piston.u = 250 mm/s. What to do: end the run before",
-        ),
-        (
             "pending",
             r"fmi2DoStep returned fmi2Pending.*piston.u = 250 mm/s. What to do: it steps in the background "
             r"\(canRunAsynchronuously\), and this master waits for each step",
@@ -46,6 +42,43 @@ def test_a_failed_step_says_which_when_why_with_what_inputs_and_what_to_do(odd, 
         run(system, scenario, step=1e-3, engine="python")
     with pytest.raises(StepError, match="does not run"):
         system.components["shock"].get(("force",))
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+def test_an_fmu_that_ends_the_simulation_ends_the_run_as_its_stop_would(odd, engine, pair):
+    """fmi2Discard with fmi2Terminated (FMI 2.0.4, 4.2.1)."""
+    system, scenario = pair(odd, "end")
+    result = run(system, scenario, step=1e-3, engine=engine)
+    assert (result.ended_by, result.ended_at, result.partial) == ("odd", pytest.approx(0.5), False)
+    assert result.acceptable and result.series.time[-1] == pytest.approx(0.5)
+    assert result.notes[0] == (
+        "component 'odd' (foreign.fmu) ended the simulation at 0.5 s of 1 s (fmi2Terminated): the result ends there"
+    )
+    whole = run(*pair(odd, "polite", stop=0.5), step=1e-3, engine=engine)
+    assert (whole.ended_by, whole.ended_at) == ("", None)
+    for name in whole.series.names:
+        np.testing.assert_array_equal(whole.series[name], result.series[name])
+
+
+def test_the_default_too_ends_where_an_fmu_ends_the_simulation(odd, pair):
+    result = run(*pair(odd, "end"), engine="python")
+    assert result.ended_by == "odd" and result.ended_at == pytest.approx(0.5, abs=2e-3)
+    assert not result.partial
+
+
+def test_an_adaptive_run_ends_where_an_fmu_ends_the_simulation(foreign, pair):
+    system, scenario = pair(FmuComponent(foreign(flags=STATES), "odd"), "end")
+    result = run(system, replace(scenario, record_step=0.01), algorithm=Adaptive(least=1e-5), step=5e-3)
+    assert result.ended_by == "odd" and result.ended_at == pytest.approx(0.5, abs=1e-4)
+    assert not result.partial and result.series.time[-1] == pytest.approx(0.5)
+
+
+def test_an_end_before_the_settling_time_is_an_error(odd, pair):
+    system, scenario = pair(odd, "end")
+    with pytest.raises(
+        StepError, match=r"wants to end the simulation \(fmi2Terminated\).*What to do: end the run before"
+    ):
+        run(system, replace(scenario, settling=0.6), step=1e-3, engine="python")
 
 
 def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march):
