@@ -63,7 +63,7 @@ def find_compiler() -> list[str]:
         if name and (found := shutil.which(name)):
             return [found]
     if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc"]
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]  # not a file of the FMU that is compiled
     raise FmuError("there is no C compiler here to compile an FMU's sources: pip install 'eightpost[build]' brings one")
 
 

@@ -5,6 +5,9 @@ Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input.
 
 from __future__ import annotations
 
+from eightpost import name_clash  # noqa: F401 - first: it judges from where all others are imported
+
+# isort: split
 import importlib
 import logging
 from typing import Any

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from builder.check.catalogue.behaviour import CRASH_MISUSE, FREE_NULL
 from builder.check.groups import GROUPS
 from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import Finding
+from eightpost.interpreter import python_command
 
 _TIMEOUT, _MISUSE_TIMEOUT = 120.0, 30.0  # s
 _RULES = {rule.identifier: rule for rule in CATALOGUE}
@@ -37,20 +37,20 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where a probe's process runs: working folder and environment; None is that of this process."""
+    """Working folder and environment of a probe's process; an environment of None is that of this process."""
 
-    folder: Path | None = None
+    folder: Path
     environment: Mapping[str, str] | None = None
 
 
-_HERE = Surroundings()
+def run_probe(group: str, unpacked: Path, surroundings: Surroundings, *, module: str = "") -> Outcome:
+    """Run a probe on an unpacked FMU; `module` where it is not that of the group.
 
-
-def run_probe(group: str, unpacked: Path, *, surroundings: Surroundings = _HERE, module: str = "") -> Outcome:
-    """Run a probe on an unpacked FMU; `module` where it is not that of the group."""
+    The probe is no sandbox: a process of its own keeps a crash from this one, and nothing else.
+    """
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
-        command = [sys.executable, "-m", "builder.check.probes", module or GROUPS[group].module]
-        command += [str(unpacked), progress.name]
+        name = module or GROUPS[group].module
+        command = python_command("builder.check.probes", name, str(unpacked), progress.name)
         patience = _MISUSE_TIMEOUT if GROUPS[group].crash is CRASH_MISUSE else _TIMEOUT
         try:
             ran = subprocess.run(

@@ -2,35 +2,52 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from builder.check.catalogue import archive as rules
-from builder.check.process import Outcome, run_probe
+from builder.check.process import Outcome
 from builder.check.subject import Subject
+from builder.check.surroundings import trace
+from eightpost.interpreter import python_command
 
-_TIMEOUT = 300.0
-_BUILD = "import sys; from fmpy.build import build_platform_binary; build_platform_binary(sys.argv[1])"
-_COMPILERS = ("cc", "gcc", "clang", "cl")
+_TIMEOUT, _TRIAL_TIMEOUT = 300.0, 60.0  # s
+_TRIAL = "int eightpost_trial(void) { return 0; }\n"
+_TRIAL_PROJECT = """\
+cmake_minimum_required(VERSION 3.5)
+project(trial)
+add_library(trial SHARED trial.c)
+"""
 
 
 def rebuild(subject: Subject, unpacked: Path) -> Outcome:
     """Compile the sources and compare a run with the FMU's own."""
     if reason := _reason_not_to(subject):
         return Outcome(skipped=(("", reason),))
-    with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as folder:
-        fresh = Path(folder) / "fmu"
+    with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as name:
+        folder = Path(name)
+        if reason := _broken_compiler(folder / "trial"):
+            return Outcome(skipped=(("", f"the rebuild could not be tried: {reason}"),))
+        fresh = folder / "fmu"
         shutil.copytree(unpacked, fresh, ignore=shutil.ignore_patterns("binaries"))
-        if message := _compile(fresh):
+        build = python_command("builder.check.compile_sources", str(fresh))
+        if message := _run(build, folder, _TIMEOUT):
             return Outcome((rules.REBUILD.finding(message),))
-        ours, theirs = (run_probe("surroundings", place, module="trace") for place in (fresh, unpacked))
-        if not ours.completed or ours.findings:
-            return Outcome((rules.REBUILT_SAME.finding("; ".join(f.message for f in ours.findings)),))
-        if ours.values != theirs.values:
-            return Outcome((rules.REBUILT_SAME.finding("the outputs of a short run differ"),))
+        return _compared(trace(fresh, folder), trace(unpacked, folder))
+
+
+def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:
+    if not rebuilt.completed or rebuilt.findings:
+        return Outcome((rules.REBUILT_SAME.finding("; ".join(f.message for f in rebuilt.findings)),))
+    if rebuilt.values != own.values:
+        return Outcome((rules.REBUILT_SAME.finding("the outputs of a short run differ"),))
     return Outcome()
 
 
@@ -40,20 +57,49 @@ def _reason_not_to(subject: Subject) -> str:
         return "no sources are listed"
     if any(f"sources/{name}" not in subject.members for name in files):
         return "sources are missing"
-    if shutil.which("cmake") is None:
-        return "there is no cmake here"
-    return "" if any(map(shutil.which, _COMPILERS)) else "there is no C compiler here"
+    return "" if shutil.which("cmake") else "there is no cmake here"
 
 
-def _compile(folder: Path) -> str:
-    """Build the binary of this platform; return what went wrong."""
-    try:
-        ran = subprocess.run(
-            [sys.executable, "-c", _BUILD, str(folder)], capture_output=True, text=True, timeout=_TIMEOUT, check=False
+def _broken_compiler(folder: Path) -> str:
+    """Compile a library of one function, as the sources would be compiled; return why that does not work, if so.
+
+    A compiler that is on the PATH need not work: it may be a stub that asks to be installed, as on macOS.
+    """
+    folder.mkdir()
+    (folder / "trial.c").write_text(_TRIAL, encoding="utf-8")
+    (folder / "CMakeLists.txt").write_text(_TRIAL_PROJECT, encoding="utf-8")
+    for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
+        if message := _run(command, folder, _TRIAL_TIMEOUT):
+            return f"there is no C compiler here that works ({message})"
+    return ""
+
+
+def _run(command: list[str], folder: Path, patience: float) -> str:
+    """Run a command; return what went wrong."""
+    new_group: dict[str, Any] = {} if sys.platform == "win32" else {"start_new_session": True}
+    with (folder / "printed.txt").open("w+b") as printed:
+        process = subprocess.Popen(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=printed, stderr=subprocess.STDOUT, **new_group
         )
-    except subprocess.TimeoutExpired:
-        return f"the compiler did not end within {_TIMEOUT:g} s"
-    if ran.returncode == 0:
-        return ""
-    said = [line.strip() for line in (ran.stdout + ran.stderr).splitlines() if "error" in line.lower()]
-    return said[0] if said else f"the build ended with code {ran.returncode}"
+        try:
+            code = process.wait(patience)
+        except subprocess.TimeoutExpired:
+            return f"it did not end within {patience:g} s"
+        finally:
+            _end(process)
+        printed.seek(0)
+        return "" if code == 0 else _first_error(printed.read().decode("utf-8", "replace"), code)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process and what it has started: a compiler that hangs is a child of make, and that of cmake."""
+    if process.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill() if sys.platform == "win32" else os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _first_error(printed: str, code: int) -> str:
+    lines = [line.strip() for line in printed.splitlines() if line.strip()]
+    named = [line for line in lines if "error" in line.lower()]
+    return next(iter([*named, *lines[-1:]]), f"it ended with code {code} and printed nothing")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,42 +20,40 @@ def in_an_empty_folder(group: str, unpacked: Path) -> Outcome:
     """Run a probe in an empty working folder; what is there when it came to its end is a finding."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
-        outcome = run_probe(group, unpacked, surroundings=Surroundings(folder, {**os.environ, **_only_python()}))
+        outcome = run_probe(group, unpacked, Surroundings(folder))
         left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
     if not left or not outcome.completed:  # a crash leaves what the system writes, as core
         return outcome
     return replace(outcome, findings=(*outcome.findings, rules.FILES.finding(f"it left {listed(left)}")))
 
 
+def trace(unpacked: Path, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
+    """Run the probe that measures a digest of the outputs, in a working folder."""
+    return run_probe("surroundings", unpacked, Surroundings(folder, environment), module="trace")
+
+
 def surroundings(unpacked: Path) -> Outcome:
     """Compare runs in unusual surroundings with a plain one."""
-    plain = run_probe("surroundings", unpacked, module="trace")
-    if not plain.completed:
-        return plain
-    return Outcome((*_bare(unpacked, plain), *_odd(unpacked, plain)))
+    with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
+        folder = Path(name)
+        plain = trace(unpacked, folder)
+        if not plain.completed:
+            return plain
+        return Outcome((*_bare(unpacked, plain, folder / "read-only"), *_odd(unpacked, plain, folder)))
 
 
-def _bare(unpacked: Path, plain: Outcome) -> Iterator[Finding]:
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o555)
-        yield from _compare(rules.BARE, plain, unpacked, Surroundings(Path(folder), _only_python()))
+def _bare(unpacked: Path, plain: Outcome, folder: Path) -> Iterator[Finding]:
+    folder.mkdir(mode=0o555)
+    needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
+    yield from _compare(rules.BARE, plain, trace(unpacked, folder, needed))
 
 
-def _only_python() -> dict[str, str]:
-    """What the interpreter of the probe itself needs, and nothing else."""
-    needed = {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
-    return needed | {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
+def _odd(unpacked: Path, plain: Outcome, folder: Path) -> Iterator[Finding]:
+    shutil.copytree(unpacked, folder / _ODD)
+    yield from _compare(rules.ODD_PATH, plain, trace(folder / _ODD, folder))
 
 
-def _odd(unpacked: Path, plain: Outcome) -> Iterator[Finding]:
-    with tempfile.TemporaryDirectory() as folder:
-        elsewhere = Path(folder) / _ODD
-        shutil.copytree(unpacked, elsewhere)
-        yield from _compare(rules.ODD_PATH, plain, elsewhere, Surroundings())
-
-
-def _compare(rule: Rule, plain: Outcome, unpacked: Path, where: Surroundings) -> Iterator[Finding]:
-    there = run_probe("surroundings", unpacked, surroundings=where, module="trace")
+def _compare(rule: Rule, plain: Outcome, there: Outcome) -> Iterator[Finding]:
     if not there.completed or there.findings:
         yield rule.finding("; ".join(finding.message for finding in there.findings))
     elif there.values != plain.values:

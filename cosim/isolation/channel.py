@@ -12,6 +12,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from eightpost.interpreter import import_path
+
 
 def open_channel() -> tuple[Any, Any]:
     """Return the parent's end and the child's."""
@@ -59,10 +61,10 @@ def child_command(arguments: Mapping[str, Any]) -> list[str]:
     folder = str(Path(__file__).parents[1])
     code = (
         "import sys, types\n"
-        f"sys.path[:] = {sys.path!r}\n"
+        f"sys.path[:] = {import_path()!r}\n"
         f"package = sys.modules[{package!r}] = types.ModuleType({package!r})\n"
         f"package.__path__ = [{folder!r}]\n"
         f"from {__package__}.child import serve\n"
         f"serve(**{dict(arguments)!r})\n"
     )
-    return [sys.executable, "-c", code]
+    return [sys.executable, "-P", "-c", code]

@@ -3,11 +3,13 @@
 import importlib.util
 import io
 import json
+import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -16,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from builder.check import CATALOGUE, GROUPS, Level, Scope, check, json_document, process
+from builder.check import CATALOGUE, GROUPS, Level, Scope, check, json_document, process, rebuild
 from builder.check.static.units import RULES as UNIT_RULES
 from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
@@ -395,3 +397,40 @@ def test_a_description_of_any_content_gives_findings_not_tracebacks(content, tmp
     with zipfile.ZipFile(tmp_path / "x.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", content)
     assert not check(tmp_path / "x.fmu").acceptable
+
+
+@pytest.fixture
+def compilers(tmp_path, monkeypatch):
+    """Put a program in place of every C and C++ compiler."""
+
+    def put(script):
+        folder = tmp_path / "compilers"
+        folder.mkdir()
+        for name in ("cc", "gcc", "clang", "c++", "g++", "clang++"):
+            (folder / name).write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+            (folder / name).chmod(0o755)
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+        for name in ("CC", "CXX", "CMAKE_GENERATOR"):
+            monkeypatch.delenv(name, raising=False)
+
+    return put
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell script is no program there")
+def test_a_compiler_that_is_a_stub_is_a_rebuild_not_tried_and_no_finding(fmus, compilers):
+    compilers("echo 'xcrun: error: invalid active developer path' >&2; exit 1")
+    report = check(fmus["lpf1"], groups=("rebuild",))
+    assert (report.findings, report.groups) == ((), ())
+    (skipped,) = report.skipped
+    assert "the rebuild could not be tried: there is no C compiler here that works" in skipped.reason
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell script is no program there")
+def test_a_compiler_that_hangs_is_ended_and_no_finding(fmus, compilers, monkeypatch):
+    monkeypatch.setattr(rebuild, "_TRIAL_TIMEOUT", 2.0)
+    compilers("sleep 600")
+    started = time.monotonic()
+    report = check(fmus["lpf1"], groups=("rebuild",))
+    assert time.monotonic() - started < 60.0
+    assert report.findings == ()
+    assert "it did not end within 2 s" in report.skipped[0].reason

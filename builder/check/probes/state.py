@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Said, Skip, Values, differ
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, Rule
+from eightpost.interpreter import python_command
 
 _TOLERANCE = 1e-9
 _TIMEOUT = 60.0
@@ -105,7 +105,7 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
         saved, progress = Path(folder) / "state", Path(folder) / "progress"
         saved.write_bytes(content)
         progress.touch()
-        command = [sys.executable, "-m", "builder.check.probes.restore", str(bench.folder), str(progress), str(saved)]
+        command = python_command("builder.check.probes.restore", str(bench.folder), str(progress), str(saved))
         bench.library.begin("restoring a serialized state in another process")
         try:
             ran = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)

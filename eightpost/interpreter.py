@@ -1,0 +1,30 @@
+"""Child processes of Python that import what this process imports, whatever the current folder contains."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+#: The folder that holds the packages eightpost, builder and cosim.
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def import_path() -> list[str]:
+    """Return this process's import path for a child: absolute, and without the current folder.
+
+    Python puts the current folder first (`python -m`, `python -c`, a notebook), where a file of the user's may have the
+    name of a module.
+    """
+    here = Path.cwd()
+    entries = [here / entry for entry in sys.path]
+    kept = [str(entry) for entry in entries if entry != here or entry.resolve() == ROOT]
+    return list(dict.fromkeys(kept if str(ROOT) in kept else [*kept, str(ROOT)]))
+
+
+def python_command(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs a module in a new interpreter with this process's import path."""
+    code = (
+        f"import sys; sys.path[:] = {import_path()!r}; import runpy; "
+        f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    )
+    return [sys.executable, "-P", "-c", code, *arguments]

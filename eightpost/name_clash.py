@@ -1,0 +1,80 @@
+"""Refuses to start where a file of the user's would be imported in place of a module that the commands need.
+
+The command line imports this module before any other, so it uses only what Python itself has loaded by then.
+"""
+
+import os
+import sys
+from collections.abc import Iterable
+
+_ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - pathlib is not loaded yet
+_OURS = ("builder", "cosim", "eightpost")
+
+#: Packages that the commands import. Each of them is a folder, so a file NAME.py is never the real one.
+THIRD_PARTY = (
+    "asammdf", "click", "control", "distributed", "fmpy", "fmu_manipulation_toolbox", "jinja2", "latex2mathml", "lief",
+    "llvmlite", "markdown_it", "matplotlib", "numba", "numpy", "PIL", "pint", "platformdirs", "plotly", "pyarrow",
+    "pydantic", "pymoo", "pythonfmu", "pyuff", "rich", "scipy", "xlsxwriter", "ziglang",
+)  # fmt: skip
+
+
+def clashing_files(path: Iterable[str]) -> list[str]:
+    """Return the files that an import path finds before a module of that name that the commands need.
+
+    Args:
+        path: Folders in the order in which Python searches them.
+    """
+    folders = [os.path.realpath(folder) for folder in path]
+    library = os.path.dirname(os.path.realpath(os.__file__))  # noqa: PTH120
+    found = []
+    for folder in _before(folders, _ROOT):
+        found += _there(folder, [f"{name}{end}" for name in _OURS for end in (".py", f"{os.sep}__init__.py")])
+    for folder in _before(folders, library):
+        found += _there(folder, [f"{name}.py" for name in (*THIRD_PARTY, *sorted(sys.stdlib_module_names))])
+    return list(dict.fromkeys(found))
+
+
+def _before(folders: list[str], last: str) -> list[str]:
+    return folders[: folders.index(last)] if last in folders else folders
+
+
+def _there(folder: str, names: list[str]) -> list[str]:
+    """Return the files of these names that are in a folder."""
+    try:
+        content = set(os.listdir(folder))  # noqa: PTH208
+    except OSError:  # there is no such folder, or it is an archive
+        return []
+    likely = (os.path.join(folder, name) for name in names if name.partition(os.sep)[0] in content)  # noqa: PTH118
+    return [file for file in likely if os.path.isfile(file)]  # noqa: PTH113
+
+
+def refuse_clashes() -> None:
+    """End with an error if a file of the user's is in the way of a module.
+
+    The folder that `python -m` has put first is taken out of the import path before. Child processes of Python inherit
+    that their current folder is not searched.
+    """
+    os.environ["PYTHONSAFEPATH"] = "1"
+    if _is_module() and not sys.flags.safe_path and os.path.realpath(sys.path[0]) != _ROOT:
+        del sys.path[0]
+    if clashes := clashing_files(sys.path):
+        sys.stderr.write(
+            f"error: {', '.join(clashes)}: Python would import this in place of a module of the same name that "
+            "eightpost needs; rename it, or take its folder out of PYTHONPATH\n"
+        )
+        raise SystemExit(2)
+
+
+def _is_module() -> bool:
+    """Say whether this process was started as `python -m eightpost`."""
+    started = getattr(sys.modules["__main__"], "__spec__", None)
+    return started is not None and started.name == "eightpost.__main__"
+
+
+def _is_script() -> bool:
+    """Say whether this process was started as `eightpost`."""
+    return os.path.basename(sys.argv[0]).removesuffix(".exe") == "eightpost"  # noqa: PTH119
+
+
+if _is_module() or _is_script():
+    refuse_clashes()

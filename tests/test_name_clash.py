@@ -1,0 +1,118 @@
+"""Every verb finds the installed packages, whatever files the user's folder contains."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from eightpost.interpreter import ROOT, import_path
+from eightpost.name_clash import THIRD_PARTY, clashing_files
+
+NAMES = ("builder", "cosim", "numpy", "json", "fmpy", "logging", "eightpost_", "click", "subprocess", "ziglang")
+
+
+def environment(*path):
+    """The environment of a user who has these folders in PYTHONPATH; the packages are found in any case."""
+    rest = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
+    return rest | {"PYTHONPATH": os.pathsep.join([*map(str, path), str(ROOT)])}
+
+
+@pytest.fixture
+def crowded(tmp_path):
+    """A folder with a file of each name, and each of them ends the process that imports it."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    for name in NAMES:
+        (folder / f"{name}.py").write_text("raise SystemExit('a file of the user was imported')\n", encoding="utf-8")
+    return folder
+
+
+def ran(folder, *words, path=(), start=("-m", "eightpost")):
+    line = [sys.executable, *start, *map(str, words)]
+    return subprocess.run(line, cwd=folder, env=environment(*path), capture_output=True, text=True, check=False)
+
+
+def test_check_passes_the_demo_fmus_from_a_folder_with_clashing_names(fmus, crowded):
+    """It takes no account of what lies there: neither itself nor a probe, the rebuild included."""
+    shown = ran(crowded, "check", "--json", fmus["lpnl2"], fmus["seven_dof"])
+    reports = json.loads(shown.stdout)["reports"]
+    assert [report["findings"] for report in reports] == [[], []]
+    assert shown.returncode == 0
+    assert {"simulation", "state", "surroundings"} <= set(reports[0]["groups"])
+    assert sorted(path.name for path in crowded.iterdir()) == sorted(f"{name}.py" for name in NAMES)
+
+
+@pytest.mark.parametrize("verb", ["fit", "study"])
+def test_a_verb_starts_in_a_folder_with_clashing_names(verb, crowded):
+    shown = ran(crowded, verb, "--help")
+    assert (shown.returncode, shown.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["builder", "cosim", "numpy", "json", "fmpy"])
+def test_a_clash_that_remains_is_an_error_that_names_the_file(name, tmp_path):
+    (tmp_path / f"{name}.py").write_text("", encoding="utf-8")
+    for start in (("-m", "eightpost"), (script(tmp_path),)):
+        shown = ran(tmp_path, "check", "x.fmu", path=[tmp_path], start=start)
+        assert shown.returncode == 2
+        assert str(tmp_path / f"{name}.py") in shown.stderr and "rename it" in shown.stderr
+        assert "Traceback" not in shown.stderr
+
+
+def script(folder):
+    """The console script as an installer writes it."""
+    path = Path(folder, "bin", "eightpost")
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("from eightpost.__main__ import main\nmain()\n", encoding="utf-8")
+    return path
+
+
+def test_a_package_in_place_of_ours_is_a_clash_and_a_folder_of_that_name_is_none(tmp_path):
+    (tmp_path / "builder").mkdir()
+    assert clashing_files([str(tmp_path), *sys.path]) == []
+    (tmp_path / "builder" / "__init__.py").touch()
+    assert clashing_files([str(tmp_path), str(ROOT)]) == [str(tmp_path / "builder" / "__init__.py")]
+    assert clashing_files([str(ROOT), str(tmp_path)]) == []
+
+
+def test_the_third_party_packages_are_folders_and_are_all_that_the_project_needs():
+    project = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    needed = [*project["dependencies"], *(line for name, lines in extras.items() if name != "test" for line in lines)]
+    module = {"fmu-manipulation-toolbox": "fmu_manipulation_toolbox", "markdown-it-py": "markdown_it", "pillow": "PIL"}
+    names = {name.partition(">")[0].partition("[")[0].strip() for name in needed}
+    assert {module.get(name, name) for name in names} - {"threadpoolctl"} <= set(THIRD_PARTY)
+
+
+def test_a_child_searches_where_this_process_does_but_not_in_the_current_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", ["", str(tmp_path), "relative", str(ROOT)])
+    monkeypatch.chdir(tmp_path)
+    assert import_path() == [str(tmp_path / "relative"), str(ROOT)]
+
+
+SYSTEM = """
+schema = 1
+name = "a quarter car"
+[components]
+corner = {{ fmu = "{car}", inputs = {{ aero_force = 0.0 }} }}
+shock = {{ fmu = "{shock}" }}
+[[bond]]
+between = ["corner", "shock"]
+[scenario]
+drivefile = "{root}/examples/data/track.parquet"
+stop = "0.1 s"
+[scenario.targets]
+"lf.road" = "corner.road"
+"""
+
+
+def test_an_isolated_fmu_runs_from_a_folder_with_clashing_names(fmus, crowded):
+    files = {"car": fmus["quarter_car"].as_posix(), "shock": fmus["lpnl2"].as_posix(), "root": ROOT.as_posix()}
+    (crowded / "system.toml").write_text(SYSTEM.format(**files), encoding="utf-8")
+    shown = ran(crowded, "run", "system.toml", "--isolate", "-o", "out")
+    said = shown.stderr + shown.stdout
+    assert "was imported" not in said and "Traceback" not in said
+    assert (crowded / "out").is_dir() and shown.returncode in (0, 1), said
