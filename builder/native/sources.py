@@ -25,6 +25,7 @@ COMMON = (
     "message.h",
     "names.h",
     "refusals.c",
+    "state_check.c",
     "step.c",
     "variables.c",
     "wide.h",

@@ -2,6 +2,7 @@
 #include <float.h>
 #include <string.h>
 
+#include "elementary.h"
 #include "machine.h"
 
 /* An extrapolated value that goes linearly to the end of a step misses this share of its defect there, in the mean over the
@@ -22,6 +23,18 @@ void add_defects(const Machine *m, double *state, double h)
         state[MEAN + s] += apart * (h / state[DURATION]);
         state[SPREAD + s] += h * apart * (m->ahead[s] - state[MEAN + s]);
     }
+}
+
+int are_sound(const Machine *m, const double *state)
+{
+    int sound = 1;
+    for (int s = 0; s < COUPLED; s++) {
+        sound &= is_finite(m->now[s]) && is_finite(m->slope[s]);
+    }
+    for (int k = DEFECT; k <= DURATION; k++) {
+        sound &= is_finite(state[k]);
+    }
+    return sound;
 }
 
 /* Bit by bit the same on every platform, without the C library: Newton's iteration from half the exponent. */

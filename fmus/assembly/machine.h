@@ -16,6 +16,7 @@
 #define add_defects fmi2FullName(add_defects)
 #define local_error fmi2FullName(local_error)
 #define worst_error fmi2FullName(worst_error)
+#define are_sound fmi2FullName(are_sound)
 
 /* Memory.state: what each part keeps (PARTS_KEEP numbers), then the coupled signals and their slopes, then the meters of
  * the forces, and the time that they have run. */
@@ -63,6 +64,8 @@ int settle(Machine *m, const double *outside, Message *why);
 void add_defects(const Machine *m, double *state, double h);
 /* N, of force s: root mean square since the start. */
 double local_error(const double *state, int s);
+/* Whether the coupled signals, their slopes and the meters are finite: squares overflow long before forces do. */
+int are_sound(const Machine *m, const double *state);
 /* %, of the worst bond. */
 double worst_error(const double *state);
 

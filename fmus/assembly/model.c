@@ -47,7 +47,7 @@ static int micro_step(Machine *m, double *state, const double *outside0, const d
 static int micro_steps(double h, double most)
 {
     const double count = h / most;
-    if (!(count <= MOST_MICRO_STEPS)) {
+    if (!(count >= 0.0 && count <= MOST_MICRO_STEPS)) {
         return 0;
     }
     const int whole = (int)count;
@@ -137,7 +137,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     }
     unpack(&m, memory, work);
     memcpy(state, memory->state, sizeof state);
-    if (!step_all(&m, state, from, memory->values.named.signals.input, h, count, why)) {
+    if (!step_all(&m, state, from, memory->values.named.signals.input, h, count, why) || !are_sound(&m, state)) {
         return 0;
     }
     memcpy(memory->state, state, sizeof state);

@@ -27,6 +27,7 @@ static double power_of_two(int k)
     return power;
 }
 
+/* For |x| < 2^62: what is no number is sorted out before. */
 static double nearest(double x)
 {
     return (double)(int64_t)(x < 0.0 ? x - 0.5 : x + 0.5);
@@ -55,7 +56,7 @@ static double reduced(double x, int *k)
 double exponential(double x)
 {
     int k;
-    if (x > 709.7) {
+    if (!(x <= 709.7)) { /* large, or not a number, and then so is what is returned */
         return x - x == 0.0 && x < 709.78 ? exponential(x - 1.0) * 0x1.5bf0a8b145769p1 : x * 1e308 * 10.0;
     }
     if (x < -700.0) { /* below 1e-304: nothing that a shock or a car would notice */
@@ -68,7 +69,7 @@ double exponential(double x)
 double exponential_minus_1(double x)
 {
     int k;
-    if (x > 700.0 || x < -40.0) {
+    if (!(x <= 700.0 && x >= -40.0)) {
         return exponential(x) - 1.0;
     }
     const double rest = reduced(x, &k);
@@ -79,7 +80,7 @@ double hyperbolic_tangent(double x)
 {
     const double size = x < 0.0 ? -x : x;
     double result = 1.0;
-    if (size < 22.0) {
+    if (!(size >= 22.0)) {
         const double rise = exponential_minus_1(2.0 * size);
         result = rise / (rise + 2.0);
     }
@@ -102,6 +103,10 @@ static void circular_series(double r, double *sine, double *cosine)
 void sine_and_cosine(double x, double *sine, double *cosine)
 {
     double s, c;
+    if (x != x) {
+        *sine = *cosine = x;
+        return;
+    }
     if (x > 1e6 || x < -1e6) { /* the angle is known to no better than its own rounding */
         if (!(x < 1e15 && x > -1e15)) {
             x = 0.0;

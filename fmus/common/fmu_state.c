@@ -8,8 +8,6 @@ typedef struct {
     Memory memory;
 } SavedMemory;
 
-static const uint64_t SAVED = UINT64_C(0x8905705);
-
 enum { HEADER = 5, FORMAT = 1, PACKED_SIZE = HEADER * 8 + sizeof(Memory) };
 
 /* FNV-1a. */
@@ -21,12 +19,16 @@ static uint64_t digest(const unsigned char *bytes, size_t size, uint64_t hash)
     return hash;
 }
 
+uint64_t state_tag(void)
+{
+    return digest((const unsigned char *)MODEL_GUID, strlen(MODEL_GUID), UINT64_C(14695981039346656037));
+}
+
 static void header(const unsigned char *body, uint64_t numbers[HEADER])
 {
-    const uint64_t basis = UINT64_C(14695981039346656037);
     numbers[0] = UINT64_C(0x5453544f50544838); /* "8HTPOTST"; another byte order reads something else */
     numbers[1] = FORMAT;
-    numbers[2] = digest((const unsigned char *)MODEL_GUID, strlen(MODEL_GUID), basis);
+    numbers[2] = state_tag();
     numbers[3] = sizeof(Memory);
     numbers[4] = digest(body, sizeof(Memory), numbers[2]);
 }
@@ -53,10 +55,10 @@ static int unpack_memory(const unsigned char *bytes, size_t size, Memory *memory
     return 1;
 }
 
-static const SavedMemory *saved(fmi2FMUstate state)
+static const SavedMemory *saved(const Component *c, fmi2FMUstate state)
 {
     const SavedMemory *s = (const SavedMemory *)state;
-    return s != NULL && s->tag == SAVED ? s : NULL;
+    return s != NULL && s->tag == c->tag ? s : NULL;
 }
 
 /* Writes into the state that is there, or into a new one. */
@@ -69,7 +71,7 @@ static fmi2Status save(const Component *c, const char *function, const Memory *m
     if (s == NULL) {
         return refused(c, function, "there is no memory for the state");
     }
-    s->tag = SAVED;
+    s->tag = c->tag;
     memcpy(&s->memory, memory, sizeof s->memory);
     *state = s;
     return fmi2OK;
@@ -81,7 +83,7 @@ fmi2Status fmi2GetFMUstate(fmi2Component instance, fmi2FMUstate *state)
     if (c == NULL) {
         return fmi2Error;
     }
-    if (state == NULL || (*state != NULL && saved(*state) == NULL)) {
+    if (state == NULL || (*state != NULL && saved(c, *state) == NULL)) {
         return refused(c, "fmi2GetFMUstate", "give the address of NULL or of a state of this FMU");
     }
     return save(c, "fmi2GetFMUstate", &c->memory, state);
@@ -93,10 +95,10 @@ fmi2Status fmi2SetFMUstate(fmi2Component instance, fmi2FMUstate state)
     if (c == NULL) {
         return fmi2Error;
     }
-    if (saved(state) == NULL) {
+    if (saved(c, state) == NULL) {
         return refused(c, "fmi2SetFMUstate", "this is not a state of this FMU");
     }
-    memcpy(&c->memory, &saved(state)->memory, sizeof c->memory);
+    memcpy(&c->memory, &saved(c, state)->memory, sizeof c->memory);
     return fmi2OK;
 }
 
@@ -109,7 +111,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component instance, fmi2FMUstate *state)
     if (state == NULL || *state == NULL) {
         return fmi2OK;
     }
-    if (saved(*state) == NULL) {
+    if (saved(c, *state) == NULL) {
         return refused(c, "fmi2FreeFMUstate", "this is not a state of this FMU");
     }
     ((SavedMemory *)*state)->tag = 0;
@@ -124,7 +126,7 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component instance, fmi2FMUstate state
     if (c == NULL) {
         return fmi2Error;
     }
-    if (saved(state) == NULL || size == NULL) {
+    if (saved(c, state) == NULL || size == NULL) {
         return refused(c, "fmi2SerializedFMUstateSize", "this is not a state of this FMU, or the size is NULL");
     }
     *size = PACKED_SIZE;
@@ -137,10 +139,10 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
     if (c == NULL) {
         return fmi2Error;
     }
-    if (saved(state) == NULL || bytes == NULL || size < PACKED_SIZE) {
+    if (saved(c, state) == NULL || bytes == NULL || size < PACKED_SIZE) {
         return refused(c, "fmi2SerializeFMUstate", "this is not a state of this FMU, or there is no room for it");
     }
-    pack_memory(&saved(state)->memory, (unsigned char *)bytes);
+    pack_memory(&saved(c, state)->memory, (unsigned char *)bytes);
     return fmi2OK;
 }
 
@@ -148,14 +150,18 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[
 {
     const Component *c = entered(instance, "fmi2DeSerializeFMUstate", ALIVE);
     Memory memory;
+    Message why = {.length = 0};
     if (c == NULL) {
         return fmi2Error;
     }
-    if (bytes == NULL || state == NULL || (*state != NULL && saved(*state) == NULL)) {
+    if (bytes == NULL || state == NULL || (*state != NULL && saved(c, *state) == NULL)) {
         return refused(c, "fmi2DeSerializeFMUstate", "give bytes, and the address of NULL or of a state of this FMU");
     }
     if (!unpack_memory((const unsigned char *)bytes, size, &memory)) {
         return refused(c, "fmi2DeSerializeFMUstate", "the bytes are damaged, or of another FMU or version");
+    }
+    if (!is_possible(&memory, &why)) {
+        return refused(c, "fmi2DeSerializeFMUstate", why.text);
     }
     return save(c, "fmi2DeSerializeFMUstate", &memory, state);
 }

@@ -18,6 +18,7 @@ typedef struct {
     int logging;
     int categories;
     int is_wide; /* wide.h */
+    uint64_t tag; /* of its states */
 } Component;
 
 enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING };
@@ -43,11 +44,18 @@ fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size
 fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]);
 fmi2Status slopes_refused(fmi2Component instance, size_t n, int is_null);
 
+/* fmu_state.c: of this FMU's states and no other's: one of another FMU may be shorter, and reading it would go beyond its end. */
+uint64_t state_tag(void);
+
+/* state_check.c: 0 and the reason for a memory that no instance can have. */
+int is_possible(const Memory *m, Message *why);
+
 /* lifecycle.c: memory from the host, zeroed; 0 and a message where parameters do not fit each other; outputs and state from
- * inputs and parameters, 0 and a message where there is no such start. */
+ * inputs and parameters, 0 and a message where there is no such start; whether inputs, outputs and local variables are finite. */
 void *allocated(const Component *c, size_t size);
 int fits(const Component *c, const char *function);
 int started(Component *c, const char *function);
+int signals_are_finite(const Memory *m);
 
 /* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), else NULL. */
 static inline Component *entered(fmi2Component instance, const char *function, int phases)

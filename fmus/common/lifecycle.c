@@ -29,7 +29,7 @@ int fits(const Component *c, const char *function)
     return 1;
 }
 
-static int all_finite(const Memory *m)
+int signals_are_finite(const Memory *m)
 {
     int finite = 1;
     for (int k = 0; k < SIGNALS; k++) {
@@ -46,7 +46,7 @@ int started(Component *c, const char *function)
     if (!fits(c, function)) {
         return 0;
     }
-    if (!model_start(&trial, c->work, &why) || !all_finite(&trial)) {
+    if (!model_start(&trial, c->work, &why) || !signals_are_finite(&trial)) {
         refused(c, function, why.length > 0 ? why.text : "the start is not finite: look at inputs and parameters");
         return 0;
     }
@@ -144,6 +144,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         c->logging = logging != fmi2False;
         c->categories = ~0;
         c->is_wide = can_be_wide();
+        c->tag = state_tag();
         start_over(c);
     }
     return c;

@@ -61,11 +61,11 @@ static int respond(Signals *s, const Parameters *p, double lagged, double f)
 static int pieces(const Parameters *p, double start, double end)
 {
     const double change = size_of(p->motion_ratio * (end - start));
-    if (change < STRAIGHT) {
+    if (!(change >= STRAIGHT)) { /* short, or not a number, which no number of pieces would help */
         return 1;
     }
     const double count = change / STRAIGHT;
-    return count >= MOST_PIECES ? MOST_PIECES : (int)count + 1;
+    return count < MOST_PIECES ? (int)count + 1 : MOST_PIECES;
 }
 
 /* Returns F_lag at the end of the piece, and F_s there. */

@@ -367,7 +367,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     const Parameters *p = &memory->values.named.parameters;
     const int rubs = has_friction(p);
     const double count = rubs ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
-    if (!(count <= MOST_SUB_STEPS)) {
+    if (!(count >= 0.0 && count <= MOST_SUB_STEPS)) {
         say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;

@@ -3,7 +3,9 @@
  *     call_sequences <calls> <seed>
  *
  * After every call: the status is none that the FMU may not give, a refused call has changed nothing (its serialized state
- * is the same to the byte), and what was read is finite. Prints how often each function was called and accepted. */
+ * is the same to the byte), and what was read is finite. Some serialized states are changed and their checksum is made anew, as
+ * another program could: they are refused with a message, or an instance goes on from them as from any other. Prints how often
+ * each function was called and accepted. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -273,6 +275,59 @@ static void read_and_write(Slot *slot, int choice)
     }
 }
 
+/* ---- States that another program made --------------------------------------------------------------------------------- */
+
+enum { HEADER = 40 }; /* bytes: tag, format, digest of the GUID, size, checksum */
+
+static void put(fmi2Byte *bytes, uint64_t number)
+{
+    memcpy(bytes, &number, sizeof number);
+}
+
+/* FNV-1a of the body, begun with the digest of the GUID. */
+static void sign(fmi2Byte *bytes, size_t size)
+{
+    uint64_t hash;
+    memcpy(&hash, bytes + 16, sizeof hash);
+    for (size_t k = HEADER; k < size; k++) {
+        hash = (hash ^ (unsigned char)bytes[k]) * UINT64_C(1099511628211);
+    }
+    put(bytes + 32, hash);
+}
+
+static uint64_t any_word(void)
+{
+    const double number = any_number();
+    uint64_t word;
+    memcpy(&word, &number, sizeof word);
+    return one_in(4) ? random_bits() : one_in(3) ? (uint64_t)below(12) - 2 : word;
+}
+
+static void forge(fmi2Byte *bytes, size_t size)
+{
+    for (int changes = 1 + below(3); changes > 0; changes--) {
+        fmi2Byte *word = bytes + HEADER + 8 * (size_t)below((int)((size - HEADER) / 8));
+        if (one_in(3)) {
+            word[below(8)] ^= (fmi2Byte)(1 << below(7));
+        } else {
+            put(word, any_word());
+        }
+    }
+    sign(bytes, size);
+}
+
+static void take_forged(Slot *slot, fmi2Byte *bytes, size_t size)
+{
+    fmi2FMUstate state = NULL;
+    forge(bytes, size);
+    if (judged(slot, "forged state", fmi2DeSerializeFMUstate(slot->component, bytes, size, &state)) != fmi2OK) {
+        return;
+    }
+    judged(slot, "forged state set", fmi2SetFMUstate(slot->component, state));
+    fmi2FreeFMUstate(slot->component, &state);
+    fmi2GetRealStatus(slot->component, fmi2LastSuccessfulTime, &slot->time);
+}
+
 static void save_and_restore(Slot *slot, int choice)
 {
     fmi2Component c = slot->component;
@@ -293,6 +348,7 @@ static void save_and_restore(Slot *slot, int choice)
         judged(slot, "fmi2SerializeFMUstate", fmi2SerializeFMUstate(c, *state, or_null(bytes), one_in(5) ? 3 : size));
         break;
     }
+    case 4: take_forged(slot, bytes, size); break;
     default:
         if (one_in(2)) {
             bytes[below((int)size)] ^= (fmi2Byte)(1 << below(7));
@@ -342,7 +398,7 @@ static void live(Slot *slot)
     case 4: case 5: judged(slot, "fmi2EnterInitializationMode", fmi2EnterInitializationMode(slot->component)); break;
     case 6: case 7: judged(slot, "fmi2ExitInitializationMode", fmi2ExitInitializationMode(slot->component)); break;
     case 8: ask(slot, below(7)); break;
-    case 9: case 10: case 11: case 12: save_and_restore(slot, below(5)); break;
+    case 9: case 10: case 11: case 12: save_and_restore(slot, below(6)); break;
     case 13: case 14: case 15: case 16: case 17: case 18: case 19: case 20: step(slot); break;
     default: read_and_write(slot, one_in(2) ? below(2) : below(11)); break;
     }

@@ -101,13 +101,24 @@ def test_a_static_analyser_finds_nothing(model, source_folders, headers):
     assert ran.returncode == 0, ran.stderr
 
 
+SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_numbers_that_are_none_find_nothing_under_the_sanitizers(model, source_folders, compiler, tmp_path):
+    folder = source_folders[model]
+    options = [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "odd_numbers.c")]
+    program = compiler(folder, options, tmp_path / "odd_numbers")
+    ran = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr[:2000]
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_random_call_sequences_find_nothing_under_the_sanitizers(model, source_folders, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""
     folder = source_folders[model]
-    options = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    options += ["-DLONGEST_STEP=1.0"] if model == "assembly" else []  # it cuts a step into pieces of half a millisecond
-    options += ["-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
+    options = ["-DLONGEST_STEP=1.0"] if model == "assembly" else []  # it cuts a step into pieces of half a millisecond
+    options += [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
     program = compiler(folder, options, tmp_path / "call_sequences")
     ran = subprocess.run(
         [program, os.environ.get("EIGHTPOST_CALLS", "50000"), "1"], capture_output=True, text=True, check=False
@@ -115,3 +126,5 @@ def test_random_call_sequences_find_nothing_under_the_sanitizers(model, source_f
     assert ran.returncode == 0, ran.stderr[:2000]
     stepped = re.search(r"fmi2DoStep +(\d+) called +(\d+) accepted", ran.stdout)
     assert stepped is not None and int(stepped[2]) > 1000
+    forged = re.search(r"forged state +(\d+) called +(\d+) accepted", ran.stdout)
+    assert forged is not None and 100 < int(forged[2]) < int(forged[1]) - 100

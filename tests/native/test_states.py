@@ -3,6 +3,7 @@
 import ctypes
 import json
 import math
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +66,80 @@ def test_damaged_bytes_and_those_of_another_fmu_are_refused(host, name, c_level)
     assert c_level.unpacked(fmu, content[:-1])[0] == ERROR
     stranger = host("lpf1" if name != "lpf1" else "lpnl2").start()
     assert c_level.unpacked(stranger, content)[0] == ERROR
+
+
+def signed(content, changes):
+    """Return a serialized state with 8-byte words of its body changed, {place: word}, and the checksum of that."""
+    words = [content[k : k + 8] for k in range(0, len(content), 8)]
+    for place, word in changes.items():
+        words[HEADER + place] = word
+    checksum = int.from_bytes(words[2], "little")
+    for byte in b"".join(words[HEADER:]):
+        checksum = (checksum ^ byte) * 1099511628211 % 2**64
+    words[4] = checksum.to_bytes(8, "little")
+    return b"".join(words)
+
+
+#: Words before the body, and the body's first words: phase, time, stop, stale, then numbers and flags.
+HEADER, PHASE, TIME, STOP, STALE, FIRST_SLOPE = 5, 0, 1, 2, 3, 4
+NOT_A_NUMBER = struct.pack("<d", math.nan)
+
+
+@pytest.mark.parametrize(
+    ("place", "word", "said"),
+    [
+        (PHASE, struct.pack("<q", 3), "its phase is none"),
+        (PHASE, struct.pack("<q", -1), "its phase is none"),
+        (TIME, NOT_A_NUMBER, "a number is not finite"),
+        (STOP, struct.pack("<d", math.inf), "a number is not finite"),
+        (STALE, struct.pack("<q", 2), "a Boolean is neither true nor false"),
+        (FIRST_SLOPE, NOT_A_NUMBER, "a number is not finite"),
+    ],
+)
+@pytest.mark.parametrize("name", ALL)
+def test_a_state_that_no_instance_has_is_refused_though_its_checksum_is_right(host, name, c_level, place, word, said):
+    fmu = host(name).start()
+    fmu.run(3)
+    content = c_level.packed(fmu, c_level.saved(fmu))
+    assert c_level.unpacked(fmu, signed(content, {}))[0] == OK
+    assert c_level.unpacked(fmu, signed(content, {place: word}))[0] == ERROR
+    assert f"no instance of this FMU has such a state: {said}" in fmu.said()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_word_of_a_state_may_be_what_is_no_number(host, name, c_level):
+    """A lagged force that is none went on as an index (a count of pieces) and as an exponent."""
+    fmu = host(name).start()
+    fmu.run(3)
+    content = c_level.packed(fmu, c_level.saved(fmu))
+    for place in range(len(content) // 8 - HEADER):
+        assert c_level.unpacked(fmu, signed(content, {place: NOT_A_NUMBER}))[0] == ERROR
+
+
+def test_parameters_in_a_state_are_in_their_range_and_fit_each_other(host, c_level):
+    fmu, values = host("lpnl2"), {"motion_ratio": 1.2345, "lag_zero_force": 2345.0}
+    assert fmu.set_named(values) == OK
+    fmu.start()
+    content = c_level.packed(fmu, c_level.saved(fmu))
+    numbers = struct.unpack(f"<{len(content) // 8 - HEADER}d", content[8 * HEADER :])
+    at = {name: numbers.index(value) for name, value in values.items()}
+    for name, value, said in (
+        ("motion_ratio", -1.0, "motion_ratio is out of its range"),
+        ("lag_zero_force", 1.0, "lag_zero_force must be greater than lag_full_force"),
+    ):
+        assert c_level.unpacked(fmu, signed(content, {at[name]: struct.pack("<d", value)}))[0] == ERROR
+        assert said in fmu.said()
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_a_state_of_another_fmu_is_refused(host, name, c_level):
+    """It may be shorter: to read it as one's own would go beyond its end."""
+    fmu, stranger = host(name).start(), host("polylinear").start()
+    state = c_level.saved(stranger)
+    assert fmu.call("SetFMUstate", state) == ERROR
+    assert fmu.call("GetFMUstate", ctypes.byref(state)) == ERROR
+    assert "this is not a state of this FMU" in fmu.said()
+    assert stranger.call("SetFMUstate", state) == OK
 
 
 def derivative(fmu, output, known):

@@ -1,0 +1,84 @@
+/* Whether a memory that came in as bytes is one that an instance of this FMU can have. A checksum finds damage, but anyone can
+ * compute one: every number is looked at before a step uses it. */
+#include <string.h>
+
+#include "elementary.h"
+#include "instance.h"
+
+static int not_possible(Message *why, const char *what)
+{
+    say(why, "no instance of this FMU has such a state: ");
+    say(why, what);
+    return 0;
+}
+
+static int are_finite(const double *numbers, size_t count)
+{
+    int finite = 1;
+    for (size_t k = 0; k < count; k++) {
+        finite &= is_finite(numbers[k]);
+    }
+    return finite;
+}
+
+static int is_phase(int64_t phase)
+{
+    return phase == INSTANTIATED || phase == INITIALIZING || phase == STEPPING || phase == TERMINATED;
+}
+
+static int is_truth(int64_t value)
+{
+    return value == 0 || value == 1;
+}
+
+static int are_truths(const Memory *m)
+{
+    int truths = is_truth(m->stale);
+    for (int k = 0; k < FLAGS; k++) {
+        truths &= is_truth(m->flag[k]);
+    }
+    return truths;
+}
+
+/* What a host may set is in its range; what it does not see is as it was from the start. */
+static int parameters_are_possible(const Memory *m, Message *why)
+{
+    unsigned char is_seen[REALS] = {0};
+    for (fmi2ValueReference reference = 0; reference < REFERENCES; reference++) {
+        const Variable *v = find_variable(reference);
+        if (v == NULL || v->kind != REAL) {
+            continue;
+        }
+        is_seen[v->index] = 1;
+        if (v->index >= SIGNALS && !(m->values.at[v->index] >= v->minimum && m->values.at[v->index] <= v->maximum)) {
+            not_possible(why, v->name);
+            say(why, " is out of its range");
+            return 0;
+        }
+    }
+    for (int k = SIGNALS; k < REALS; k++) {
+        if (!is_seen[k] && m->values.at[k] != start_values[k]) {
+            return not_possible(why, "a parameter that cannot be set has another value");
+        }
+    }
+    return 1;
+}
+
+int is_possible(const Memory *m, Message *why)
+{
+    if (!is_phase(m->phase)) {
+        return not_possible(why, "its phase is none");
+    }
+    if (!are_truths(m)) {
+        return not_possible(why, "a Boolean is neither true nor false");
+    }
+    if (!is_finite(m->time) || !is_finite(m->stop) || !are_finite(m->slope, INPUTS) || !are_finite(m->state, STATES) ||
+        !are_finite(m->values.at, REALS) || !signals_are_finite(m)) {
+        return not_possible(why, "a number is not finite");
+    }
+    if (!parameters_are_possible(m, why)) {
+        return 0;
+    }
+    /* Parameters that were not looked at yet are looked at before the next step. */
+    return m->stale || !model_refuses(&m->values, why);
+}
