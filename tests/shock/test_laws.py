@@ -1,5 +1,6 @@
 """The laws give what their equations say (Eq 3.23 to 3.25), exactly and for any step."""
 
+from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -8,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
+from eightpost.shock.curve import outer_share
+from eightpost.shock.law import valve_force
 
 from .example_curve import curve
 
@@ -50,6 +53,46 @@ def test_half_way_through_the_transition_the_pieces_have_equal_shares():
     inner_only = curve(transition_width=1e-12).force(0.381 - 1e-9)
     outer_only = curve(transition_width=1e-12).force(0.381 + 1e-9)
     assert c.force(0.381) == pytest.approx(0.5 * (inner_only + outer_only), abs=1e-3)
+
+
+#: No force inside, 1000 N of the outer cubic in compression and -500 N in rebound, about 0.4 m/s over 0.02 m/s.
+PLATEAUS = {
+    "inner": (0.0,) * 15, "compression": (1000.0, 0.0, 0.0, 0.0), "rebound": (-500.0, 0.0, 0.0, 0.0),
+    "transition_speed": 0.4, "transition_width": 0.02,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("speed", "share"),
+    [(0.0, 0.0), (0.389, 0.0), (0.391, 0.05), (0.395, 0.25), (0.4, 0.5), (0.409, 0.95), (0.411, 1.0), (0.9, 1.0)],
+)
+def test_the_outer_cubics_share_rises_linearly_over_the_transitions_width(speed, share):
+    plateaus = curve(**PLATEAUS)
+    assert outer_share(plateaus, speed) == pytest.approx(share, abs=1e-12)
+    assert plateaus.force(speed) == pytest.approx(1000.0 * share, abs=1e-9)
+    assert plateaus.force(-speed) == pytest.approx(-500.0 * share, abs=1e-9)
+
+
+def test_the_inner_polynomial_has_the_rest_of_the_share():
+    line = curve(**PLATEAUS | {"inner": (400.0, *[0.0] * 14)})
+    # 400 v / 0.4 inside, of which three quarters are left a quarter of the way through.
+    assert line.force(0.395) == pytest.approx(0.75 * 395.0 + 250.0, rel=1e-12)
+    assert line.force(-0.395) == pytest.approx(-0.75 * 395.0 - 125.0, rel=1e-12)
+
+
+def test_a_curve_that_falls_is_told_with_the_slowest_velocity_where_it_does():
+    rising = curve(
+        inner=(1000.0, *[0.0] * 14), compression=(1000.0, 1000.0, 0.0, 0.0), rebound=(-1000.0, -1000.0, 0.0, 0.0)
+    )
+    assert rising.falls_at() is None
+    assert replace(rising, compression_slope=0.5, rebound_slope=0.5).falls_at() is None
+    assert replace(rising, compression_slope=0.0).falls_at() == rising.compression_speed
+    assert replace(rising, rebound_slope=0.0).falls_at() == -rising.rebound_speed
+    falling = replace(rising, compression=(1000.0, -10.0, 0.0, 0.0))
+    assert falling.falls_at() == pytest.approx(0.381, abs=falling.compression_speed / 128)
+    assert replace(rising, rebound=(-1000.0, 10.0, 0.0, 0.0)).falls_at() == pytest.approx(-0.381, abs=1.1 / 128)
+    # Flat from the start: the first of 256 looks tells.
+    assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
 
 
 @given(st.floats(0.0, 10.0))
@@ -138,12 +181,65 @@ def test_the_scales_act_on_their_own_side():
     assert law.static_force(-0.3) == 0.5 * curve().force(-0.3)
 
 
+def test_a_core_sees_the_scales_on_their_own_side_too():
+    valve = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5)).valve
+    for velocity, scale in ((0.3, 1.5), (1e-3, 1.5), (-1e-3, 0.5), (-0.3, 0.5)):
+        assert valve_force(valve, velocity) == scale * curve().force(velocity)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "count"),
+    [(0.1, 0.1, 1), (0.1, 0.1124, 1), (0.1, 0.1126, 2), (-0.2, 0.25, 37), (0.0, 5.001, 401), (0.0, 90.0, 1000)],
+)
+def test_a_step_is_followed_in_equal_pieces_of_at_most_a_hundredth_of_damper_velocity(start, end, count):
+    """At 0.8 of damper travel per port travel; never more than a thousand."""
+    pieces = []
+
+    class Recorder(Polylinear):
+        def advance_piece(self, lagged, piece):
+            pieces.append(piece)
+            return lagged + 1.0
+
+    law = Recorder(curve(), port=Port(motion_ratio=0.8))
+    assert law.follow(5.0, start, end, 0.004) == 5.0 + count
+    edges = np.linspace(0.8 * start, 0.8 * end, count + 1)
+    assert [piece.velocity_start for piece in pieces] == pytest.approx(edges[:-1], abs=1e-13)
+    assert [piece.velocity_end for piece in pieces] == pytest.approx(edges[1:], abs=1e-13)
+    assert {piece.step for piece in pieces} == {0.004 / count}
+    for piece in pieces:
+        assert piece.static_end == pytest.approx(curve().force(piece.velocity_end), abs=1e-7)
+        assert piece.static_start == pytest.approx(curve().force(piece.velocity_start), abs=1e-7)
+
+
+POUND = 4.4482216152605
+
+
+def test_the_bounds_of_the_fit_are_the_dissertations():
+    """3.3.2: 0.1 to 10 ms; 3.3.3: 10 to 1000 lbf, at least 1 lbf apart."""
+    (lag,) = fit_parameters(Lpf1)
+    same, full, zero = fit_parameters(Lpnl2)
+    assert (lag.name, lag.low, lag.high, lag.scale) == ("time_constant", 1e-4, 1e-2, "logarithmic")
+    assert same == lag
+    assert (full.low, full.high) == pytest.approx((10.0 * POUND, 999.0 * POUND), rel=1e-12)
+    assert (zero.low, zero.high, zero.gap) == pytest.approx((11.0 * POUND, 1000.0 * POUND, POUND), rel=1e-12)
+    assert (zero.above, full.above, full.gap) == ("lag_full_force", "", 0.0)
+
+
 @pytest.mark.parametrize(
     ("build", "named"),
     [
         (lambda: curve(inner=(1.0,) * 14), "inner"),
         (lambda: curve(rebound=(1.0, float("nan"), 0.0, 0.0)), "rebound"),
         (lambda: curve(transition_speed=0.0), "transition_speed"),
+        (lambda: curve(compression_speed=float("inf")), "compression_speed"),
+        (lambda: curve(rebound_speed=float("nan")), "rebound_speed"),
+        (lambda: curve(rebound_slope=float("inf")), "rebound_slope"),
+        (lambda: curve(transition_width=2.0 * 0.381), "transition_width"),
+        (lambda: Port(friction_velocity=0.0), "friction_velocity"),
+        (lambda: Port(compression_scale=-1e-9), "compression_scale"),
+        (lambda: Lpf1(curve(), float("inf")), "time_constant"),
+        (lambda: Lpnl2(curve(), TAU, -1.0, 1000.0), "lag_full_force"),
+        (lambda: Lpnl2(curve(), TAU, 1.0, float("inf")), "lag_zero_force"),
         (lambda: curve(transition_width=0.8), "transition_width"),
         (lambda: curve(compression_slope=-1.0), "compression_slope"),
         (lambda: Port(motion_ratio=0.0), "motion_ratio"),

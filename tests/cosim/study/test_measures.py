@@ -90,6 +90,22 @@ def test_the_work_of_a_linear_damper_is_half_c_v_squared_t():
     assert measure.unit(series) == "J"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "absolute"),
+    [
+        ({"statistic": "mean"}, True),
+        ({"statistic": "rms"}, False),
+        ({"statistic": "mean", "band": (0.0, 5.0)}, True),
+        ({"statistic": "mean", "band": (1.0, 5.0)}, False),
+        ({"statistic": "rms", "band": (0.0, 5.0)}, False),
+        ({"statistic": "mean", "function": "mine.py:f"}, False),
+        ({"statistic": "mean", "function": "mine.py:f", "band": (0.0, 5.0)}, False),
+    ],
+)
+def test_a_measure_hangs_on_the_mean_where_its_statistic_does_and_its_band_lets_it_through(arguments, absolute):
+    assert Measure("m", ("x",), **arguments).absolute == absolute
+
+
 def test_the_four_bins_of_a_velocity_histogram_hold_all_of_the_time():
     car = Car("car", ("lf",), {"car.lf.velocity"})
     series = TimeSeries.from_channels(TIME, {"car.lf.velocity": ("m/s", sine(0.1, SLOW))})

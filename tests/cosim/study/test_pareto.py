@@ -39,6 +39,13 @@ def test_a_volume_is_that_of_its_grid_points_counted():
     assert hypervolume(values, np.full(3, 6.0)) == pytest.approx(reached.sum())
 
 
+def test_a_box_reaches_to_the_reference_in_every_response():
+    assert hypervolume(np.array([[1.0, 2.0, 3.0, 4.0]]), np.array([3.0, 5.0, 7.0, 9.0])) == pytest.approx(2 * 3 * 4 * 5)
+    # Two boxes, less what they share.
+    both = np.array([[0.0, 2.0, 3.0], [1.0, 1.0, 1.0]])
+    assert hypervolume(both, np.array([3.0, 5.0, 7.0])) == pytest.approx(3 * 3 * 4 + 2 * 4 * 6 - 2 * 3 * 4)
+
+
 def test_what_does_not_beat_the_reference_adds_nothing():
     reference = np.array([1.0, 1.0])
     assert hypervolume(np.array([[2.0, 0.0], [1.0, 0.5]]), reference) == 0.0

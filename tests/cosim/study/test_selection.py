@@ -9,7 +9,7 @@ import pytest
 
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_table import write_spreads
-from cosim.study.choice.selection import select
+from cosim.study.choice.selection import _spread, select
 from cosim.study.choice.selection_file import write_selection
 from cosim.study.study import Term
 from eightpost.commands.study_page import chosen_so_far
@@ -66,6 +66,15 @@ def test_chosen_setups_differ_more_than_the_plain_extremes_do():
     plain = [STUDY.setup(int(row)) for row in np.argsort(STUDY.values("front"))[[0, 1, 2, 3, -4, -3, -2, -1]]]
     assert fewest_changes(plain) == 1
     assert selection.closest == fewest_changes([s.setup for s in selection.chosen]) == 2
+
+
+def test_of_setups_equally_far_from_the_nearest_the_one_farther_from_the_others_is_chosen():
+    """Both candidates differ in two corners from the nearest one; from the other, one differs in two, one in four."""
+    levels = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], [0, 0, 2, 2]])
+    assert _spread(np.array([2, 3]), levels, [0, 1], 1, 1.0) == [3]
+    # Farther from the nearest goes before.
+    levels[2] = [0, 2, 1, 2]
+    assert _spread(np.array([3, 2]), levels, [0, 1], 1, 1.0) == [2]
 
 
 def test_the_same_study_selects_the_same_setups_every_time():

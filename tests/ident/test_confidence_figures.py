@@ -1,0 +1,315 @@
+"""Deviations, coherences and warnings of a fit, against their definitions and at their bounds."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from eightpost.ident.response.coherence import multiple_coherence, partial_coherence, response_variance
+from eightpost.ident.response.regression import regress
+from eightpost.ident.shock.solvers.uncertainty import blocks_of, covariance, curve_band, quantile
+from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
+from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
+from eightpost.ident.vehicle.trust import FoundForce
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Channel, StateSpace
+
+# ---- Covariance of a shock's parameters ----------------------------------------------------------
+
+
+def runs_of(rows, rate=100.0):
+    """Records of so many rows each, whose blocks are as long as is asked."""
+
+    def blocks(length):
+        size = round(length * rate)
+        starts = np.concatenate([[0], np.cumsum(rows)])
+        return [slice(k, min(k + size, stop)) for start, stop in pairwise(starts) for k in range(start, stop, size)]
+
+    return SimpleNamespace(
+        filters=[SimpleNamespace(rows=np.arange(n), row_rate=rate) for n in rows], blocks=blocks
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rows", "length", "count"), [((6000,), 30, 200), ((3000, 3000), 30, 200), ((400,), 20, 20), ((100, 100), 10, 20)]
+)
+def test_blocks_last_three_tenths_of_a_second_and_are_at_least_twenty(rows, length, count):
+    blocks = blocks_of(runs_of(rows))
+    assert {block.stop - block.start for block in blocks} == {length}
+    assert len(blocks) == count
+    assert quantile(runs_of(rows)) == pytest.approx(student.ppf(0.975, count - 1), rel=1e-12)
+
+
+def linear_problem(seed=1):
+    """600 rows of a line fit with a correlated residual, and two rows that only stiffen it."""
+    rng = np.random.default_rng(seed)
+    jacobian = rng.normal(size=(602, 3)) * [1.0, 30.0, 1e-3]
+    y = jacobian @ [1.0, -2.0, 500.0] + np.convolve(rng.normal(size=616), np.ones(15), "valid")
+    return jacobian, y
+
+
+def test_the_covariance_is_that_of_fits_without_one_block_each():
+    """Every fit made anew: the delete-a-block jackknife."""
+    jacobian, y = linear_problem()
+    runs = runs_of((600,))
+    solution = np.linalg.lstsq(jacobian, y, rcond=None)[0]
+    fits = []
+    for block in blocks_of(runs):
+        kept = np.setdiff1d(np.arange(602), np.arange(602)[block])
+        fits.append(np.linalg.lstsq(jacobian[kept], y[kept], rcond=None)[0])
+    apart = np.array(fits) - np.mean(fits, axis=0)
+    expected = (len(fits) - 1) / len(fits) * apart.T @ apart
+    found = covariance(jacobian, (y - jacobian @ solution)[:600], runs)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+
+
+def test_what_a_record_does_not_determine_has_no_covariance_and_the_rest_keeps_its_own():
+    jacobian, y = linear_problem()
+    residual = (y - jacobian @ np.linalg.lstsq(jacobian, y, rcond=None)[0])[:600]
+    alone = covariance(jacobian, residual, runs_of((600,)))
+    wider = np.column_stack([jacobian, np.zeros(602)])
+    found = covariance(wider, residual, runs_of((600,)))
+    assert np.isnan(found[3]).all()
+    assert np.isnan(found[:, 3]).all()
+    np.testing.assert_allclose(found[:3, :3], alone, rtol=1e-9)
+    twins = covariance(np.column_stack([jacobian, jacobian[:, 0]]), residual, runs_of((600,)))
+    assert np.isnan(twins[[0, 3]]).all()
+    np.testing.assert_allclose(twins[1:3, 1:3], alone[1:, 1:], rtol=1e-9)
+
+
+def test_a_band_has_the_deviation_of_the_sum_that_the_curve_is():
+    columns, b = np.array([[1.0, 0.0], [1.0, 2.0], [0.0, 3.0]]), np.array([10.0, -1.0])
+    band = curve_band(columns, b, np.array([[4.0, -1.0], [-1.0, 9.0]]), np.array([0.0, 0.1, 0.2]), 2.0)
+    assert band.force.tolist() == [10.0, 8.0, -3.0]
+    assert band.half_width == pytest.approx([4.0, 2.0 * 36.0**0.5, 18.0], rel=1e-14)
+    # A variance that rounding made negative is none.
+    assert curve_band(columns, b, -1e-20 * np.eye(2), band.velocity, 2.0).half_width.tolist() == [0.0, 0.0, 0.0]
+
+
+# ---- Deviation of a car's responses --------------------------------------------------------------
+
+
+def gain(value):
+    return StateSpace(
+        np.array([[-1.0]]), np.array([[0.0]]), np.array([[0.0]]), np.array([[value]]), (Channel("force", "N"),),
+        (Channel("velocity", "m/s"),),
+    )  # fmt: skip
+
+
+def test_the_deviation_of_sampled_models_is_that_of_a_sample():
+    """Of 1, 2 and 6: mean 3, squares 4, 1 and 9, over two."""
+    models = tuple(map(gain, (1.0, 2.0, 6.0)))
+    found = response_deviation(models, [0.5, 2.0])
+    assert found.shape == (1, 1, 2)
+    assert found.ravel() == pytest.approx([7.0**0.5] * 2, rel=1e-12)
+    told = spread(models, lambda model: np.array([model.D[0, 0], 2.0 * model.D[0, 0]]))
+    assert told == pytest.approx([7.0**0.5, 2.0 * 7.0**0.5], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "deviation", "significant"),
+    [(40.1, 10.0, True), (-40.1, 10.0, True), (40.0, 10.0, False), (5.0, 0.0, True)],
+)  # fmt: skip
+def test_a_force_is_significant_above_four_deviations(value, deviation, significant):
+    assert FoundForce(value, deviation).is_significant == significant
+    assert FoundForce(12.34, 1.5).said == "12.3 +- 3.0 N"
+
+
+# ---- Coherence -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def blocks():
+    """40 blocks of three inputs and two outputs at five frequencies; the second input follows the first in part."""
+    rng = np.random.default_rng(5)
+
+    def normal(*shape):
+        return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+    U = normal(5, 40, 3)
+    U[:, :, 1] += 0.8 * U[:, :, 0]
+    Y = U @ normal(5, 3, 2) + 2.0 * normal(5, 40, 2)
+    return U, Y, regress(U, Y, power_floor=1e-6, names=("a", "b", "c"))
+
+
+def left_over(x, inputs):
+    return x - inputs @ np.linalg.lstsq(inputs, x, rcond=None)[0]
+
+
+def test_multiple_coherence_is_the_share_of_power_that_all_inputs_explain(blocks):
+    U, Y, solved = blocks
+    found = multiple_coherence(solved)
+    for k in range(5):
+        for i in range(2):
+            y = Y[k, :, i]
+            expected = 1.0 - np.sum(np.abs(left_over(y, U[k])) ** 2) / np.sum(np.abs(y) ** 2)
+            assert found[i, k] == pytest.approx(expected, rel=1e-10)
+    silent = solved._replace(total=np.zeros_like(solved.total))
+    assert multiple_coherence(silent).tolist() == np.zeros((2, 5)).tolist()
+
+
+def test_partial_coherence_is_that_of_what_the_other_inputs_leave_of_both(blocks):
+    U, Y, solved = blocks
+    found = partial_coherence(solved)
+    for k, i, j in np.ndindex(5, 2, 3):
+        others = np.delete(U[k], j, axis=1)
+        y, u = left_over(Y[k, :, i], others), left_over(U[k, :, j], others)
+        expected = np.abs(np.vdot(u, y)) ** 2 / (np.vdot(u, u).real * np.vdot(y, y).real)
+        assert found[i, j, k] == pytest.approx(expected, rel=1e-9)
+
+
+def test_partial_coherence_is_zero_where_an_input_was_dropped_or_nothing_is_left(blocks):
+    _, _, solved = blocks
+    active = solved.active.copy()
+    active[1, 2] = False
+    found = partial_coherence(solved._replace(active=active))
+    assert found[:, 1, 2].tolist() == [0.0, 0.0]
+    assert (found[:, 0] > 0.0).all()
+    nothing = solved._replace(H=np.zeros_like(solved.H), residual=np.zeros_like(solved.residual))
+    assert partial_coherence(nothing).tolist() == np.zeros((2, 3, 5)).tolist()
+
+
+def test_the_variance_of_a_response_is_that_of_least_squares(blocks):
+    U, _, solved = blocks
+    found = response_variance(solved, 40, 40.0)
+    for k in range(5):
+        inverse = np.linalg.inv(U[k].conj().T @ U[k]).real.diagonal()
+        for i in range(2):
+            assert found[i, :, k] == pytest.approx(solved.residual[i, k] / (40 - 3) * inverse, rel=1e-9)
+    # Blocks that overlap are worth fewer; with as many inputs as blocks one degree of freedom is left to tell.
+    assert response_variance(solved, 40, 20.0) == pytest.approx(2.0 * found, rel=1e-12)
+    assert response_variance(solved, 3, 3.0) == pytest.approx(37.0 * found, rel=1e-12)
+
+
+# ---- What the tests covered ----------------------------------------------------------------------
+
+
+def series(**channels):
+    """Ten seconds at 100 samples a second; names with __ for the point."""
+    time = np.arange(1000) / 100.0
+    units = {"velocity": "m/s", "force": "N", "tire_force": "N", "displacement": "m", "hub_acceleration": "m/s2"}
+    named = {name.replace("__", "."): values(time) for name, values in channels.items()}
+    return TimeSeries.from_channels(time, {n: (units[n.rpartition(".")[2]], v) for n, v in named.items()})
+
+
+def sine(amplitude, hz, mean=0.0):
+    return lambda time: mean + amplitude * np.sin(2.0 * np.pi * hz * time + 1e-3)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.4, 0.5), (-0.5, 0.4)])
+def test_a_tenth_beyond_the_tests_on_either_side_is_not_told_and_more_is(low, high):
+    ranges = Ranges((0.2, 16.0), {"lf.velocity": (low, high), "rf.velocity": (-1.0, 1.0)})
+    assert ranges.beyond(series(lf__velocity=sine(0.548, 2.0))) == ()
+    (told,) = ranges.beyond(series(lf__velocity=sine(0.552, 2.0)))
+    assert told.startswith("lf.velocity reaches 0.55")
+    assert told.endswith(" m/s, the tests reached 0.5: extrapolated.")
+
+
+@pytest.mark.parametrize(("amplitude", "told"), [(0.098, ""), (0.105, "10 % of lf.velocity (RMS) lies above 16 Hz")])
+def test_more_than_a_tenth_above_the_fitted_frequencies_is_told(amplitude, told):
+    """Of the RMS about the mean, whatever the mean; of velocities and tire forces."""
+    ranges, wave = Ranges((0.2, 16.0), {}), lambda t: 5.0 + sine(1.0, 2.0)(t) + sine(amplitude, 20.0)(t)
+    assert [note.partition(",")[0] for note in ranges.beyond(series(lf__velocity=wave))] == ([told] if told else [])
+    assert len(ranges.beyond(series(lf__tire_force=wave))) == bool(told)
+    assert ranges.beyond(series(lf__displacement=wave)) == ()
+
+
+def test_a_frequency_at_the_end_of_the_range_is_within_it():
+    assert Ranges((0.2, 20.0), {}).beyond(series(velocity=sine(1.0, 20.0))) == ()
+    assert len(Ranges((0.2, 19.9), {}).beyond(series(velocity=sine(1.0, 20.0)))) == 1
+
+
+def test_ranges_are_the_extremes_of_all_tests_and_survive_being_kept():
+    tests = [series(lf__force=sine(3.0, 1.0), lf__velocity=sine(1.0, 1.0, mean=m), lf__hub_acceleration=sine(1.0, 1.0))
+             for m in (0.5, -0.25)]  # fmt: skip
+    experiment = SimpleNamespace(forces=("lf.force",), outputs=("lf.velocity", "lf.hub_acceleration"))
+    ranges = ranges_of(tests, experiment, (0.3, 12.0))
+    assert ranges.channels.keys() == {"lf.force", "lf.velocity"}
+    assert ranges.channels["lf.velocity"] == pytest.approx((-1.25, 1.5), rel=1e-3)
+    assert Ranges.of_mapping(ranges.as_mapping()) == ranges
+
+
+# ---- What is in the car and not in the model -----------------------------------------------------
+
+
+def model_with(excess=None, band=(1.0, 10.0)):
+    return SimpleNamespace(excess=excess or {}, band=band)
+
+
+def response_with(coherence):
+    """One output, its coherence (K,) at 0, 2, ... Hz."""
+    frequency = 2.0 * np.arange(len(coherence))
+    return SimpleNamespace(coherence=np.array([coherence]), frequency=frequency, output_names=("lf.velocity",))
+
+
+SILENT = SimpleNamespace(coherence=None)
+
+
+def test_a_misfit_is_told_above_one_and_a_half_deviations_with_the_worst_of_each_quantity():
+    found = model_with({"lf.velocity": 1.6, "rf.velocity": 2.4, "lf.tire_force": 1.5, "rear.ride_height": 0.9})
+    told = unmodelled(SILENT, found, (), {})
+    assert told.keys() == {"misfit"}
+    assert "worst of each: velocity 2.4)" in told["misfit"]
+    assert unmodelled(SILENT, model_with({"lf.velocity": 1.5}), (), {}) == {}
+
+
+@pytest.mark.parametrize(("amplitude", "lifts"), [(985.0, False), (995.0, True)])
+def test_a_tire_has_lifted_at_a_hundredth_of_its_mean_load(amplitude, lifts):
+    test = series(lf__tire_force=sine(amplitude, 2.0), rf__tire_force=sine(100.0, 2.0))
+    calm = series(lf__tire_force=sine(1.0, 2.0), rf__tire_force=sine(100.0, 2.0))
+    for tests in ((test, calm), (test,)):
+        told = unmodelled(
+            SILENT, model_with(), tests, {"lf.tire_force": 1000.0, "rf.tire_force": 1000.0, "lf.force": 1.0}
+        )
+        assert told.keys() == ({"lift-off"} if lifts else set())
+        assert not lifts or "(lf.tire_force)" in told["lift-off"]
+
+
+def test_a_mean_below_the_scatter_is_a_change_from_rest_and_tells_no_lift_off():
+    test = series(lf__tire_force=sine(1000.0, 2.0))
+    assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 700.0}) == {}
+    assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 715.0}).keys() == {"lift-off"}
+
+
+@pytest.mark.parametrize(
+    ("coherence", "told"), [(0.9980, False), (0.9970, True), (0.92, True), (0.90, False), (1.0, False)]
+)
+def test_an_output_that_is_noisy_where_coherence_is_fine_is_told(coherence, told):
+    """Between 5 % and 31 % of it: 1 - 0.05^2 and 0.95^2. The median within the band counts."""
+    inside = [coherence, coherence, 0.0, coherence, coherence]
+    found = unmodelled(response_with([0.5, *inside, 0.5]), model_with(), (), {})
+    assert found.keys() == ({"unexplained"} if told else set())
+    if told:
+        assert f"lf.velocity {100.0 * (1.0 - coherence) ** 0.5:.0f} %" in found["unexplained"]
+
+
+def test_the_band_of_the_fit_ends_with_its_edges():
+    """At 2, 4 and 6 Hz: two of three are noisy."""
+    response = response_with([1.0, 0.98, 1.0, 0.98, 1.0])
+    assert unmodelled(response, model_with(band=(2.0, 6.0)), (), {}).keys() == {"unexplained"}
+    assert unmodelled(response, model_with(band=(2.1, 6.0)), (), {}) != {}
+    assert unmodelled(response, model_with(band=(2.1, 5.9)), (), {}) == {}
+
+
+def test_models_are_sampled_as_often_as_is_asked(monkeypatch):
+    module = "eightpost.ident.vehicle.common_poles.uncertainty"
+    monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
+    rng = np.random.default_rng(2)
+    shape = (2, 3, 4000)
+    white = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    misfit = white[..., :3996] + white[..., 1:3997] + white[..., 2:3998]
+    found = SimpleNamespace(
+        points=SimpleNamespace(H=np.zeros(shape), s=np.zeros(4000)),
+        refined=SimpleNamespace(solution=SimpleNamespace(misfit=misfit)),
+    )  # fmt: skip
+    drawn = sampled_models(found, 5, seed=3)
+    assert len(drawn) == 5
+    assert drawn[0].shape == shape
+    # Power 1, half of it in each part; alike over three neighbours: correlations 2/3 and 1/3, then none.
+    noise = np.concatenate([sample.reshape(-1, 4000) for sample in drawn])
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(1.0, abs=0.03)
+    assert np.var(noise.imag) == pytest.approx(0.5, abs=0.02)
+    alike = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
+    assert alike == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)
