@@ -1,0 +1,228 @@
+"""Random systems, each drawn from an integer alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.honesty.cars import QUARTER_CARS, SEVEN_DOFS, vehicle
+from benchmarks.honesty.roads import ROADS, draw_load, draw_times
+from benchmarks.honesty.shocks import LAWS, DrawnShock, Random, draw_shock, log_uniform, some
+from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
+from eightpost.signals import Drivefile, TimeSeries
+
+#: Raise it where the same seed is to draw another system.
+VERSION = 1
+CORNERS = ("lf", "rf", "lr", "rr")
+#: Loads of a vehicle beside its roads, and how large they are drawn in their unit.
+_LOADS = {"aero_force": 300.0, "heave_force": 800.0, "roll_moment": 300.0, "pitch_moment": 500.0}
+
+
+class HeldFmu(FmuComponent):
+    """A component that holds its inputs over each step, as most tools' FMUs do."""
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the FMU can do, less ramps of its inputs."""
+        return replace(super().capabilities, interpolates_inputs=False)
+
+
+@dataclass(frozen=True)
+class DrawnCar:
+    """One vehicle with its shocks.
+
+    Args:
+        name: Of the component.
+        model: Of the bank (`cars.vehicle`).
+        shocks: By port: "" for a quarter car's, else a corner.
+        friction: Suspension friction by port: force [N] and velocity [m/s].
+    """
+
+    name: str
+    model: str
+    shocks: Mapping[str, DrawnShock]
+    friction: Mapping[str, tuple[float, float]]
+
+    def shock_name(self, port: str) -> str:
+        """Return the name of the component at a port."""
+        return f"{self.name}_{port or 'shock'}"
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Of the vehicle FMU."""
+        found = {}
+        for port, (force, velocity) in self.friction.items():
+            prefix = f"{port}." if port else ""
+            found |= {f"{prefix}friction_force": force, f"{prefix}friction_velocity": velocity}
+        return found
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system, what is done to it, and what it is called.
+
+    Args:
+        seed: What it was drawn from.
+        cars: Vehicles with their shocks.
+        scenario: Duration, drive, recording.
+        road: Kinds of road.
+        held: Components that hold their inputs.
+        python: Components that are python FMUs.
+    """
+
+    seed: int
+    cars: tuple[DrawnCar, ...]
+    scenario: Scenario
+    road: str
+    held: frozenset[str] = field(default_factory=frozenset)
+    python: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def fmu_names(self) -> dict[str, str]:
+        """What FMU each component is made from, by its name."""
+        names = {}
+        for car in self.cars:
+            names[car.name] = car.model
+            names |= {car.shock_name(port): shock.law for port, shock in car.shocks.items()}
+        return {name: f"{fmu}_python" if name in self.python else fmu for name, fmu in names.items()}
+
+    def system(self, folder: Path) -> System:
+        """Return the system anew, from the FMUs in a folder (`cars.build_fmus`)."""
+        components: dict[str, Component] = {}
+        for name, fmu in self.fmu_names.items():
+            kind = HeldFmu if name in self.held else FmuComponent
+            components[name] = kind(folder / f"{fmu}.fmu", name)
+        bonds, parameters = [], {}
+        for car in self.cars:
+            parameters[car.name] = car.parameters
+            for port, shock in car.shocks.items():
+                bonds.append(Bond.between(f"{car.name}.{port}" if port else car.name, car.shock_name(port)))
+                parameters[car.shock_name(port)] = shock.parameters
+        return System(components, tuple(bonds), constants=self._constants(), parameters=parameters)
+
+    def _constants(self) -> dict[str, float]:
+        """Zeros for all that neither a bond nor the drive feeds."""
+        driven = set(self.scenario.drive.names) if self.scenario.drive else set()
+        return {
+            f"{car.name}.{name}": 0.0
+            for car in self.cars
+            for name in vehicle(car.model).coupled().input_names
+            if not name.endswith("force") or name in _LOADS
+            if f"{car.name}.{name}" not in driven
+        }
+
+    @property
+    def description(self) -> str:
+        """One line that tells it from others."""
+        shocks = [shock for car in self.cars for shock in car.shocks.values()]
+        laws = ", ".join(
+            f"{sum(s.law == law for s in shocks)} {law}" for law in LAWS if any(s.law == law for s in shocks)
+        )
+        masses = [m for car in self.cars for m in _unsprung(car.model)]
+        nose = max(shock.nose_slope * shock.port.motion_ratio**2 for shock in shocks)
+        parts = [
+            f"{len(self.cars)} x {'/'.join(sorted({car.model.partition('_')[0] for car in self.cars}))}",
+            laws,
+            f"nose to {nose:.2g} N.s/m",
+            f"wheel from {min(masses):.0f} kg",
+        ]
+        if any(shock.falls for shock in shocks):
+            parts.append("falls")
+        if seal := max(shock.port.seal_friction for shock in shocks):
+            parts.append(f"seal {seal:.0f} N")
+        parts.append(self._driven())
+        if self.held:
+            parts.append(f"holds: {', '.join(sorted(self.held))}")
+        if self.python:
+            parts.append(f"python: {', '.join(sorted(self.python))}")
+        return "; ".join(parts)
+
+    def _driven(self) -> str:
+        drive, record = self.scenario.drive, self.scenario.record_step
+        points = f" {(len(drive.series.time) - 1) / drive.duration:.0f} Hz" if drive else ""
+        return (
+            f"{self.road}{points} from {self.scenario.drive_start:g} s, {self.scenario.stop:g} s, "
+            f"recorded {'all' if record is None else f'{1e3 * record:g} ms'}"
+        )
+
+
+def _unsprung(model: str) -> tuple[float, ...]:
+    found = vehicle(model).parameters.unsprung_mass
+    return tuple(found) if isinstance(found, tuple) else (found,)
+
+
+def draw_case(seed: int) -> Case:
+    """Return the system of a seed: always the same."""
+    random = np.random.default_rng((VERSION, seed))
+    cars = _draw_cars(random)
+    names = [name for car in cars for name in (car.name, *(car.shock_name(port) for port in car.shocks))]
+    slow = len(cars) == 1 and len(names) == 2 and random.random() < 0.05
+    held, python = frozenset[str](), frozenset[str]()
+    if slow:
+        python = frozenset(names[: int(random.integers(1, 3))][-1:])
+    elif random.random() < 0.12:
+        count = len(names) if random.random() < 0.2 else min(len(names), int(random.integers(1, 3)))
+        held = frozenset(random.choice(names, size=count, replace=False).tolist())
+    scenario, road = _draw_scenario(random, cars, short=slow)
+    return Case(seed, cars, scenario, road, held, python)
+
+
+def _draw_cars(random: Random) -> tuple[DrawnCar, ...]:
+    chance = random.random()
+    count = 1 if chance < 0.82 else int(random.integers(2, 6)) if chance < 0.95 else int(random.integers(6, 21))
+    share = 0.3 if count == 1 else 0.1
+    return tuple(_draw_car(random, f"car{k}", seven=bool(random.random() < share)) for k in range(count))
+
+
+def _draw_car(random: Random, name: str, *, seven: bool) -> DrawnCar:
+    ports = CORNERS if seven else ("",)
+    model = f"seven_{random.integers(SEVEN_DOFS):02d}" if seven else f"quarter_{random.integers(QUARTER_CARS):02d}"
+    laws = random.choice(LAWS, size=len(ports)) if random.random() < 0.5 else [random.choice(LAWS)] * len(ports)
+    shocks = {port: draw_shock(random, str(law)) for port, law in zip(ports, laws, strict=True)}
+    friction = {}
+    if random.random() < 0.1:
+        friction = {port: (log_uniform(random, 10.0, 200.0), log_uniform(random, 2e-3, 2e-2)) for port in ports}
+    return DrawnCar(name, model, shocks, friction)
+
+
+def _draw_scenario(random: Random, cars: tuple[DrawnCar, ...], *, short: bool) -> tuple[Scenario, str]:
+    ports = sum(len(car.shocks) for car in cars)
+    longest = 0.6 if short else 4.0 if ports == 1 else 2.5 if ports <= 4 else 1.2 if ports <= 12 else 0.7
+    stop = random.uniform(0.5 * longest, longest)
+    stop = round(stop, 2) if random.random() < 0.7 else stop
+    start = some(random, 0.5, round(random.uniform(0.02, 1.0), 3))
+    kind = str(random.choice(["multisine", "bumps", "steps", "chirp", "white", "spikes", "zeros", "none"],
+                             p=[0.26, 0.13, 0.12, 0.12, 0.17, 0.12, 0.04, 0.04]))  # fmt: skip
+    drive = None if kind == "none" else _draw_drive(random, cars, kind, start + stop)
+    record = _draw_record_step(random, stop)
+    settling = some(random, 0.5, round(random.uniform(0.05, 0.4) * stop, 3))
+    targets = {name: name for name in drive.names} if drive else {}
+    begin = start if drive else 0.0
+    scenario = Scenario(stop, drive, targets, record_step=record, settling=settling, drive_start=begin)
+    return scenario, kind
+
+
+def _draw_record_step(random: Random, stop: float) -> float | None:
+    if random.random() < 0.15:
+        return None
+    step = log_uniform(random, 3e-4, min(1.0, 0.4 * stop))
+    return float(f"{step:.2g}") if random.random() < 0.7 else step
+
+
+def _draw_drive(random: Random, cars: tuple[DrawnCar, ...], kind: str, end: float) -> Drivefile:
+    time = draw_times(random, kind, end)
+    rows: dict[str, tuple[str, np.ndarray]] = {}
+    for car in cars:
+        resting = len(cars) > 1 and random.random() < 0.15
+        for channel in vehicle(car.model).coupled().inputs:
+            if channel.name.endswith("road"):
+                row = ROADS["zeros" if resting else kind](random, time)
+            elif channel.name in _LOADS and kind != "zeros" and not resting and random.random() < 0.15:
+                row = draw_load(random, time, _LOADS[channel.name])
+            else:
+                continue
+            rows[f"{car.name}.{channel.name}"] = channel.unit, row
+    return Drivefile(TimeSeries.from_channels(time, rows))

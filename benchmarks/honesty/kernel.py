@@ -1,0 +1,226 @@
+"""The compiled core of the reference: a vehicle with its shocks as one set of equations, by Dormand and Prince's pair.
+
+    q'' = A_q q + G F + b(t),   F = r (F_v(r S q', z) + seal + gas(r S q)) + friction(S q')
+
+with a state z for each shock: the lagged force (LPF1, LPNL2) or the force of the series spring (Maxwell).
+
+Nothing of the FMUs' or the library's code is used: the formulas are those of docs/shock_models.md, docs/ports.md and
+the READMEs of fmus/.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+POLYLINEAR, LPF1, LPNL2, MAXWELL = range(4)
+
+#: Columns of a shock's numbers.
+(LAW, RATIO, UP, DOWN, GAS_RATE, GAS, SEAL, SEAL_SPEED, OWN, FULL, NONE, SPEED, WIDTH, FAST_UP, FAST_DOWN, SLOPE_UP,
+ SLOPE_DOWN, DRAG, DRAG_SPEED, INNER) = range(20)  # fmt: skip
+_INNER_COUNT, _OUTER_COUNT = 15, 4
+OUTER_UP = INNER + _INNER_COUNT
+OUTER_DOWN = OUTER_UP + _OUTER_COUNT
+COLUMNS = OUTER_DOWN + _OUTER_COUNT
+
+#: Stages of the pair: nodes, weights, and the difference of its two answers.
+_C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+_A = np.array(
+    [
+        [0, 0, 0, 0, 0, 0],
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+
+@njit(cache=True)
+def fitted(p, v):
+    """Return the force of the blended polynomials and its slope at a damper velocity."""
+    share = min(max((abs(v) - p[SPEED]) / p[WIDTH] + 0.5, 0.0), 1.0)
+    side = 1.0 if v > 0.0 else -1.0
+    inner = inner_slope = outer = outer_slope = 0.0
+    if share < 1.0:
+        s = v / p[SPEED]
+        for k in range(_INNER_COUNT - 1, -1, -1):
+            inner_slope = inner_slope * s + inner
+            inner = inner * s + p[INNER + k]
+        inner_slope = (inner_slope * s + inner) / p[SPEED]
+        inner *= s
+    if share > 0.0:
+        first = OUTER_UP if v > 0.0 else OUTER_DOWN
+        s = (abs(v) - p[SPEED]) / p[SPEED]
+        for k in range(_OUTER_COUNT - 1, -1, -1):
+            outer_slope = outer_slope * s + outer
+            outer = outer * s + p[first + k]
+        outer_slope *= side / p[SPEED]
+    slope = (1.0 - share) * inner_slope + share * outer_slope
+    if 0.0 < share < 1.0:
+        slope += side * (outer - inner) / p[WIDTH]
+    return (1.0 - share) * inner + share * outer, slope
+
+
+@njit(cache=True)
+def static(p, v):
+    """Return F_s [N] and its slope [N.s/m] at a damper velocity, scales included."""
+    if v > p[FAST_UP]:
+        force, slope = fitted(p, p[FAST_UP])[0] + p[SLOPE_UP] * (v - p[FAST_UP]), p[SLOPE_UP]
+    elif v < -p[FAST_DOWN]:
+        force, slope = fitted(p, -p[FAST_DOWN])[0] + p[SLOPE_DOWN] * (v + p[FAST_DOWN]), p[SLOPE_DOWN]
+    else:
+        force, slope = fitted(p, v)
+    scale = p[UP] if v > 0.0 else p[DOWN]
+    return scale * force, scale * slope
+
+
+@njit(cache=True)
+def velocity_under(p, force, guess):
+    """Return w with F_s(w) = force, for a rising curve: Newton's steps, halving where they leave what is known."""
+    low, high, w = -np.inf, np.inf, guess
+    for _ in range(200):
+        value, slope = static(p, w)
+        off = value - force
+        near = 1e-14 * (abs(w) + 1e-3)
+        if abs(off) <= near * slope:
+            return w
+        if off > 0.0:
+            high = w
+        else:
+            low = w
+        if high - low <= near:
+            return w
+        following = w - off / slope if slope > 0.0 else np.nan
+        if not (low < following < high):
+            if np.isinf(low):
+                following = high - max(1e-3, abs(high))
+            elif np.isinf(high):
+                following = low + max(1e-3, abs(low))
+            else:
+                following = 0.5 * (low + high)
+        w = following
+    return w
+
+
+@njit(cache=True)
+def shock(p, v, x, z, guess):
+    """Return the shock's force at the port, z', and w where there is one (else the guess)."""
+    vd = p[RATIO] * v
+    fs, _ = static(p, vd)
+    law, follows, valves = int(p[LAW]), 0.0, fs
+    if law == LPF1:
+        valves, follows = z, (fs - z) / p[OWN]
+    elif law == LPNL2:
+        share = min(max((p[NONE] - abs(fs)) / (p[NONE] - p[FULL]), 0.0), 1.0)
+        valves, follows = share * z + (1.0 - share) * fs, (fs - z) / p[OWN]
+    elif law == MAXWELL:
+        guess = velocity_under(p, z, guess)
+        valves, follows = z, p[OWN] * (vd - guess)
+    drag = p[SEAL] * np.tanh(vd / p[SEAL_SPEED]) if p[SEAL] else 0.0
+    force = p[RATIO] * (valves + drag + p[GAS] + p[GAS_RATE] * p[RATIO] * x)
+    return force, follows, guess
+
+
+@njit(cache=True)
+def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
+    """Write y' for y = (q, q', z) under the drive's accelerations `push` (Q,); keep each shock's w as next guess."""
+    count, rows = push.size, shocks.shape[0]
+    for i in range(count):
+        into[i] = y[count + i]
+        total = push[i]
+        for j in range(count):
+            total += stiffness[i, j] * y[j]
+        into[count + i] = total
+    for s in range(rows):
+        v = x = 0.0
+        for j in range(count):
+            x += ports[s, j] * y[j]
+            v += ports[s, j] * y[count + j]
+        force, follows, guesses[s] = shock(shocks[s], v, x, y[2 * count + s], guesses[s])
+        if shocks[s, DRAG]:
+            force += shocks[s, DRAG] * np.tanh(v / shocks[s, DRAG_SPEED])
+        into[2 * count + s] = follows
+        for i in range(count):
+            into[count + i] += mobility[i, s] * force
+
+
+@njit(cache=True)
+def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, tolerance, most):
+    """Return the states (N, n) at the knots (N,) and the number of steps; no step crosses a knot.
+
+    Args:
+        knots: Times [s].
+        pushes: Accelerations of the drive there (N, Q), straight between.
+        stiffness: q'' per q (Q, Q).
+        ports: Rows S of the shocks' compression (P, Q).
+        mobility: q'' per port force (Q, P).
+        shocks: Numbers of the shocks (P, COLUMNS).
+        start: State at the first knot (n,).
+        sizes: Usual size of each state (n,): an error of a step of `tolerance` times this is allowed.
+        tolerance: [1].
+        most: Steps; -1 is returned in their place where more are needed.
+    """
+    n, count = start.size, pushes.shape[1]
+    states, y, trial = np.empty((knots.size, n)), start.copy(), np.empty(n)
+    k, push = np.empty((7, n)), np.empty(count)
+    guesses, kept = np.zeros(shocks.shape[0]), np.zeros(shocks.shape[0])
+    states[0], step, made = y, 1e-5, 0
+    slopes(y, pushes[0], stiffness, ports, mobility, shocks, guesses, k[0])
+    for m in range(knots.size - 1):
+        length, done = knots[m + 1] - knots[m], 0.0
+        while done < length:
+            last = step >= (length - done) * (1.0 - 1e-9)
+            h = length - done if last else step
+            kept[:] = guesses
+            for stage in range(1, 7):
+                for i in range(n):
+                    total = 0.0
+                    for j in range(stage):
+                        total += _A[stage, j] * k[j, i]
+                    trial[i] = y[i] + h * total
+                share = min((done + _C[stage] * h) / length, 1.0)
+                for i in range(count):
+                    push[i] = pushes[m, i] + share * (pushes[m + 1, i] - pushes[m, i])
+                slopes(trial, push, stiffness, ports, mobility, shocks, guesses, k[stage])
+            worst = 0.0
+            for i in range(n):
+                off = 0.0
+                for j in range(7):
+                    off += _E[j] * k[j, i]
+                worst = max(worst, abs(h * off) / (tolerance * (sizes[i] + abs(y[i]))))
+            made += 1
+            factor = 5.0 if worst < 1e-4 else 0.9 * worst**-0.2
+            if worst <= 1.0:
+                y[:], k[0] = trial, k[6]
+                done = length if last else done + h
+                grown = h * min(5.0, max(0.3, factor))
+                step = max(step, grown) if last else grown
+            else:
+                guesses[:] = kept
+                step = h * min(0.9, max(0.1, factor))
+            if made > most or not step > 1e-15:
+                return states, -1
+        states[m + 1] = y
+    return states, made
+
+
+@njit(cache=True)
+def port_forces(states, ports, shocks):
+    """Return the forces of the shocks (P, N), without suspension friction, and of the friction (P, N)."""
+    count, rows = ports.shape[1], shocks.shape[0]
+    forces, frictions = np.empty((rows, states.shape[0])), np.zeros((rows, states.shape[0]))
+    for s in range(rows):
+        guess = 0.0
+        for m in range(states.shape[0]):
+            v = x = 0.0
+            for j in range(count):
+                x += ports[s, j] * states[m, j]
+                v += ports[s, j] * states[m, count + j]
+            forces[s, m], _, guess = shock(shocks[s], v, x, states[m, 2 * count + s], guess)
+            if shocks[s, DRAG]:
+                frictions[s, m] = shocks[s, DRAG] * np.tanh(v / shocks[s, DRAG_SPEED])
+    return forces, frictions

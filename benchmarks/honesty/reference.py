@@ -1,0 +1,174 @@
+"""The answer that a run is compared with: each vehicle with its shocks as one set of differential equations.
+
+Vehicles of one system are not connected with each other, so each is solved on its own (benchmarks/honesty/kernel.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.honesty import kernel
+from benchmarks.honesty.cars import vehicle
+from benchmarks.honesty.cases import Case, DrawnCar
+from benchmarks.honesty.shocks import LAWS, DrawnShock
+from eightpost.vehicle import StateSpace
+
+Array = NDArray[np.float64]
+
+#: Usual sizes of a displacement [m], a velocity [m/s] and a lagged force [N].
+_SIZES = (1e-3, 1e-1, 1e2)
+#: Steps of the integration, for each vehicle.
+_MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a system did at `time` (N,) [s].
+
+    Args:
+        time: Since the start of the run.
+        values: Channels by time (C, N), SI.
+        names: Of the channels (C,), as the product names them.
+        units: Of the channels (C,).
+        steps: Steps of the integration, of all vehicles.
+    """
+
+    time: Array
+    values: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    steps: int
+
+
+class UnsolvedError(RuntimeError):
+    """The reference's step became too small."""
+
+
+def solve(case: Case, times: Array, tolerance: float) -> Answer:
+    """Return what the system of a case does at times (N,) [s] of the run.
+
+    Args:
+        case: System and scenario.
+        times: In order, from 0.
+        tolerance: Error that is allowed in a step, relative to the usual size of each state [1].
+
+    Raises:
+        UnsolvedError: The integration does not come to its end.
+    """
+    values, names, units, steps = [], [], [], 0
+    for car in case.cars:
+        equations = _Equations(case, car)
+        found, made = equations.solve(times, tolerance)
+        values.append(found)
+        names += equations.names
+        units += equations.units
+        steps += made
+    return Answer(times, np.vstack(values), tuple(names), tuple(units), steps)
+
+
+def shock_numbers(shock: DrawnShock, friction: tuple[float, float]) -> Array:
+    """Return what the kernel needs of a shock and of the suspension friction at its port (COLUMNS,)."""
+    port, curve, own = shock.port, shock.curve, shock.own
+    first = own.get("time_constant", own.get("series_stiffness", 0.0))
+    return np.array(
+        [
+            LAWS.index(shock.law),
+            *(port.motion_ratio, port.compression_scale, port.rebound_scale),
+            *(port.gas_stiffness, port.gas_preload, port.seal_friction, port.friction_velocity),
+            *(first, own.get("lag_full_force", 0.0), own.get("lag_zero_force", 1.0)),
+            *(curve.transition_speed, curve.transition_width, curve.compression_speed, curve.rebound_speed),
+            *(curve.compression_slope, curve.rebound_slope),
+            *friction,
+            *(*curve.inner, *curve.compression, *curve.rebound),
+        ]
+    )
+
+
+class _Equations:
+    """One vehicle with its shocks, q'' = A_q q + G F + b(t)."""
+
+    def __init__(self, case: Case, car: DrawnCar) -> None:
+        self._case, self._car = case, car
+        self._model = model = vehicle(car.model).coupled()
+        self._ports = tuple(car.shocks)
+        count = len(model.A) // 2
+        assert not model.A[:count, :count].any() and not model.A[count:, count:].any()
+        self._stiffness = np.ascontiguousarray(model.A[count:, :count])
+        self._forces = [model.input_names.index(self._named(port, "force")) for port in self._ports]
+        self._driven = [k for k in range(len(model.inputs)) if k not in self._forces]
+        self._mobility = np.ascontiguousarray(model.B[count:, self._forces])
+        rows = [model.output_names.index(self._named(port, "displacement")) for port in self._ports]
+        self._strut = np.ascontiguousarray(model.C[rows, :count])
+        frictions = [car.friction.get(port, (0.0, 1.0)) for port in self._ports]
+        self._shocks = np.array(
+            [shock_numbers(shock, friction) for shock, friction in zip(car.shocks.values(), frictions, strict=True)]
+        )
+
+    @property
+    def names(self) -> list[str]:
+        """Of the vehicle's outputs, then of the shocks' forces."""
+        own = [f"{self._car.name}.{name}" for name in self._model.output_names]
+        return own + [f"{self._car.shock_name(port)}.force" for port in self._ports]
+
+    @property
+    def units(self) -> list[str]:
+        """Theirs."""
+        return [channel.unit for channel in self._model.outputs] + ["N"] * len(self._ports)
+
+    def solve(self, times: Array, tolerance: float) -> tuple[Array, int]:
+        """Return the channels at the times (C, N), and how many steps that took."""
+        knots = np.union1d(times, self._own_points(float(times[-1])))
+        drive = self._inputs(knots)
+        count = len(self._stiffness)
+        pushes = np.ascontiguousarray((self._model.B[count:, self._driven] @ drive).T)
+        start = self._equilibrium(pushes[0])
+        sizes = np.repeat(_SIZES, [count, count, len(self._ports)])
+        matrices = (self._stiffness, self._strut, self._mobility, self._shocks)
+        states, made = kernel.integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
+        if made < 0 or not np.isfinite(states[-1]).all():
+            raise UnsolvedError(
+                f"seed {self._case.seed}: {self._car.name} has no answer at a tolerance of {tolerance:g}"
+            )
+        at = np.searchsorted(knots, times)
+        return self._channels(states[at], drive[:, at]), made
+
+    def _named(self, port: str, quantity: str) -> str:
+        return f"{port}.{quantity}" if port else quantity
+
+    def _own_points(self, end: float) -> Array:
+        """The drive's own points within the run [s]."""
+        scenario = self._case.scenario
+        if scenario.drive is None:
+            return np.zeros(0)
+        own = scenario.drive.series.time - scenario.drive_start
+        return np.asarray(own[(own > 0.0) & (own < end)])
+
+    def _inputs(self, knots: Array) -> Array:
+        """The inputs that are not shock forces, at the knots (D, N)."""
+        scenario, rows = self._case.scenario, []
+        for k in self._driven:
+            name = f"{self._car.name}.{self._model.input_names[k]}"
+            if scenario.drive is None or name not in scenario.drive.names:
+                rows.append(np.zeros_like(knots))
+                continue
+            series = scenario.drive.series
+            rows.append(np.interp(knots + scenario.drive_start, series.time, series[name]))
+        return np.array(rows)
+
+    def _equilibrium(self, push: Array) -> Array:
+        """At rest under the first inputs, gas force included: A_q q + G r (F_0 + K r S q) + b = 0, lagged forces 0."""
+        ratio, rate, gas = (self._shocks[:, column] for column in (kernel.RATIO, kernel.GAS_RATE, kernel.GAS))
+        matrix = self._stiffness + self._mobility @ ((ratio**2 * rate)[:, None] * self._strut)
+        q = np.linalg.solve(matrix, -push - self._mobility @ (ratio * gas))
+        return np.concatenate([q, np.zeros(q.size + len(self._ports))])
+
+    def _channels(self, states: Array, drive: Array) -> Array:
+        """Outputs of the vehicle and forces of the shocks (C, N)."""
+        forces, frictions = kernel.port_forces(states, self._strut, self._shocks)
+        model: StateSpace = self._model
+        inputs = np.empty((len(model.inputs), len(states)))
+        inputs[self._driven], inputs[self._forces] = drive, forces + frictions
+        return np.vstack([model.C @ states[:, : len(model.A)].T + model.D @ inputs, forces])

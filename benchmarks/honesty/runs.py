@@ -1,0 +1,245 @@
+"""Runs of a case: what the product states, how long it took, and how far it really is from the reference."""
+
+from __future__ import annotations
+
+import re
+import time as clock
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cosim
+from benchmarks.honesty.cases import Case
+from benchmarks.honesty.reference import Answer, solve
+from benchmarks.honesty.scale import percent, reference_scales
+from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
+from cosim.automatic import decisive
+from cosim.session import Session
+from eightpost.errors import EightpostError
+from eightpost.signals import TimeSeries
+
+VALUES = ("held", "interpolated", "extrapolated", "parabolic")
+STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
+
+#: Schemes at a given step; None: what `cosim.run(system, scenario, step=...)` takes.
+ALGORITHMS: Mapping[str, Algorithm | None] = {
+    "given": None,
+    **{f"jacobi {values}": Jacobi(values) for values in VALUES},
+    **{f"gauss-seidel {values}": GaussSeidel(values=values) for values in VALUES},
+    "implicit": Implicit(),
+}
+
+#: A run of more coupling steps is compared with the reference at every third, fifth ... of them.
+MOST_POINTS = 30_000
+
+#: Tolerances of the reference, one after the other until two agree; how far they may be apart [%].
+TOLERANCES = (1e-7, 1e-9, 1e-11)
+AGREED = 0.001
+#: The reference is settled where its own error is below this share of the error that was found.
+SETTLED_SHARE = 0.05
+
+
+@dataclass
+class Trial:
+    """One run that the product made on its way."""
+
+    algorithm: Algorithm
+    step: float
+    scenario: cosim.Scenario
+    steps: int
+    iterations: int = 0
+    result: Result | None = None
+
+
+@dataclass
+class Finding:
+    """What one scheme did with a case, before it is compared.
+
+    Args:
+        scheme: `default`, or an algorithm and a step.
+        result: What the product returned; None where it raised an error.
+        fine: The same run, recorded at (almost) every coupling step.
+        error: What it raised.
+        trials: All runs that it made.
+        seconds: Processor time.
+    """
+
+    scheme: str
+    result: Result | None
+    fine: TimeSeries | None
+    error: str
+    trials: list[Trial] = field(repr=False)
+    seconds: float
+    repeats: bool = True
+
+
+def compare(case: Case, folder: Path, schemes: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    """Run a case with every scheme and return a row for each.
+
+    Args:
+        case: What to run.
+        folder: Where the FMUs are.
+        schemes: Arguments of `cosim.run` by name.
+    """
+    system = case.system(folder)
+    findings = [_find(system, case, name, options) for name, options in schemes.items()]
+    began = clock.process_time()
+    answer, doubt = _answer(case, findings)
+    spent = clock.process_time() - began
+    chosen = decisive(system)
+    rows = [_row(case, finding, answer, doubt, chosen) for finding in findings]
+    return [row | {"reference_seconds": spent / len(rows)} for row in rows]
+
+
+def schemes_of(seed: int, which: str) -> dict[str, dict[str, Any]]:
+    """Return the arguments of `cosim.run` by scheme: `default`, `given` (eight of them, drawn), `all`, `every`."""
+    found: dict[str, dict[str, Any]] = {} if which == "given" else {"default": {}}
+    if which == "default":
+        return found
+    given = {
+        f"{name}, {1e3 * step:g} ms": {"step": step} | ({"algorithm": algorithm} if algorithm else {})
+        for name, algorithm in ALGORITHMS.items()
+        for step in STEPS
+    }
+    if which == "every":
+        return found | given
+    chosen = np.random.default_rng((seed, 40)).choice(sorted(given), size=8, replace=False)
+    return found | {str(name): given[str(name)] for name in chosen}
+
+
+@contextmanager
+def trials_logged() -> Iterator[list[Trial]]:
+    """Note every run that the product makes within the block, however it comes to make it."""
+    log: list[Trial] = []
+    original = Session.run
+
+    def run(self: Session, *arguments: Any, **options: Any) -> Result:
+        setup = self._setup
+        trial = Trial(setup.algorithm, setup.step, setup.scenario, setup.times.size - 1)
+        log.append(trial)
+        try:
+            trial.result = original(self, *arguments, **options)
+        except EightpostError as error:
+            if reached := re.search(r"after ([-+.\de]+) s", str(error)):
+                trial.steps = round(float(reached[1]) / setup.step)
+            raise
+        trial.steps, trial.iterations = trial.result.steps, trial.result.iterations
+        return trial.result
+
+    Session.run = run  # type: ignore[method-assign]
+    try:
+        yield log
+    finally:
+        Session.run = original  # type: ignore[method-assign]
+
+
+def _find(system: cosim.System, case: Case, name: str, options: dict[str, Any]) -> Finding:
+    scenario, began = case.scenario, clock.process_time()
+    if "step" in options and scenario.record_step is not None:  # a whole number of steps
+        parts = max(1, round(scenario.record_step / options["step"]))
+        scenario = replace(scenario, record_step=parts * options["step"])
+    with trials_logged() as log:
+        try:
+            result = cosim.run(system, scenario, **options)
+        except EightpostError as error:
+            return Finding(name, None, None, str(error), log, clock.process_time() - began)
+    spent = clock.process_time() - began
+    try:
+        fine = _recorded_finely(system, result, log)
+    except EightpostError as error:
+        return Finding(name, result, None, f"a second run failed: {error}", log, spent, repeats=False)
+    return Finding(name, result, fine, "", log, spent, _is_same(result.series, fine))
+
+
+def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> TimeSeries:
+    """Repeat the run that gave the result, recorded at every step or every odd number of them."""
+    final = next(trial for trial in reversed(log) if trial.step == result.step and trial.result is not None)
+    assert final.result is not None
+    every = ceil(final.steps / MOST_POINTS)
+    every += 1 - every % 2
+    if final.scenario.record_step in (None, every * final.step) and not final.scenario.record:
+        return final.result.series
+    scenario = replace(final.scenario, record=(), record_step=every * final.step)
+    return Session(system, scenario, final.algorithm, final.step).run().series
+
+
+def _is_same(series: TimeSeries, fine: TimeSeries) -> bool:
+    """Whether two recordings agree to the bit where they have the same times."""
+    _, first, second = np.intersect1d(series.time, fine.time, assume_unique=True, return_indices=True)
+    return all(np.array_equal(series[name][first], fine[name][second]) for name in series.names)
+
+
+def _answer(case: Case, findings: list[Finding]) -> tuple[Answer, Answer]:
+    """Return the reference at all times that are looked at, and a coarser one, whose distance is its error."""
+    times = [finding.fine.time for finding in findings if finding.fine is not None] or [np.zeros(1)]
+    wanted = np.unique(np.concatenate([[0.0], *times]))
+    coarse = solve(case, wanted, TOLERANCES[0])
+    for tolerance in TOLERANCES[1:]:
+        fine = solve(case, wanted, tolerance)
+        after = wanted >= case.scenario.settling
+        scales = reference_scales(fine.values[:, after], fine.units)
+        if np.max(percent((fine.values - coarse.values)[:, after], scales)) <= AGREED or tolerance == TOLERANCES[-1]:
+            break
+        coarse = fine
+    return fine, coarse
+
+
+def _row(case: Case, finding: Finding, answer: Answer, doubt: Answer, chosen: frozenset[str]) -> dict[str, Any]:
+    result = finding.result
+    row: dict[str, Any] = {
+        "seed": case.seed,
+        "scheme": finding.scheme,
+        "case": case.description,
+        "error": finding.error,
+        "seconds": round(finding.seconds, 4),
+        "steps": sum(trial.steps for trial in finding.trials),
+        "work": sum(max(trial.steps, trial.iterations) for trial in finding.trials),
+        "runs": [f"{trial.algorithm.name} {1e3 * trial.step:.4g} ms" for trial in finding.trials],
+        "repeats": finding.repeats,
+    }
+    if result is None or finding.fine is None:
+        return row
+    channels = _channels(result, finding.fine, answer, doubt, case.scenario.settling, chosen)
+    return row | {
+        "acceptable": bool(result.acceptable),
+        "step": result.step,
+        "taken": result.scheme or result.algorithm,
+        "coupled": max((bond.percent for bond in result.coupled.values()), default=0.0),
+        "energy": max((abs(bond.relative) for bond in result.energy.values()), default=0.0),
+        "tolerance": Automatic().tolerance,
+        "notes": [note[:200] for note in result.notes],
+        "channels": channels,
+    }
+
+
+def _channels(
+    result: Result, fine: TimeSeries, answer: Answer, doubt: Answer, settling: float, chosen: frozenset[str]
+) -> dict[str, dict[str, Any]]:
+    """Return per channel the stated and the true error, and the reference's own [%]."""
+    at = np.searchsorted(answer.time, fine.time)
+    after = fine.time >= settling
+    truth, other = answer.values[:, at[after]], doubt.values[:, at[after]]
+    scales = reference_scales(truth, answer.units)
+    found = np.stack([fine[name] for name in answer.names])[:, after]
+    true, own = percent(found - truth, scales), percent(other - truth, scales)
+    return {
+        name: {
+            "stated": _number(result.stated_error.get(name)),
+            "true": float(true[k]),
+            "reference": float(own[k]),
+            "decisive": name in chosen,
+            "unit": answer.units[k],
+            "scale": float(scales[k]),
+        }
+        for k, name in enumerate(answer.names)
+    }
+
+
+def _number(value: float | None) -> float | None:
+    """JSON has no infinity; 1e300 does."""
+    return None if value is None else min(float(value), 1e300)

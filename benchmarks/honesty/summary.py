@@ -1,0 +1,207 @@
+"""What a campaign found: how stated errors lie about true ones, and where they are worst."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+
+Row = dict[str, Any]
+
+#: True errors below this do not count: nobody is misled by them [%].
+SMALL = 0.02
+#: A true error above this must not be accepted [%].
+LARGE = 5.0
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_UNSTATED = 1e299
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A stated and a true error [%].
+
+    Args:
+        stated: None where nothing is stated.
+        true: Against the reference.
+        reference: The reference's own error.
+    """
+
+    stated: float | None
+    true: float
+    reference: float
+
+    @property
+    def ratio(self) -> float:
+        """Stated over true."""
+        return (self.stated or 0.0) / self.true if self.true else inf
+
+    @property
+    def settled(self) -> bool:
+        """Whether the reference is good enough to judge by."""
+        return self.reference <= max(0.05 * SMALL, 0.05 * self.true)
+
+
+def worst(row: Row, *, decisive: bool = True) -> Pair:
+    """Return the worst stated and the worst true error of a run, each over its channels."""
+    chosen = [c for c in row["channels"].values() if c["decisive"]] if decisive else list(row["channels"].values())
+    stated = [c["stated"] for c in chosen if c["stated"] is not None]
+    return Pair(max(stated) if stated else None, max(c["true"] for c in chosen), max(c["reference"] for c in chosen))
+
+
+def channel_pairs(row: Row, unit: str | None = None) -> list[Pair]:
+    """Return the errors of every channel of a run, or of those of one unit."""
+    return [
+        Pair(c["stated"], c["true"], c["reference"])
+        for c in row["channels"].values()
+        if unit is None or c["unit"] == unit
+    ]
+
+
+def met(row: Row) -> bool:
+    """Whether a run says that it is within the tolerance."""
+    stated = worst(row).stated
+    return bool(row["acceptable"]) and stated is not None and stated <= row["tolerance"]
+
+
+def compared(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs that came to an end."""
+    return [row for row in rows if row.get("channels")]
+
+
+def understated(rows: Sequence[Row], below: float) -> list[Row]:
+    """Return the runs whose worst stated error is below a share of the worst true one."""
+    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio < below]
+
+
+def overstated(rows: Sequence[Row], above: float = 5.0) -> list[Row]:
+    """Return the runs whose worst stated error is above a multiple of the worst true one."""
+    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio > above]
+
+
+def wrongly_accepted(rows: Sequence[Row], above: float = LARGE) -> list[Row]:
+    """Return the runs that are acceptable with a true error above a limit [%]."""
+    return [row for row in compared(rows) if row["acceptable"] and worst(row).true > above]
+
+
+def wrongly_met(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs within the tolerance whose true error is above twice the tolerance."""
+    return [row for row in compared(rows) if met(row) and worst(row).true > 2.0 * row["tolerance"]]
+
+
+def unsettled(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs whose reference is not good enough."""
+    return [row for row in compared(rows) if not worst(row).settled]
+
+
+def _stating(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in compared(rows) if worst(row).stated is not None]
+
+
+def lines(rows: Sequence[Row], *, names: int = 8) -> Iterator[str]:
+    """Return what to print of one kind of runs, line by line; `names` of the worst are named."""
+    ended, failed = compared(rows), [row for row in rows if row.get("failed")]
+    refused = [row for row in rows if not row.get("channels") and not row.get("failed")]
+    yield (
+        f"{len(rows)} runs; {len(ended)} compared, {len(refused)} ended with an error message, {len(failed)} failed in "
+        f"the campaign, {len(unsettled(rows))} references not settled, "
+        f"{sum(not row['repeats'] for row in ended)} not the same twice"
+    )
+    for row in failed:
+        yield f"  failed: seed {row['seed']}, {row['scheme']}: {row['failed'].strip().splitlines()[-1]}"
+    if not ended:
+        return
+    yield from _distributions(ended)
+    yield from _counts(ended)
+    yield (
+        f"coupling steps {sum(row['work'] for row in rows if 'work' in row)}; processor time "
+        f"{sum(row.get('seconds', 0.0) for row in rows):.0f} s, of the references "
+        f"{sum(row.get('reference_seconds', 0.0) for row in rows):.0f} s"
+    )
+    yield from _named(ended, names)
+
+
+def _distributions(rows: Sequence[Row]) -> Iterator[str]:
+    yield f"\nstated / true, where the true error is above {SMALL:g} %"
+    yield f"{'':24}{'n':>6}" + "".join(f"{f'{100 * q:g} %':>9}" for q in QUANTILES)
+    groups: dict[str, list[Pair]] = {
+        "worst decisive channel": [worst(row) for row in rows],
+        "worst of all channels": [worst(row, decisive=False) for row in rows],
+        "every channel": [pair for row in rows for pair in channel_pairs(row)],
+        "every acceleration": [pair for row in rows for pair in channel_pairs(row, "m/s2")],
+    }
+    for name, pairs in groups.items():
+        ratios = [pair.ratio for pair in pairs if pair.stated is not None and pair.true > SMALL]
+        if ratios:
+            found = np.quantile(ratios, QUANTILES, method="nearest")
+            yield f"{name:24}{len(ratios):6}" + "".join(f"{value:9.3g}" for value in found) + _shares(np.array(ratios))
+
+
+def _shares(ratios: np.ndarray) -> str:
+    below, far_below, above = (100.0 * float(np.mean(test)) for test in (ratios < 0.5, ratios < 0.1, ratios > 5.0))
+    return f"   below 1/2 {below:.1f} %, below 1/10 {far_below:.1f} %, above 5 {above:.1f} %"
+
+
+def _counts(rows: Sequence[Row]) -> Iterator[str]:
+    stating = sum(worst(row).true > SMALL for row in _stating(rows))
+    tests: dict[str, tuple[list[Row], int]] = {
+        "stated below half the true": (understated(rows, 0.5), stating),
+        "stated below a tenth of the true": (understated(rows, 0.1), stating),
+        "stated above five times the true": (overstated(rows), stating),
+        f"accepted, true error above {LARGE:g} %": (wrongly_accepted(rows), len(rows)),
+        "accepted, true error above 8 %": (wrongly_accepted(rows, 8.0), len(rows)),
+        "tolerance met, true error above twice the tolerance": (wrongly_met(rows), len(rows)),
+        "tolerance met": ([row for row in rows if met(row)], len(rows)),
+        "not acceptable": ([row for row in rows if not row["acceptable"]], len(rows)),
+        "not acceptable, true error below 2 %": (
+            [row for row in rows if not row["acceptable"] and worst(row).true < 2.0],
+            len(rows),
+        ),
+    }
+    yield ""
+    for name, (found, among) in tests.items():
+        share = 100.0 * len(found) / among if among else 0.0
+        yield f"{name:54}{len(found):6} of {among} ({share:.1f} %)"
+
+
+def _named(rows: Sequence[Row], count: int) -> Iterator[str]:
+    worst_of: dict[str, tuple[list[Row], Callable[[Row], float]]] = {
+        "most understated": (understated(rows, 0.5), lambda row: worst(row).ratio),
+        "most overstated": (overstated(rows), lambda row: -worst(row).ratio),
+        "accepted with large errors": (wrongly_accepted(rows), lambda row: -worst(row).true),
+        "tolerance met with large errors": (wrongly_met(rows), lambda row: -worst(row).true),
+    }
+    for name, (found, key) in worst_of.items():
+        if found and count:
+            yield f"\n{name}"
+            yield from (_line(row) for row in sorted(found, key=key)[:count])
+
+
+def _line(row: Row) -> str:
+    pair = worst(row)
+    stated = "nothing" if pair.stated is None else "inf" if pair.stated > _UNSTATED else f"{pair.stated:.3g} %"
+    channel = max((c for c in row["channels"].items() if c[1]["decisive"]), key=lambda item: item[1]["true"])[0]
+    accepted = "accepted" if row["acceptable"] else "refused"
+    return (
+        f"  seed {row['seed']}, {row['scheme']} ({row['taken']} at {1e3 * row['step']:.3g} ms): stated {stated}, true "
+        f"{pair.true:.3g} % ({channel}), {accepted}, local error {row['coupled']:.2g} %\n      {row['case']}"
+    )
+
+
+def against(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[str]:
+    """Return what the runs cost beside the same runs of another campaign, line by line."""
+    known = {(row["seed"], row["scheme"]): row for row in others if row.get("work")}
+    pairs = [(row, known[key]) for row in rows if (key := (row["seed"], row["scheme"])) in known and row.get("work")]
+    if not pairs:
+        yield "\nno run is in both campaigns"
+        return
+    ratios = [row["work"] / other["work"] for row, other in pairs]
+    total = sum(row["work"] for row, _ in pairs) / sum(other["work"] for _, other in pairs)
+    seconds = sum(row["seconds"] for row, _ in pairs) / sum(other["seconds"] for _, other in pairs)
+    low, middle, high = np.quantile(ratios, (0.05, 0.5, 0.95))
+    yield (
+        f"\ncoupling steps beside the other campaign, {len(pairs)} runs: median {middle:.2f}, 5 % {low:.2f}, 95 % "
+        f"{high:.2f}, largest {max(ratios):.1f}; in total {total:.2f}; processor time in total {seconds:.2f}"
+    )
