@@ -60,12 +60,13 @@ class Campaign:
             return [
                 record
                 for area in self.areas
-                for record in self._run_area(area, round(count * area.share / total), trees)
+                for record in self._run_area(area, round(count * area.share / total), copy, trees)
             ]
 
-    def _run_area(self, area: Area, count: int, trees: SimpleQueue[Tree]) -> list[Record]:
-        known, tests = read_records(self._file), digest_of_tests(area)
-        sample = list(islice(mutants(area, self.seed), count))
+    def _run_area(self, area: Area, count: int, root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
+        """Try the mutants of an area; `root` is one of the copies, since the checkout may change meanwhile."""
+        known, tests = read_records(self._file), digest_of_tests(area, root)
+        sample = list(islice(mutants(area, self.seed, root), count))
         missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
         if missing:
             limit = self._limit(area, trees)

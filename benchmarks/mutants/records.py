@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.mutants.areas import ROOT, Area
+from benchmarks.mutants.areas import Area
 from benchmarks.mutants.mutant import Mutant
 from benchmarks.mutants.trial import Outcome
 
@@ -45,11 +45,11 @@ class Record:
         return cls(*place, outcome, round(seconds, 1), tests, mutant.diff, note)
 
 
-def digest_of_tests(area: Area) -> str:
-    """Return a digest of the tests of an area and of the fixtures beside and above them."""
+def digest_of_tests(area: Area, root: Path) -> str:
+    """Return a digest of the tests of an area and of the fixtures beside them, in a checkout."""
     digest = hashlib.sha256("\0".join(area.tests).encode())
-    files = {(ROOT / test.partition("::")[0]) for test in area.tests if (ROOT / test.partition("::")[0]).exists()}
-    for path in sorted(files):
+    paths = {root / test.partition("::")[0] for test in area.tests}
+    for path in sorted(path for path in paths if path.exists()):
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path, *path.parent.glob("conftest.py")]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

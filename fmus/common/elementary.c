@@ -56,7 +56,7 @@ static double reduced(double x, int *k)
 double exponential(double x)
 {
     int k;
-    if (!(x <= 709.7)) { /* large, or not a number, and then so is what is returned */
+    if (!(x <= 709.0)) { /* 2^1024 is no number; large, or not a number: then so is what is returned */
         return x - x == 0.0 && x < 709.78 ? exponential(x - 1.0) * 0x1.5bf0a8b145769p1 : x * 1e308 * 10.0;
     }
     if (x < -700.0) { /* below 1e-304: nothing that a shock or a car would notice */

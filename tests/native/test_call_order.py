@@ -28,6 +28,8 @@ def test_a_step_begins_where_the_last_one_ended_and_ends_by_the_stop_time(host):
     for time, step in (
         (0.0, 1e-3),
         (2.001, 1e-3),
+        (1.999, 1e-3),
+        (-2.0, 1e-3),
         (2.0, 0.0),
         (2.0, -1e-3),
         (2.0, math.nan),
@@ -39,6 +41,21 @@ def test_a_step_begins_where_the_last_one_ended_and_ends_by_the_stop_time(host):
     assert fmu.step(2.001, 9e-3) == OK
     assert fmu.step(2.01, 1e-3) == ERROR
     assert "after the stop time of 2.01 s" in fmu.said()
+
+
+@pytest.mark.parametrize("time", [-3e6, 3e6])
+def test_a_large_time_may_be_off_by_a_billionth_of_itself(host, time):
+    """3 ms of 3e6 s; at small times a nanosecond."""
+    for off in (0.004, -0.004):
+        fmu = host("lpf1").start(time, stop=time + 1.0)
+        assert fmu.step(time + off, 0.5) == ERROR
+        assert fmu.step(time + 0.5 * off, 0.5) == OK
+    assert host("lpf1").start(time, stop=time + 1.0).step(time, 1.004) == ERROR
+    assert host("lpf1").start(time, stop=time + 1.0).step(time, 1.002) == OK
+    small = host("lpf1").start(0.0, stop=1.0)
+    assert small.step(2e-9, 0.1) == small.step(-2e-9, 0.1) == small.step(0.0, 1.0 + 2e-9) == ERROR
+    assert small.step(5e-10, 0.1) == small.step(0.1 - 5e-10, 0.1) == OK
+    assert small.step(0.2, 0.8 + 5e-10) == OK
 
 
 def test_a_host_that_adds_up_its_time_is_honest(host):
@@ -124,6 +141,19 @@ def test_values_that_overflow_discard_the_step_and_leave_everything(host):
     assert fmu.get("force", "lagged_force") == [before[2], before[4]]
     assert fmu.set(velocity=0.1) == OK
     assert fmu.step(0.0) == OK
+
+
+@pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
+def test_a_car_whose_state_overflows_discards_the_step_and_leaves_everything(host, name):
+    fmu = host(name).start()
+    assert fmu.step(0.0) == OK
+    before = fmu.all()
+    force = next(variable for variable in fmu.inputs() if variable.endswith("force"))
+    assert fmu.set_named({force: 1e300}) == OK
+    assert fmu.step(1e-3) == DISCARD
+    assert fmu.set_named({force: 0.0}) == OK
+    assert fmu.all() == before
+    assert fmu.step(1e-3) == OK
 
 
 def test_parameters_that_do_not_fit_each_other_keep_initialization_open_until_they_do(host):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from eightpost.shock import LAWS
+from eightpost.vehicle import read_vehicle, shipped
 
 OK, ERROR = 0, 3
 
@@ -57,6 +58,37 @@ def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, sho
     status, (found,) = slopes(fmu, ["force"], ["velocity", "displacement"], [per_velocity, per_displacement])
     assert status == OK
     assert found == pytest.approx((ends[1] - ends[0]) / (2.0 * change), rel=1e-5, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_at_the_ends_of_the_fit_a_shock_is_still_within_it(host, shocks, name):
+    """The slope there is that from inside, and nothing is told."""
+    fmu, law = host(name).start(), shocks[name].law
+    for k, edge in enumerate((law.curve.compression_speed, -law.curve.rebound_speed)):
+        fmu.set_named({"velocity": edge, "displacement": 0.0})
+        assert fmu.step(0.1 * k, 0.1) == OK
+        lagged, beyond = fmu.get("lagged_force", "beyond_fit")
+        assert beyond == 0.0 == law.response(lagged, edge, 0.0).beyond_fit
+        inside = edge * (1.0 - 1e-6)
+        difference = law.response(lagged, edge, 0.0).force - law.response(lagged, inside, 0.0).force
+        status, (found,) = slopes(fmu, ["force"], ["velocity"], [1.0])
+        assert status == OK
+        assert found == pytest.approx(difference / (edge - inside), rel=1e-4, abs=1.0)
+        fmu.set_named({"velocity": edge * 1.001})
+        assert fmu.step(0.1 * k + 0.05, 0.05) == ERROR  # it begins where the last one ended
+    assert fmu.step(0.2, 0.1) == OK
+    assert fmu.get("beyond_fit") == [1.0]
+
+
+@pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
+def test_a_cars_derivative_along_one_input_is_its_direct_term(host, name):
+    model = read_vehicle(shipped(name)).coupled()
+    fmu = host(name).start()
+    assert fmu.step(0.0, 1e-3) == OK
+    for j, known in enumerate(model.input_names):
+        status, found = slopes(fmu, model.output_names, [known], [1.0])
+        assert status == OK
+        assert found == pytest.approx(model.D[:, j].tolist(), rel=1e-12, abs=1e-12)
 
 
 def test_a_cars_derivatives_along_several_inputs_are_rows_of_its_direct_terms(host):

@@ -95,6 +95,12 @@ def test_a_curve_that_falls_is_told_with_the_slowest_velocity_where_it_does():
     assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
 
 
+def test_the_transition_may_reach_almost_down_to_zero_velocity():
+    wide = curve(**PLATEAUS | {"transition_width": 0.79})
+    assert wide.force(0.0) == 0.0
+    assert wide.force(0.4 + 0.79 / 4.0) == pytest.approx(750.0, rel=1e-12)
+
+
 @given(st.floats(0.0, 10.0))
 def test_beyond_the_fitted_range_the_curve_is_a_straight_line(beyond):
     c = curve()
