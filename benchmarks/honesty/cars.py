@@ -6,6 +6,8 @@ What else differs from system to system (curves, lags, ports, friction) are para
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -28,6 +30,9 @@ QUARTER_CARS, SEVEN_DOFS = 32, 8
 LIGHTEST, HEAVIEST = 8.0, 60.0
 #: What FMUs are made from: they are built anew where any of it changed.
 _MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cars.py")
+
+#: For so many states of the sources FMUs are kept.
+_KEPT = 8
 
 
 def vehicle_names() -> tuple[str, ...]:
@@ -81,6 +86,9 @@ def build_fmus(names: Iterable[str]) -> Path:
         names: Of vehicles, of laws, and of both with `_python` added for python FMUs.
     """
     folder = cache_folder() / "honesty" / _digest()
+    folder.mkdir(parents=True, exist_ok=True)
+    os.utime(folder)
+    _forget_the_oldest(folder.parent)
     missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
     with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
         for target, chosen in (
@@ -90,6 +98,12 @@ def build_fmus(names: Iterable[str]) -> Path:
             if chosen:
                 build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
     return folder
+
+
+def _forget_the_oldest(folder: Path) -> None:
+    """Remove the FMUs of sources that were tried long ago."""
+    for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _digest() -> str:

@@ -40,7 +40,7 @@ ABOUT = ("coupling", "energy", "convergence")
 MOST_POINTS = 30_000
 
 #: Tolerances of the reference, one after the other until two agree; how far they may be apart [%].
-TOLERANCES = (1e-7, 1e-9, 1e-11)
+TOLERANCES = (1e-7, 1e-9, 1e-11, 1e-12)
 AGREED = 0.001
 #: The reference is settled where its own error is below this share of the error that was found.
 SETTLED_SHARE = 0.05

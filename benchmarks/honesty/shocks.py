@@ -97,8 +97,17 @@ def _least_slope(curve: StaticCurve) -> float:
     nose = np.linspace(-1.0, 1.0, 1601) * (curve.transition_speed + curve.transition_width)
     v = np.union1d(coarse, nose)
     v = v[(v > -curve.rebound_speed) & (v < curve.compression_speed)]
-    force = np.array([curve.force(float(one)) for one in v])
-    return float(min(np.min(np.diff(force) / np.diff(v)), curve.compression_slope, curve.rebound_slope))
+    slopes = np.diff(_forces(curve, v)) / np.diff(v)
+    return float(min(np.min(slopes), curve.compression_slope, curve.rebound_slope))
+
+
+def _forces(curve: StaticCurve, v: Array) -> Array:
+    """Return the curve's force at velocities within the fitted range (N,)."""
+    s, far = v / curve.transition_speed, np.abs(v) / curve.transition_speed - 1.0
+    share = np.clip((np.abs(v) - curve.transition_speed) / curve.transition_width + 0.5, 0.0, 1.0)
+    inner = s * np.polyval(curve.inner[::-1], s)
+    outer = np.where(v > 0.0, np.polyval(curve.compression[::-1], far), np.polyval(curve.rebound[::-1], far))
+    return np.asarray((1.0 - share) * inner + share * outer)
 
 
 def _port(random: Random) -> Port:
