@@ -1,35 +1,25 @@
-"""Units: SI inside, the field's units at the rim. pint does the arithmetic.
+"""Units: SI inside, the field's units at the rim.
 
-A *unit* here is its short symbol as FMI and file headers write it: `m/s`, `N.m`, `in/s`, `lbf`.
+A *unit* here is its short symbol as FMI and file headers write it: `m/s`, `N.m`, `in/s`, `lbf`. pint does the
+arithmetic. What it says of common units is kept in unit_table.json, because pint takes longer to load than most
+commands take; `python -m eightpost.unit_table` writes the table anew.
 """
 
 from __future__ import annotations
 
 import re
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
-
-import numpy as np
-import pint
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, TypeVar
 
 from eightpost.errors import UnknownUnitError
+from eightpost.unit_symbols import expression
+from eightpost.unit_table import Table, read_table
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 Values = TypeVar("Values", float, "NDArray[np.float64]")
-
-_REGISTRY: Any = pint.UnitRegistry(cache_folder=None)
-_REGISTRY.define("lbm = pound")
-
-# What headers write and pint reads differently: in this field a pound is a force unless it says lbm.
-_SPELLINGS = {
-    "lb": "lbf", "lbs": "lbf", "lbsf": "lbf", "#": "lbf", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms",
-    "inch": "in", "inches": "in", '"': "in", "ips": "in/s", "in/sec": "in/s", "mm/sec": "mm/s", "m/sec": "m/s",
-    "g": "g_0", "g's": "g_0", "gs": "g_0", "c": "degC", "degc": "degC", "°c": "degC", "f": "degF", "degf": "degF",
-    "°f": "degF", "°": "deg", "-": "1", "": "1", "newton": "N", "newtons": "N",
-    "click": "1", "clicks": "1",
-}  # fmt: skip
 
 #: The SI unit in which each kind of channel is held.
 SI_UNITS = (
@@ -56,45 +46,47 @@ SI_UNITS = (
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-_PINT_BASE = {
-    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
-    "radian": "rad",
-}  # fmt: skip
+
+_EXAMPLES = "m, mm, in, m/s, in/s, N, lbf, lbf/in, kg, lbm, psi, s, ms, degC"
 
 
-def _expression(unit: str) -> str:
-    """Rewrite a symbol so that pint reads it: `N.m` -> `N*m`, `m/s2` -> `m/s**2`."""
-    text = unit.strip()
-    text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
-    # Upper and lower case tell these apart: Nm is a torque here, nm a length.
-    text = {"C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm"}.get(text, text)
-    text = re.sub(r"\b(lbs|lb)\b(?!m|f)", "lbf", text)
-    text = re.sub(r"(?<![\w.])g(?![\w])", "g_0", text)
-    text = text.replace("²", "2").replace("³", "3").replace("·", ".").replace("^", "")
-    text = re.sub(r"(?<=[A-Za-z)])\s*[.\-]\s*(?=[A-Za-z(])", "*", text)
-    text = re.sub(
-        r"(?<=[A-Za-z])(\d)",
-        r"**\1",
-        text.replace("g_0", "standard_gravity").replace("g_n", "standard_gravity"),
-    )
-    return re.sub(r"(?<=[a-z])\s+(?=[a-z])", "*", text)
+@cache
+def _table() -> Table:
+    return read_table()
 
 
-@lru_cache(maxsize=512)
-def _unit(unit: str) -> Any:
+@lru_cache(maxsize=1024)
+def _known(unit: str) -> str:
+    """Return the expression of a unit that can be read."""
+    text = expression(unit)
+    if text in _table().exponents:
+        return text
+    from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
+
     try:
         if "//" in unit:  # pint reads it as a floor division
             raise ValueError("a doubled slash")
-        return _REGISTRY.Unit(_expression(unit)) if _expression(unit) != "1" else _REGISTRY.Unit("")
+        pint_units.unit(text)
     except Exception as error:  # pint raises several kinds, and assertion errors from its parser
-        known = ", ".join(("m", "mm", "in", "m/s", "in/s", "N", "lbf", "lbf/in", "kg", "lbm", "psi", "s", "ms", "degC"))
-        raise UnknownUnitError(f"unknown unit {unit!r}; write it as for example {known}") from error
+        raise UnknownUnitError(f"unknown unit {unit!r}; write it as for example {_EXAMPLES}") from error
+    return text
+
+
+@lru_cache(maxsize=4096)
+def _converted(source: str, target: str) -> tuple[float, float] | None:
+    """Return (factor, offset) between two units that can be read; None where their dimensions differ."""
+    table, pair = _table(), (_known(source), _known(target))
+    if all(text in table.exponents for text in pair):
+        return table.conversions.get(pair)
+    from eightpost import pint_units  # noqa: PLC0415
+
+    return pint_units.conversion(*pair)
 
 
 def is_unit(text: str) -> bool:
     """Say whether `text` can be read as a unit."""
     try:
-        _unit(text)
+        _known(text)
     except UnknownUnitError:
         return False
     return True
@@ -102,7 +94,7 @@ def is_unit(text: str) -> bool:
 
 def compatible(first: str, second: str) -> bool:
     """Say whether two units have the same dimension."""
-    return bool(_unit(first).is_compatible_with(_unit(second)))
+    return _converted(first, second) is not None
 
 
 def conversion(source: str, target: str) -> tuple[float, float]:
@@ -111,12 +103,10 @@ def conversion(source: str, target: str) -> tuple[float, float]:
     Raises:
         UnknownUnitError: A unit is not known or the dimensions differ.
     """
-    if not compatible(source, target):
+    found = _converted(source, target)
+    if found is None:
         raise UnknownUnitError(f"cannot convert {source!r} to {target!r}: the dimensions differ")
-    if _unit(source) == _unit(target):
-        return 1.0, 0.0
-    zero, one = (float(_REGISTRY.Quantity(value, _unit(source)).to(_unit(target)).magnitude) for value in (0.0, 1.0))
-    return one - zero if zero else one, zero
+    return found
 
 
 def convert(values: Values, source: str, target: str) -> Values:
@@ -153,13 +143,17 @@ def si_exponents(unit: str) -> dict[str, int]:
     return dict(_exponents(unit))
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
-    base = _REGISTRY.Quantity(1.0, _unit(unit)).to_base_units().units
-    if unknown := sorted(set(base._units) - set(_PINT_BASE)):
+    text = _known(unit)
+    powers = _table().exponents.get(text)
+    if powers is None:
+        from eightpost import pint_units  # noqa: PLC0415
+
+        powers = pint_units.exponents(text)
+    if unknown := sorted(set(powers) - set(_BASE)):
         raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is no quantity of this field")
-    exponents = {_PINT_BASE[name]: int(power) for name, power in base._units.items()}
-    return tuple((name, exponents[name]) for name in _BASE if exponents.get(name))
+    return tuple((name, powers[name]) for name in _BASE if powers.get(name))
 
 
 def si_factor(unit: str) -> float:
@@ -168,7 +162,13 @@ def si_factor(unit: str) -> float:
     >>> si_factor("in")
     0.0254
     """
-    return float(_REGISTRY.Quantity(1.0, _unit(unit)).to_base_units().magnitude)
+    text = _known(unit)
+    factor = _table().factors.get(text)
+    if factor is None:
+        from eightpost import pint_units  # noqa: PLC0415
+
+        factor = pint_units.factor(text)
+    return factor
 
 
 def quantity(text: str) -> tuple[float, str]:
@@ -186,5 +186,5 @@ def quantity(text: str) -> tuple[float, str]:
     number, unit = match.groups()
     if not unit:
         raise UnknownUnitError(f"{text!r} has no unit; write it as for example '70 in'")
-    _unit(unit)
+    _known(unit)
     return float(number), unit

@@ -1,10 +1,13 @@
 """Units are those of the field, converted by their definitions."""
 
+import subprocess
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost import units
+from eightpost import unit_table, units
 from eightpost.errors import UnknownUnitError
 
 #: Definitions: the inch, the pound and standard gravity are exact.
@@ -78,3 +81,16 @@ def test_what_is_no_quantity_is_refused(text):
 def test_a_unit_of_no_quantity_of_this_field_is_refused():
     with pytest.raises(UnknownUnitError, match="no quantity of this field"):
         units.si_unit("count")
+
+
+def test_the_table_of_common_units_is_what_pint_says():
+    """To the bit; `python -m eightpost.unit_table` writes it anew."""
+    assert unit_table.read_table() == unit_table.make_table()
+
+
+def test_common_units_are_converted_without_pint():
+    words = (
+        "import sys; from eightpost.units import *; convert(1.0, 'lbf.s/in', 'N.s/m'); si_unit('in/s'); si_factor('g')"
+    )
+    program = f"{words}; assert 'pint' not in sys.modules; si_factor('furlong'); assert 'pint' in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)

@@ -8,17 +8,10 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import infer_getattr, lower_getattr_generic, models, register_model, typeof_impl, unbox
-from numba.np import arrayobj
-from numba.np.numpy_support import from_dtype
 
 #: Words of the table for each field: an address or a number, and an array's shape.
-_WORDS = 3
+WORDS = 3
 
 
 class Block:
@@ -33,94 +26,29 @@ class Block:
         self.parts = [Block(value) if isinstance(value, tuple) else value for value in content]
         self.table = np.array([word for value in self.parts for word in _words(value)], dtype=np.int64)
         self.address = _address(self.table)
-        self.make = (type(content), tuple(map(_make, self.parts)))
-        self.kind: BlockType = _kind_of(self.make)
+        self.kind: Kind = (type(content), tuple(map(_kind, self.parts)))
 
 
-class BlockType(types.Type):
-    """The type of a block: its fields' names and types."""
-
-    def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
-        self.fields = fields
-        super().__init__(name=f"{name}({', '.join(f'{field}: {kind}' for field, kind in fields)})")
-
-
-@register_model(BlockType)
-class _BlockModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, ir.IntType(64))
-
-
-@typeof_impl.register(Block)
-def _type_of(block: Block, _context: Any) -> BlockType:
-    return block.kind
-
-
-@unbox(BlockType)
-def _unbox(_kind: Any, block: Any, c: Any) -> Any:
-    address = c.pyapi.object_getattr_string(block, "address")
-    value = c.pyapi.long_as_longlong(address)
-    c.pyapi.decref(address)
-    return numba.extending.NativeValue(value)
-
-
-@infer_getattr
-class _Attributes(AttributeTemplate):  # type: ignore[misc]
-    key = BlockType
-
-    def generic_resolve(self, kind: BlockType, name: str) -> Any:
-        return dict(kind.fields).get(name)
-
-
-@lower_getattr_generic(BlockType)
-def _get(context: Any, builder: Any, kind: BlockType, address: Any, name: str) -> Any:
-    index = [field for field, _ in kind.fields].index(name)
-    field = kind.fields[index][1]
-    word = ir.IntType(64)
-    table = builder.inttoptr(address, word.as_pointer())
-
-    def load(k: int) -> Any:
-        """The table does not change while compiled code runs, so that a word need not be loaded again."""
-        value = builder.load(builder.gep(table, [word(_WORDS * index + k)]))
-        value.set_metadata("invariant.load", builder.module.add_metadata([]))
-        return value
-
-    if isinstance(field, types.Array):
-        return _array(context, builder, field, load)
-    return builder.bitcast(load(0), ir.DoubleType()) if isinstance(field, types.Float) else load(0)
-
-
-def _array(context: Any, builder: Any, kind: Any, load: Any) -> Any:
-    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-    shape = [load(1 + axis) for axis in range(kind.ndim)]
-    strides = [size] if kind.ndim == 1 else [builder.mul(size, shape[1]), size]
-    array = arrayobj.make_array(kind)(context, builder)
-    arrayobj.populate_array(
-        array,
-        data=builder.inttoptr(load(0), context.get_data_type(kind.dtype).as_pointer()),
-        shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=size,
-        meminfo=None,
-    )
-    return array._getvalue()
-
-
-def _make(value: Any) -> Any:
-    """What a value's type follows from; numba's own types take long to compare."""
-    if isinstance(value, np.ndarray):
-        return value.dtype.char, value.ndim
-    return value.make if isinstance(value, Block) else float if isinstance(value, float) else int
+#: What machine code depends on of a value: a type of named tuple with the kinds of its fields, an array's type code and
+#: number of dimensions, int or float.
+Kind = Any
 
 
 @cache
-def _kind_of(make: Any) -> Any:
-    if make in (float, int):
-        return types.float64 if make is float else types.int64
-    what, parts = make
+def described(kind: Kind) -> str:
+    """Write a kind out, with the names of its fields: machine code is kept under it."""
+    if kind in (float, int):
+        return str(kind.__name__)
+    what, parts = kind
     if isinstance(what, str):
-        return types.Array(from_dtype(np.dtype(what)), parts, "C")
-    return BlockType(what.__name__, tuple(zip(what._fields, map(_kind_of, parts), strict=True)))
+        return f"{what}{parts}"
+    return f"{what.__name__}({', '.join(f'{f}: {described(k)}' for f, k in zip(what._fields, parts, strict=True))})"
+
+
+def _kind(value: Any) -> Kind:
+    if isinstance(value, np.ndarray):
+        return value.dtype.char, value.ndim
+    return value.kind if isinstance(value, Block) else float if isinstance(value, float) else int
 
 
 def _address(array: Any) -> int:
@@ -133,7 +61,7 @@ def _words(value: Any) -> tuple[int, ...]:
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise ValueError("a block's arrays must be contiguous")
-        return _address(value), *value.shape, *(0 for _ in range(_WORDS - 1 - value.ndim))
+        return _address(value), *value.shape, *(0 for _ in range(WORDS - 1 - value.ndim))
     if isinstance(value, Block):
         return value.address, 0, 0
     number = np.float64(value).view(np.int64) if isinstance(value, float) else value

@@ -1,36 +1,37 @@
-"""numba, where it is installed: the same functions as machine code, cached on disk, without the GIL.
+"""The same functions as machine code: lowered by numba once on a machine, kept on disk, called without the GIL.
 
-`shared` marks a function of the loop. Without numba it stays what it is: plain Python, the same bits, slower.
+`shared` marks a function of the loop, which also stays what it is: plain Python, the same bits, slower. numba itself is
+loaded only where there is no machine code yet, because that takes longer than most runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from typing import Any, TypeVar
 
-from cosim.engine import calls
+from cosim.engine.blocks import Block
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Bind = Callable[..., Callable[..., int]]
 
-try:
-    import numba
-    from llvmlite import ir
-    from numba import types
-    from numba.extending import intrinsic, overload, register_jitable
-except ImportError:
-    numba = None
+#: All functions that compiled code calls.
+SHARED: list[Callable[..., Any]] = []
 
 
 def shared(function: Function) -> Function:
     """Mark a function that compiled code calls too."""
-    return function if numba is None else register_jitable(_nrt=False)(function)
+    SHARED.append(function)
+    return function
 
 
-def hot(function: Function) -> Function:
-    """The same, for one that is called in every step: its code is put where it is called."""
-    return function if numba is None else register_jitable(_nrt=False, forceinline=True)(function)
+def can_compile() -> bool:
+    """Return whether numba is installed."""
+    try:
+        return find_spec("numba") is not None
+    except ValueError:  # what stands in its place is no module
+        return False
 
 
 def bound(function: Callable[..., int]) -> Bind:
@@ -38,89 +39,19 @@ def bound(function: Callable[..., int]) -> Bind:
     return lambda *tuples: partial(function, *tuples)
 
 
-def compiled(function: Callable[..., int]) -> Bind | None:
-    """The same as machine code, which is kept on disk; the named tuples become blocks. None without numba."""
-    if numba is None:
-        return None
-    from cosim.engine.blocks import Block  # noqa: PLC0415
+def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]] | None = None) -> Bind:
+    """The same as machine code; the named tuples become blocks, the other arguments are integers.
 
-    machine = numba.njit(nogil=True, cache=True, _nrt=False)(function)
-    return lambda *tuples: partial(machine, *map(Block, tuples))
+    Args:
+        function: A function of the loop.
+        instead: By name of a function that is called, the one that takes its place.
+    """
 
+    def bind(*tuples: Any) -> Callable[..., int]:
+        from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- where numba is not installed
 
-if numba is not None:
-    _WORD, _POINTER, _REAL, _INT = ir.IntType(64), ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
-    _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT}
+        blocks = tuple(map(Block, tuples))
+        machine = machine_code(function, tuple(block.kind for block in blocks), instead or {})
+        return lambda *numbers: machine(*(block.address for block in blocks), *numbers)
 
-    def _call(kinds: tuple[str, ...]) -> Any:
-        """A code generator for a call of the function at the first argument with the others."""
-
-        def codegen(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            kind = ir.FunctionType(_INT, [_LLVM[k] for k in kinds])
-            function = builder.inttoptr(arguments[0], kind.as_pointer())
-            values = []
-            for what, argument in zip(kinds, arguments[1:], strict=True):
-                if what == "pointer":
-                    values.append(builder.inttoptr(argument, _POINTER))
-                else:
-                    values.append(builder.trunc(argument, _INT) if what == "int" else argument)
-            return builder.sext(builder.call(function, values), _WORD)
-
-        return codegen
-
-    def _signature(kinds: tuple[str, ...]) -> Any:
-        return types.int64(types.int64, *(types.float64 if k == "real" else types.int64 for k in kinds))
-
-    _EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer", "size", "pointer", "pointer")
-    _STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
-
-    @intrinsic
-    def _call_exchange(_context, address, instance, references, count, values):  # type: ignore[no-untyped-def]
-        return _signature(_EXCHANGE), _call(_EXCHANGE)
-
-    @intrinsic
-    def _call_slopes(_context, address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-        return _signature(_SLOPES), _call(_SLOPES)
-
-    @intrinsic
-    def _call_step(_context, address, instance, time, step, final):  # type: ignore[no-untyped-def]
-        return _signature(_STEP), _call(_STEP)
-
-    @intrinsic
-    def _call_state(_context, address, instance, pointer):  # type: ignore[no-untyped-def]
-        return _signature(_STATE), _call(_STATE)
-
-    @overload(calls.exchange)
-    def _exchange(address, instance, references, count, values):  # type: ignore[no-untyped-def]
-        def implementation(address, instance, references, count, values):  # type: ignore[no-untyped-def]
-            return _call_exchange(address, instance, references, count, values)
-
-        return implementation
-
-    @overload(calls.set_slopes)
-    def _set_slopes(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-        def implementation(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-            return _call_slopes(address, instance, references, count, orders, values)
-
-        return implementation
-
-    @overload(calls.do_step)
-    def _do_step(address, instance, time, step, final):  # type: ignore[no-untyped-def]
-        def implementation(address, instance, time, step, final):  # type: ignore[no-untyped-def]
-            return _call_step(address, instance, time, step, final)
-
-        return implementation
-
-    @overload(calls.save_state)
-    def _save_state(address, instance, states, index):  # type: ignore[no-untyped-def]
-        def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
-            return _call_state(address, instance, states.ctypes.data + 8 * index)
-
-        return implementation
-
-    @overload(calls.restore_state)
-    def _restore_state(address, instance, states, index):  # type: ignore[no-untyped-def]
-        def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
-            return _call_state(address, instance, states[index])
-
-        return implementation
+    return bind

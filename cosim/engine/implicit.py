@@ -247,3 +247,9 @@ def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mo
             return 0
         if restore_parts(plan, m, first, last, _OWN_STATE):
             return 1
+
+
+@shared
+def step_once(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mode) -> int:
+    """Do the same as step_group where the scheme is explicit: then the rest of this file need not be compiled."""
+    return sweep(plan, m, g, drive, step, min(mode.kind, 1), mode.values, mode.final)

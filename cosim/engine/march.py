@@ -6,7 +6,7 @@ from math import isnan
 from typing import NamedTuple
 
 from cosim.engine import calls
-from cosim.engine.compiled import hot, shared
+from cosim.engine.compiled import shared
 from cosim.engine.implicit import restore_parts, save_parts, step_group
 from cosim.engine.meters import accept, add_bonds, add_limits
 from cosim.engine.plan import (
@@ -100,7 +100,7 @@ class Progress(NamedTuple):
     drive: Drive
 
 
-@hot
+@shared
 def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
     """Read the extras and keep a row; 1 where a part refused."""
     parts, at = plan.parts, m.at
@@ -119,7 +119,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
     return 0
 
 
-@hot
+@shared
 def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
     """Step every part; 1 where one refused."""
     for g in range(plan.loops.parts.size - 1):
@@ -128,7 +128,7 @@ def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int
     return 0
 
 
-@hot
+@shared
 def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
     """Add the step of `h` to `end` [s] to what is added up.
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from cosim.engine.compiled import hot, shared
+from cosim.engine.compiled import shared
 from cosim.engine.plan import Memory, Plan
 from cosim.engine.sweep import pace_of
 
 _DIVERGED = 1e15
 
 
-@hot
+@shared
 def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
     """Add the squares of what term k had assumed for the end of the step less what came, and the term's own.
 
@@ -26,7 +26,7 @@ def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
     return twice
 
 
-@hot
+@shared
 def add_bonds(plan: Plan, m: Memory, h: float) -> None:
     """Add what both terms of every bond missed, and the energy given at one end less that taken at the other [J]."""
     bonds = plan.bonds
@@ -40,7 +40,7 @@ def add_bonds(plan: Plan, m: Memory, h: float) -> None:
         m.transferred[b] += abs(taken)
 
 
-@hot
+@shared
 def add_limits(plan: Plan, m: Memory, h: float) -> None:
     """Add the step to the time of every limit that is exceeded at its end."""
     watch = plan.watch
@@ -58,7 +58,7 @@ def _first_senseless(m: Memory) -> int:
     return s
 
 
-@hot
+@shared
 def accept(m: Memory, h: float) -> int:
     """Take the end of the step for the start of the next one.
 

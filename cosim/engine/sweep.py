@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.engine import calls
-from cosim.engine.compiled import hot, shared
+from cosim.engine.compiled import shared
 from cosim.engine.plan import (
     EXTRAPOLATED,
     GET,
@@ -22,14 +22,14 @@ from cosim.engine.plan import (
 )
 
 
-@hot
+@shared
 def pace_of(m: Memory, h: float) -> float:
     """1 / h [1/s], which is known where the last step was as long."""
     pace: float = m.pace[0] if h == m.last[0] else 1.0 / h
     return pace
 
 
-@hot
+@shared
 def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
     """A coupling step of `h` from `time` [s], with what all signals' lines and parabolas over it share."""
     again = h == m.last[0]  # most steps: then nothing is divided
@@ -47,14 +47,14 @@ def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
     )
 
 
-@hot
+@shared
 def on_parabola(m: Memory, s: int, step: Step) -> float:
     """A signal at the end of the step, on with the last two steps' slopes and their change."""
     end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
     return end
 
 
-@hot
+@shared
 def _start(m: Memory, s: int, end: float, step: Step) -> float:
     """Where a straight line to `end` starts that has the mean of a parabola through the last step's start, too.
 
@@ -65,14 +65,14 @@ def _start(m: Memory, s: int, end: float, step: Step) -> float:
     return start
 
 
-@hot
+@shared
 def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has made it."""
     end = m.ahead[s]
     return (_start(m, s, end, step) if mode > EXTRAPOLATED else m.now[s]), end
 
 
-@hot
+@shared
 def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """A signal at both ends of the step, of a part that has not made it."""
     if mode > EXTRAPOLATED:
@@ -93,7 +93,7 @@ def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
             m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], step) + terms.offset[k]
 
 
-@hot
+@shared
 def _take_values(plan: Plan, m: Memory, first: int, last: int, sequential: int) -> None:
     """What the inputs take from other parts where that is held: no line to find, half the work of _take_lines."""
     parts, terms = plan.parts, plan.terms
@@ -106,7 +106,7 @@ def _take_values(plan: Plan, m: Memory, first: int, last: int, sequential: int) 
         m.assumed[k] = a
 
 
-@hot
+@shared
 def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequential: int, mode: int) -> None:
     """What the inputs take from other parts where that moves over the step."""
     parts, terms = plan.parts, plan.terms
@@ -121,7 +121,7 @@ def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequen
         m.assumed[k] = b
 
 
-@hot
+@shared
 def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
     """Find what the inputs of the parts `first` to `last` - 1 are at the start of the step and how they go on, and what
     each term gives on average.
@@ -145,7 +145,7 @@ def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step,
         _assume(plan, m, first, last, step)
 
 
-@hot
+@shared
 def _share_at(drive: Drive, step: Step, j: int) -> float:
     """The share of the step that has gone by at the drive's point j."""
     share: float = (drive.times[j] - drive.times[step.first]) / (drive.times[step.last] - drive.times[step.first])
@@ -164,7 +164,7 @@ def _value_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: i
         to[driven.target[k]] += driven.factor[k] * (drive.samples[j, d] - line)
 
 
-@hot
+@shared
 def failed(m: Memory, status: int, c: int, function: int) -> int:
     """Keep who refused what; 1 where a status is an error."""
     if status > 1 or status < 0:
@@ -175,7 +175,7 @@ def failed(m: Memory, status: int, c: int, function: int) -> int:
     return 0
 
 
-@hot
+@shared
 def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
     """Give part c its inputs, which are at the address `values`."""
     parts, at = plan.parts, m.at
@@ -183,7 +183,7 @@ def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
     return failed(m, status, c, SET)
 
 
-@hot
+@shared
 def _ramp(plan: Plan, m: Memory, c: int, values: int, slopes: int) -> int:
     """The same, and how they go on over its step, which is at the address `slopes`."""
     if _set(plan, m, c, values):
@@ -231,20 +231,20 @@ def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) ->
     return _set(plan, m, c, m.at.values[c])
 
 
-@hot
+@shared
 def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int:
     parts = plan.parts
     return failed(m, calls.do_step(parts.do_step[c], parts.instance[c], time, h, final), c, STEP)
 
 
-@hot
+@shared
 def _stands_still(plan: Plan, c: int, mode: int) -> bool:
     """Whether no input of part c moves over any step of the run: then no slope is ever set, as none is at first."""
     stands: bool = mode == HELD and plan.parts.driven[c] == plan.parts.driven[c + 1]
     return stands
 
 
-@hot
+@shared
 def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
     """Step part c at once."""
     if plan.parts.input_count[c] > 0:
@@ -273,7 +273,7 @@ def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int)
     return 0
 
 
-@hot
+@shared
 def _read(plan: Plan, m: Memory, c: int) -> int:
     """Read the signals of part c."""
     parts, at = plan.parts, m.at
@@ -285,7 +285,7 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
     return failed(m, status, c, GET)
 
 
-@hot
+@shared
 def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
     """Step part c and read its signals; 1 where it refused."""
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
@@ -296,7 +296,7 @@ def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, fi
     return _read(plan, m, c)
 
 
-@hot
+@shared
 def sweep(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, sequential: int, mode: int, final: int) -> int:
     """Step the parts of group g, level by level; 1 where one refused."""
     levels = plan.levels

@@ -6,9 +6,10 @@ import time as clock
 from collections.abc import Callable
 
 from cosim.algorithm import Adaptive, Algorithm
-from cosim.engine.loop import can_compile, loop
+from cosim.engine.compiled import can_compile
+from cosim.engine.loop import loop
 from cosim.engine.march import record
-from cosim.engine.plan import STOPPED
+from cosim.engine.plan import IMPLICIT, STOPPED
 from cosim.functions import Native
 from cosim.interrupt import interrupts_deferred
 from cosim.result import Result
@@ -98,9 +99,12 @@ class Session:
         """The loop that is asked for; compiling one gains nothing where every component is Python."""
         setup = self._setup
         native = any(isinstance(component, Native) for component in setup.system.components.values())
+        mode = setup.algorithm.mode(setup.scenario.settling)
         bind, chunk = loop(
-            engine if native or engine == "compiled" else "python", adaptive=isinstance(setup.algorithm, Adaptive)
+            engine if native or engine == "compiled" else "python",
+            adaptive=isinstance(setup.algorithm, Adaptive),
+            implicit=mode.kind == IMPLICIT,
         )
         if engine == "compiled" and not can_compile():
             raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
-        return Marching(bind, chunk, setup.algorithm.mode(setup.scenario.settling), progress)
+        return Marching(bind, chunk, mode, progress)

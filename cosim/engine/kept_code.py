@@ -1,0 +1,44 @@
+"""Machine code on disk, so that only the first run on a machine compiles."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from contextlib import suppress
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+import platformdirs
+
+#: Files that are kept; the ones not used for longest go first.
+KEPT = 40
+
+
+def recall(key: str) -> bytes | None:
+    """Return what was kept under a key; nothing where it is not there or damaged."""
+    path = _folder() / key
+    try:
+        content = path.read_bytes()
+        os.utime(path)
+    except OSError:
+        return None
+    checksum, body = content[:32], content[32:]
+    return body if hashlib.sha256(body).digest() == checksum else None
+
+
+def keep(key: str, content: bytes) -> None:
+    """Keep machine code under a key; where the folder cannot be written, nothing is kept."""
+    folder = _folder()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(hashlib.sha256(content).digest() + content)
+        Path(file.name).replace(folder / key)
+        entries = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in entries[KEPT:]:
+            path.unlink(missing_ok=True)
+
+
+def _folder() -> Path:
+    """Return `loop` in EIGHTPOST_CACHE, or in the user's cache folder."""
+    return Path(os.environ.get("EIGHTPOST_CACHE") or platformdirs.user_cache_path("eightpost")) / "loop"

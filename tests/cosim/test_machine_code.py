@@ -1,0 +1,139 @@
+"""Machine code of the loop: made once, kept on disk, made anew where it is damaged, loaded without numba."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cosim.engine import kept_code, machine_code, processor
+from cosim.engine.blocks import Block, described
+from cosim.engine.compiled import compiled
+from cosim.engine.lowering import Request, object_file
+
+#: Of numba's convention: the result goes where the first argument points.
+CODE = """
+target triple = "{triple}"
+define i32 @double(i64* %result, i8** %raised, i64 %x) {{
+  %y = shl i64 %x, 1
+  store i64 %y, i64* %result
+  %bad = icmp eq i64 %x, 0
+  %status = select i1 %bad, i32 1, i32 0
+  ret i32 %status
+}}
+"""
+
+
+class Numbers(NamedTuple):
+    values: NDArray[np.float64]
+    count: int
+    scale: float
+
+
+class Outer(NamedTuple):
+    inner: Numbers
+    table: NDArray[np.uint32]
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
+    return tmp_path / "loop"
+
+
+@pytest.fixture
+def doubling() -> bytes:
+    return processor.optimised(CODE.format(triple=processor.description()[0]), "double")
+
+
+def test_a_kind_is_written_out_with_its_fields_and_their_types() -> None:
+    block = Block(Outer(Numbers(np.zeros(2), 3, 0.5), np.zeros((2, 2), np.uint32)))
+    assert described(block.kind) == "Outer(inner: Numbers(values: d1, count: int, scale: float), table: I2)"
+
+
+def test_what_is_kept_comes_back_and_what_is_damaged_does_not(cache: Path) -> None:
+    kept_code.keep("key", b"machine code")
+    assert kept_code.recall("key") == b"machine code"
+    content = bytearray((cache / "key").read_bytes())
+    content[40] ^= 1
+    (cache / "key").write_bytes(content)
+    assert kept_code.recall("key") is None
+    (cache / "key").write_bytes(b"")
+    assert kept_code.recall("key") is None
+
+
+def test_the_least_used_code_goes_first(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_code, "KEPT", 2)
+    for k, key in enumerate("abc"):
+        kept_code.keep(key, key.encode())
+        (cache / key).touch()
+        os.utime(cache / key, (k, k))
+    kept_code.keep("d", b"d")
+    assert sorted(path.name for path in cache.iterdir()) == ["c", "d"]
+
+
+def test_where_a_folder_cannot_be_written_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "file"))
+    kept_code.keep("key", b"machine code")
+    assert kept_code.recall("key") is None
+
+
+def test_an_object_file_is_loaded_and_called(doubling: bytes) -> None:
+    double = machine_code._callable(processor.loaded(doubling), 1)
+    assert double(21) == 42
+    with pytest.raises(ArithmeticError, match="divided by zero"):
+        double(0)
+
+
+@pytest.mark.parametrize("damage", [False, True], ids=["kept", "damaged"])
+def test_kept_code_is_taken_and_damaged_code_is_made_anew(
+    cache: Path, doubling: bytes, monkeypatch: pytest.MonkeyPatch, damage: bool
+) -> None:
+    made: list[object] = []
+
+    def make(request: object) -> bytes:
+        made.append(request)
+        return doubling
+
+    def function(numbers: Numbers) -> int:
+        return numbers.count
+
+    monkeypatch.setattr("cosim.engine.lowering.object_file", make)
+    bind, numbers = compiled(function), Numbers(np.zeros(1), 3, 0.5)
+    for _ in range(2):
+        monkeypatch.setattr(machine_code, "_FUNCTIONS", {})
+        assert bind(numbers)() != 0
+        if damage:
+            next(cache.iterdir()).write_bytes(b"not machine code")
+    assert len(made) == (2 if damage else 1)
+
+
+def test_code_is_told_apart_by_what_it_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = {machine_code._key("march", "Plan()"), machine_code._key("march", "Plan(a: d1)")}
+    monkeypatch.setattr(machine_code, "description", lambda: ("x86_64", "another", "+avx"))
+    keys.add(machine_code._key("march", "Plan()"))
+    monkeypatch.setattr(machine_code, "version", lambda _: "0.0")
+    keys.add(machine_code._key("march", "Plan()"))
+    assert len(keys) == 4
+
+
+def test_a_compiler_that_fails_is_told() -> None:
+
+    with pytest.raises(RuntimeError, match=r"(?s)could not be compiled; engine='python' needs.*TypingError"):
+        object_file(Request(_no_integer, (), 1, {}))
+
+
+def _no_integer(number: int) -> int:
+    return number.no_such_field  # type: ignore[attr-defined,no-any-return]
+
+
+def test_the_engine_is_loaded_without_numba() -> None:
+    program = "import sys, cosim.engine.loop, cosim.engine.machine_code; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
