@@ -11,7 +11,12 @@ from eightpost.ident.response.coherence import multiple_coherence, partial_coher
 from eightpost.ident.response.regression import regress
 from eightpost.ident.shock.solvers.uncertainty import blocks_of, covariance, curve_band, quantile
 from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
-from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
+from eightpost.ident.vehicle.common_poles.uncertainty import (
+    correlation_length,
+    response_deviation,
+    sampled_models,
+    spread,
+)
 from eightpost.ident.vehicle.trust import FoundForce
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
@@ -265,6 +270,15 @@ def test_a_tire_has_lifted_at_a_hundredth_of_its_mean_load(amplitude, lifts):
         )
         assert told.keys() == ({"lift-off"} if lifts else set())
         assert not lifts or "(lf.tire_force)" in told["lift-off"]
+
+
+def test_a_tire_at_exactly_a_hundredth_of_its_mean_load_has_lifted():
+    test = series(lf__tire_force=lambda time: np.where(time < 1.0, -990.0, 110.0))
+    assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 1000.0}).keys() == {"lift-off"}
+
+
+def test_no_misfit_at_all_is_alike_nowhere():
+    assert correlation_length(np.zeros((1, 2, 50), dtype=complex)) == 1
 
 
 def test_a_mean_below_the_scatter_is_a_change_from_rest_and_tells_no_lift_off():
