@@ -1,4 +1,4 @@
-"""The default: a scheme that suits what the components can do, at a step that meets the tolerance."""
+"""The default: a scheme that suits the components, at a step for which successive runs agree."""
 
 from __future__ import annotations
 
@@ -7,39 +7,33 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
-from cosim.difference import difference, error_of_finer
+from cosim.dense_runs import DenseRuns, diverged
+from cosim.error_estimate import Comparison, compare, stated_error
+from cosim.given_step import run_at_step
 from cosim.result import Result
 from cosim.scenario import Scenario
-from cosim.session import Session
 from cosim.system import System
 from eightpost.errors import InputError, StepError
 
-#: Coupling step to begin with [s]: twice what suits race cars and their shocks (docs/coupling.md).
+#: Largest first coupling step [s]: twice what suits race cars and their shocks (docs/coupling.md).
 FIRST_STEP = 2e-3
 
-#: Steps are chosen for this share of the tolerance: an estimate is no bound.
-_AIM = 0.8
-
-#: At least so many of a run's steps lie in a step of the run that it is compared with, and at most.
-_FINER, _FINEST = 2, 16
-
-#: Explicit exchange is given up where it still diverges at this share of the first step.
-_COARSEST = 8
+#: After so many runs that diverged or whose bonds' local errors were too large, Implicit replaces Gauss-Seidel.
+_FAILED_RUNS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Automatic:
-    """Gauss-Seidel, or implicit where that is not stable, at a step for which runs at two steps agree.
+    """Gauss-Seidel, or Implicit where that is not stable, at a step for which successive runs agree.
 
-    A run at a coarse step is compared with one at a finer step: their difference says how large the error of the finer
-    one is (Richardson), and so which step would do. The last run is the result, with that error stated per channel
-    (`Result.stated_error`). Components that hold their inputs make the exchange one of first order: then the comparison
-    is made once, and only stated.
+    The step halves from run to run. The differences between the runs give the error of the last one per channel
+    (`Result.stated_error`; cosim.error_estimate). The tolerance is met where the worst stated error is within it and
+    the local errors of all bonds are small in the last two runs. The last run is the result.
 
     Args:
-        tolerance: Error of velocities and forces of bonds and of tire forces that is aimed at, in percent of each
-            signal's standard deviation.
-        least: No smaller coupling step is tried [s].
+        tolerance: Coupling error to aim at, of velocities and forces of bonds and of tire forces, in percent of each
+            signal's scale (cosim.difference.scales).
+        least: Smallest coupling step to try [s].
     """
 
     tolerance: float = 0.2
@@ -57,128 +51,162 @@ class Automatic:
 SCHEMES: Mapping[str, Algorithm | Automatic] = {"default": Automatic(), **ALGORITHMS}
 
 
-def taken_by(system: System, scheme: str) -> GaussSeidel | Implicit:
-    """Return what the default takes for a system: implicit, or gauss-seidel with values that suit its components.
+def default_scheme(name: str = "gauss-seidel") -> GaussSeidel | Implicit:
+    """Return a scheme of the default by its name, with the coupling values that the default uses."""
+    return Implicit() if name == Implicit().name else GaussSeidel(values="parabolic")
 
-    Where components hold their inputs over a step there is nothing that a slope could do.
-    """
-    if scheme == Implicit().name:
-        return Implicit()
-    return GaussSeidel(values="parabolic" if system.ramps else "held")
+
+def can_repeat_steps(system: System) -> bool:
+    """Whether every component can save and restore its state."""
+    return all(c.capabilities.state for c in system.components.values())
 
 
 def run_automatic(
-    system: System, scenario: Scenario, wish: Automatic, engine: str, progress: Callable[[float], None] | None
+    system: System, scenario: Scenario, request: Automatic, engine: str, progress: Callable[[float], None] | None
 ) -> Result:
-    """Run at smaller and smaller steps until the error is within the tolerance; return the last run, its error stated.
+    """Run at steps that halve until the stated error is within the tolerance; return the last run.
 
     Raises:
-        StepError: A component failed, or no scheme was stable.
+        StepError: A component failed, or the coupling diverged at every step.
     """
-    search = _Search(system, scenario, wish, engine, progress)
+    return _Refinement(system, scenario, request, engine, progress).result()
+
+
+def run_default_at_step(
+    system: System,
+    scenario: Scenario,
+    request: Automatic,
+    step: float,
+    *,
+    engine: str,
+    progress: Callable[[float], None] | None,
+    compared: bool,
+) -> Result:
+    """Run the default's scheme at a given step: Gauss-Seidel, or Implicit where that diverges.
+
+    Raises:
+        StepError: A component failed, or the coupling diverged.
+    """
+    scheme = default_scheme()
     try:
-        return search.run(taken_by(system, "gauss-seidel"))
-    except _UnstableError as unstable:
-        if not all(c.capabilities.state for c in system.components.values()):
-            raise StepError(f"{unstable}; implicit would need components that save their state") from unstable
-    search.tried.append("gauss-seidel is not stable")
-    return search.run(taken_by(system, "implicit"))
+        result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
+    except StepError as error:
+        if not (diverged(error) and can_repeat_steps(system)):
+            raise
+        scheme = default_scheme("implicit")
+        result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
+    return replace(result, algorithm=request.name, scheme=scheme.name)
 
 
-class _UnstableError(StepError):
-    """No step down to the least one gave a stable run."""
-
-
-class _Search:
-    """Runs of one system at smaller and smaller steps."""
+class _Refinement:
+    """Runs of one system at steps that halve from one to the next."""
 
     def __init__(
-        self, system: System, scenario: Scenario, wish: Automatic, engine: str, progress: Callable[[float], None] | None
+        self,
+        system: System,
+        scenario: Scenario,
+        request: Automatic,
+        engine: str,
+        progress: Callable[[float], None] | None,
     ) -> None:
-        self._system, self._wish, self._engine, self._progress = system, wish, engine, progress
+        self._system, self._request = system, request
         first = min(FIRST_STEP, scenario.stop)
-        self._record = scenario.record_step or first
-        self._scenario = replace(scenario, record_step=self._record)
-        self._ramped = system.ramps
-        self._decisive = system.decisive
-        self._parts = max(1, ceil(self._record / first * (1.0 - 1e-12)))
-        self.tried: list[str] = []
-        self._seconds = self._stepping = 0.0
-
-    def run(self, scheme: GaussSeidel | Implicit) -> Result:
-        """Return the run that meets the tolerance, or the one at the least step or of the only comparison."""
-        coarse, parts = self._first(scheme)
-        while True:
-            fine = self._at(scheme, parts)
-            ratio = coarse.step / fine.step
-            stated = error_of_finer(difference(coarse, fine), ratio, self._order(scheme))
-            worst = self._worst(stated)
-            self.tried.append(f"{fine.step * 1e3:g} ms {worst:.2g} %")
-            fine = replace(fine, stated_error=stated)
-            finer = self._finer(scheme, parts, worst / _AIM)
-            if worst <= self._wish.tolerance or not self._ramped or self._record / finer < self._wish.least:
-                return self._told(fine, scheme, worst)
-            coarse, parts = fine, finer
-
-    def _first(self, scheme: GaussSeidel | Implicit) -> tuple[Result, int]:
-        """The first stable run, and how many steps of the next one lie in a recorded one."""
-        parts = self._parts
-        while True:
-            try:
-                coarse = self._at(scheme, parts)
-            except StepError as error:
-                if "diverged" not in str(error):
-                    raise
-                self.tried.append(f"{self._record / parts * 1e3:g} ms diverged")
-                parts *= _FINER
-                given_up = isinstance(scheme, GaussSeidel) and parts > _COARSEST * self._parts
-                if given_up or self._record / parts < self._wish.least:
-                    raise _UnstableError(str(error)) from error
-                continue
-            # The error of the bonds alone, step by step, is of the size of that of the run.
-            guess = max((c.percent for c in coarse.coupled.values()), default=0.0)
-            finer = self._finer(scheme, parts, guess) if self._ramped else 2 * parts
-            return coarse, max(parts + 1, min(finer, int(self._record / self._wish.least)))
-
-    def _order(self, scheme: GaussSeidel | Implicit) -> int:
-        return scheme.accuracy.order if self._ramped else 1
-
-    def _finer(self, scheme: GaussSeidel | Implicit, parts: int, error: float) -> int:
-        """How many steps a recorded one is to have, by the scheme's order, where `parts` leave an error [%]."""
-        more = (error / self._wish.tolerance) ** (1.0 / self._order(scheme))
-        needed = ceil(parts * more) if more < _FINEST else _FINEST * parts
-        return min(max(needed, parts + ceil(parts / 2)), _FINEST * parts)
-
-    def _at(self, scheme: GaussSeidel | Implicit, parts: int) -> Result:
-        session = Session(self._system, self._scenario, scheme, self._record / parts)
-        result = session.run(self._engine, self._progress)
-        self._seconds += result.seconds
-        self._stepping += result.stepping_seconds
-        return result
-
-    def _worst(self, stated: Mapping[str, float]) -> float:
-        """The largest error among the signals that decide; among all where none of them is recorded."""
-        chosen = [value for name, value in stated.items() if name in self._decisive] or list(stated.values())
-        return max(chosen, default=0.0)
-
-    def _told(self, result: Result, scheme: GaussSeidel | Implicit, worst: float) -> Result:
-        """The result with how it was found, and whether the tolerance was met."""
-        values = "" if isinstance(scheme, Implicit) else f" with {scheme.values} values"
-        notes: tuple[str, ...] = (
-            f"the default took {scheme.name}{values} at {result.step * 1e3:g} ms; coupling error by "
-            f"comparing runs: {', '.join(self.tried)}",
+        self._record_step = scenario.record_step or first
+        self._parts = max(1, ceil(self._record_step / first * (1.0 - 1e-12)))
+        self._dense = DenseRuns(
+            system,
+            scenario,
+            record_step=self._record_step,
+            engine=engine,
+            progress=progress,
         )
-        if worst > self._wish.tolerance:
+        self._scheme: GaussSeidel | Implicit = default_scheme()
+        self._runs: list[Result] = []
+        self._comparisons: list[Comparison] = []
+        self._failed_runs = 0
+        self._tried: list[str] = []
+
+    @property
+    def _step(self) -> float:
+        return self._record_step / self._parts
+
+    def result(self) -> Result:
+        """Halve the step until the tolerance is met or the smallest step is reached."""
+        while True:
+            failure = self._run()
+            if self._failed_runs >= _FAILED_RUNS and self._takes_implicit():
+                continue
+            if self._is_met() or (self._is_smallest() and self._comparisons):
+                return self._final()
+            if self._is_smallest() and failure is not None:
+                raise failure
+            self._parts *= 2
+
+    def _run(self) -> StepError | None:
+        """Make one run and compare it with the one before; return why it diverged, if it did."""
+        try:
+            run = self._dense.run(self._scheme, self._step)
+        except StepError as error:
+            if not diverged(error):
+                raise
+            self._forget()
+            self._failed_runs += 1
+            self._tried.append(f"{self._step * 1e3:g} ms diverged")
+            return error
+        if self._runs:
+            self._comparisons.append(compare(self._runs[-1], run))
+            run = replace(run, stated_error=stated_error(self._comparisons))
+        self._runs = [run]
+        self._failed_runs += not run.is_clean
+        self._tried.append(f"{self._step * 1e3:g} ms {self._shown_error}")
+        return None
+
+    def _forget(self) -> None:
+        self._runs, self._comparisons = [], []
+
+    def _takes_implicit(self) -> bool:
+        """Replace Gauss-Seidel, at the same step, where all components can repeat steps."""
+        if isinstance(self._scheme, Implicit) or not can_repeat_steps(self._system):
+            return False
+        self._scheme = default_scheme("implicit")
+        self._tried.append("gauss-seidel is not stable enough, implicit")
+        self._forget()
+        return True
+
+    @property
+    def _worst(self) -> float | None:
+        return self._runs[-1].coupling_error if self._runs else None
+
+    @property
+    def _shown_error(self) -> str:
+        local = "" if self._runs[-1].is_clean else ", not settled"
+        return f"{'not compared' if self._worst is None else f'{self._worst:.2g} %'}{local}"
+
+    def _is_met(self) -> bool:
+        return self._worst is not None and self._comparisons[-1].reliable and self._worst <= self._request.tolerance
+
+    def _is_smallest(self) -> bool:
+        return 0.5 * self._step < self._request.least * (1.0 - 1e-9)
+
+    def _final(self) -> Result:
+        """The last run, with how it was found and whether the tolerance was met."""
+        run, worst = self._runs[-1], self._worst
+        values = "" if isinstance(self._scheme, Implicit) else f" with {self._scheme.values} values"
+        notes: tuple[str, ...] = (
+            f"the default used {self._scheme.name}{values} at {run.step * 1e3:g} ms; coupling error stated by "
+            f"comparing runs: {', '.join(self._tried)}",
+        )
+        if not self._is_met():
             notes += (
-                f"the coupling error of {worst:.2g} % is above the tolerance of {self._wish.tolerance:g} %: use FMUs "
-                "that interpolate inputs, or give a smaller step",
+                f"the stated coupling error of {worst:.2g} % does not meet the tolerance of "
+                f"{self._request.tolerance:g} %, and no step below {self._request.least * 1e3:g} ms was tried: allow "
+                "a smaller step, or a larger tolerance",
             )
+        final = self._dense.final(run)
         return replace(
-            result,
-            algorithm=self._wish.name,
-            scheme=scheme.name,
-            notes=notes + result.notes,
-            seconds=self._seconds,
-            stepping_seconds=self._stepping,
-            tolerance=self._wish.tolerance,
+            final,
+            algorithm=self._request.name,
+            scheme=self._scheme.name,
+            tolerance=self._request.tolerance,
+            notes=notes + final.notes,
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cosim.energy import BondEnergy
 from cosim.system import System
-from cosim.verdict import verdict_of
+from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series
@@ -28,18 +28,21 @@ class Coupled:
         velocity_spread: Standard deviation of that velocity [m/s].
         force_error: Local error of the force that the vehicle was given [N].
         force_spread: Standard deviation of that force [N].
+        velocity_scale: Scale that the velocity's error is judged by [m/s]; see cosim.difference.judged_by.
+        force_scale: Scale that the force's error is judged by [N].
     """
 
     velocity_error: float
     velocity_spread: float
     force_error: float
     force_spread: float
+    velocity_scale: float
+    force_scale: float
 
     @property
     def percent(self) -> float:
-        """The larger of both local errors, in percent of its standard deviation."""
-        pairs = ((self.velocity_error, self.velocity_spread), (self.force_error, self.force_spread))
-        return max((100.0 * error / spread for error, spread in pairs if spread > 0.0), default=0.0)
+        """The larger of both local errors, in percent of its scale."""
+        return 100.0 * max(self.velocity_error / self.velocity_scale, self.force_error / self.force_scale)
 
 
 @dataclass(frozen=True)
@@ -72,11 +75,13 @@ class Result:
         ended_by: The component that ended the simulation before its stop, as an FMU may; empty where none did.
         ended_at: When it did [s]; None where none did.
         stepping_seconds: Wall time of the steps alone [s]; of the default, of all its runs.
-        stated_error: Per recorded variable: error of the coupling, in percent of its standard deviation after settling,
-            from runs at two steps; empty where one run was made.
-        scheme: The algorithm that the default took; empty where one was given.
+        stated_error: Per recorded variable, and per channel that decides: estimated error of the coupling, in percent
+            of its scale (cosim.difference.scales) after settling; empty where only one run was made.
+        scheme: Algorithm that the default chose; empty where one was given.
         decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
         tolerance: Coupling error that the default aimed at, in percent; 0 where the step was given.
+        unsettled_steps: Number of implicit steps that did not converge.
+        steps_of_all_runs: Number of coupling steps of this run and of those that it was compared with.
     """
 
     series: TimeSeries
@@ -108,6 +113,8 @@ class Result:
     tolerance: float = 0.0
     ended_by: str = ""
     ended_at: float | None = None
+    unsettled_steps: int = 0
+    steps_of_all_runs: int = 0
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -118,6 +125,26 @@ class Result:
     def acceptable(self) -> bool:
         """Whether the verdict is anything but "not usable": what the exit code of `eightpost run` says."""
         return self.verdict.is_acceptable
+
+    @property
+    def coupling_error(self) -> float | None:
+        """The largest stated error of the channels that decide, of all channels where none decides [%].
+
+        None where only one run was made.
+        """
+        chosen = [self.stated_error[name] for name in self.decisive if name in self.stated_error]
+        return max(chosen or self.stated_error.values(), default=None)
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the run came to its stop, every step converged, and no bond's local error is too large."""
+        local = max((c.percent for c in self.coupled.values()), default=0.0)
+        return not self.partial and self.unsettled_steps == 0 and local <= LARGEST_ERROR
+
+    @property
+    def tolerance_met(self) -> bool:
+        """Whether the default's tolerance was met by the stated coupling error."""
+        return self.is_clean and self.coupling_error is not None and self.coupling_error <= self.tolerance
 
     def settled(self) -> TimeSeries:
         """Return the series without the settling time."""

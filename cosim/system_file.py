@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cosim.algorithm import Algorithm, GaussSeidel
+from cosim.algorithm import Algorithm
 from cosim.automatic import SCHEMES, Automatic
 from cosim.component import Component
 from cosim.conversion import convert_between, named_unit
@@ -179,7 +179,7 @@ def _package(
         name=found.name,
         system=found.system,
         scenario=found.scenario,
-        algorithm=Automatic() if found.step is None else GaussSeidel(),
+        algorithm=Automatic(),
         step=found.step,
         fmus=found.fmus,
         notes=found.notes,
@@ -260,11 +260,9 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
 
 
 def _algorithm(content: _Scenario) -> Algorithm | Automatic:
-    """Return the strategy; a file that gives a coupling step and no algorithm means gauss-seidel at that step."""
-    name = content.algorithm or ("default" if content.coupling_step is None else "gauss-seidel")
+    """Return the strategy: the default where none is named."""
+    name = content.algorithm or "default"
     chosen = SCHEMES[name]
-    if isinstance(chosen, Automatic) and content.coupling_step is not None:
-        raise InputError("scenario.coupling_step: the default chooses it; remove it, or name an algorithm")
     options: dict[str, Any] = {}
     for option, fields in _FIELDS.items():
         if (value := getattr(content, option)) is None or value == ():

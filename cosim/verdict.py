@@ -153,9 +153,9 @@ def verdict_of(result: Result) -> Verdict:
 
 def _coupling(result: Result) -> Iterator[Reason]:
     yield from _local(result)
-    known = {name: error for name, error in result.stated_error.items() if isfinite(error)}
+    known = result.stated_error
     decisive = {name: error for name, error in known.items() if name in result.decisive} or known
-    if not decisive:
+    if not decisive or not all(map(isfinite, decisive.values())):
         yield _not_stated(result)
         return
     yield _stated(result, *max(decisive.items(), key=lambda item: item[1]))

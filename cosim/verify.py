@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from cosim.algorithm import Adaptive, Algorithm
-from cosim.automatic import Automatic, taken_by
+from cosim.automatic import Automatic, default_scheme
 from cosim.difference import difference
 from cosim.result import Result
 from cosim.scenario import Scenario
@@ -55,9 +55,9 @@ def verify(
     Raises:
         StepError: A component failed.
     """
-    scheme = taken_by(system, result.scheme) if isinstance(algorithm, Automatic) else algorithm
+    scheme = default_scheme(result.scheme) if isinstance(algorithm, Automatic) else algorithm
     if isinstance(scheme, Adaptive):
         scheme = replace(scheme, relative=_FINER_TOLERANCE * scheme.relative)
     recorded = scenario.record_step or (None if isinstance(scheme, Adaptive) else result.step)
     finer = Session(system, replace(scenario, record_step=recorded), scheme, 0.5 * result.step).run(engine, progress)
-    return Verification(finer, difference(result, finer))
+    return Verification(finer, difference(result.settled(), finer.settled()))

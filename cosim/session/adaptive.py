@@ -66,7 +66,7 @@ def _control(setup: Setup, algorithm: Adaptive) -> Control:
         np.array([setup.layout.signals.index(name) for name in coupled], dtype=np.int64),
         np.array([algorithm.absolute.get(name, _least_error(setup, name)) for name in coupled]),
         algorithm.relative,
-        setup.accuracy.order,
+        min(setup.accuracy_of(target).order for _, target in setup.layout.terms) if setup.layout.terms else 1,
         algorithm.least,
         min(algorithm.largest, setup.scenario.stop),
     )

@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cosim.conversion import to_si
+from cosim.difference import judged_by
 from cosim.energy import BondEnergy
-from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK, Memory
+from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.equilibrium import Equilibrium
 from cosim.notes import notes_of
 from cosim.recorder import recorded_series
 from cosim.result import Coupled, Result, held_direct_outputs
 from cosim.session.running import Ending, Running
 from cosim.session.setup import Setup
+from cosim.system import Connection
+
+#: The two ways of a bond.
+_WAYS = ("velocity", "force")
+
+
+class _End(NamedTuple):
+    """What one way of a bond gives: root mean square of its local error, standard deviation, SI unit of both."""
+
+    error: float
+    spread: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,8 @@ class Outcome:
             coupled=coupled,
             iterations=int(counts[ITERATIONS]),
             rejected_steps=int(counts[REJECTED]),
+            unsettled_steps=int(counts[LOOSE]),
+            steps_of_all_runs=int(counts[STEPS]),
             largest_step=self.ending.largest,
             partial=self.ending.why in (STOPPED, STUCK),
             ended_by=self.ending.ended_by,
@@ -82,16 +98,28 @@ class Outcome:
 
     def _coupled(self) -> dict[str, Coupled]:
         """What the ends of each bond assumed of each other, over the whole run, in SI."""
-        system, m, share = self.setup.system, self.running.memory, self.setup.accuracy.share
-        numbers = self.running.plan.bonds
-        found = {}
-        for k, bond in enumerate(system.bonds):
-            to_velocity, to_force = (to_si(system.output(end.target))[0].factor for end in (bond.velocity, bond.force))
-            found[bond.name] = Coupled(
-                *_way(m, int(numbers.velocity[k]), to_velocity, share),
-                *_way(m, int(numbers.force[k]), to_force, share),
+        ends = {(bond.name, way): self._end(k, way) for k, bond in enumerate(self.setup.system.bonds) for way in _WAYS}
+        scale = judged_by({key: end.spread for key, end in ends.items()}, {key: end.unit for key, end in ends.items()})
+        return {
+            bond.name: Coupled(
+                *(x for way in _WAYS for x in ends[bond.name, way][:2]), *(scale[bond.name, way] for way in _WAYS)
             )
-        return found
+            for bond in self.setup.system.bonds
+        }
+
+    def _end(self, number: int, way: str) -> _End:
+        """Local error and spread of what one way of a bond gives."""
+        connection: Connection = getattr(self.setup.system.bonds[number], way)
+        m, term = self.running.memory, int(getattr(self.running.plan.bonds, way)[number])
+        conversion, unit = to_si(self.setup.system.output(connection.target))
+        time = float(m.duration[0]) or 1.0
+        variance = m.squares[term] / time - (m.total[term] / time) ** 2
+        share = self.setup.accuracy_of(connection.target).share
+        return _End(
+            share * float(np.sqrt(m.defect[term] / time)) * conversion.factor,
+            float(np.sqrt(max(variance, 0.0))) * conversion.factor,
+            unit,
+        )
 
     def _troubles(self) -> Iterator[str]:
         counts, ending = self.running.memory.counts, self.ending
@@ -113,10 +141,3 @@ class Outcome:
             )
         if ending.why == STOPPED:
             yield "the run was interrupted: this is what was computed until then"
-
-
-def _way(m: Memory, term: int, factor: float, share: float) -> tuple[float, float]:
-    """Local error and spread of what a term gives, root mean squares."""
-    time = float(m.duration[0]) or 1.0
-    spread = m.squares[term] / time - (m.total[term] / time) ** 2
-    return share * float(np.sqrt(m.defect[term] / time)) * factor, float(np.sqrt(max(spread, 0.0))) * factor

@@ -65,10 +65,13 @@ class Setup:
         check_repeats(system, algorithm)
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded)
 
-    @property
-    def accuracy(self) -> Accuracy:
-        """What is known of the error: the algorithm's, where the components let it have its own."""
-        return self.algorithm.accuracy if self.system.ramps else HELD_INPUTS
+    def accuracy_of(self, target: str) -> Accuracy:
+        """Return what is known of the error of what an input `component.variable` is given.
+
+        A component that holds its inputs lowers the order of what it is given, and of nothing else.
+        """
+        component = self.system.components[target.partition(".")[0]]
+        return self.algorithm.accuracy if component.capabilities.interpolates_inputs else HELD_INPUTS
 
     @property
     def following(self) -> frozenset[str]:

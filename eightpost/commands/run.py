@@ -112,12 +112,6 @@ def _case(
     chosen, size = case.algorithm, _seconds(step, "--step")
     if algorithm is not None and algorithm != chosen.name:
         chosen = cosim.SCHEMES[algorithm]
-    if size is not None and isinstance(chosen, cosim.Automatic):
-        if algorithm is not None:
-            raise InputError(
-                "--step: the default chooses the coupling step; name another algorithm, or leave --step out"
-            )
-        chosen = cosim.GaussSeidel()
     if tolerance is not None:
         chosen = _with_tolerance(chosen, tolerance)
     kept = None if isinstance(chosen, cosim.Automatic) else case.step

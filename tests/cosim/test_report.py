@@ -245,7 +245,7 @@ def test_the_page_shows_every_reason_with_figure_origin_and_remedy(run):
 def test_bonds_show_energy_and_local_errors(run):
     result, system, scenario = run
     result = replace(
-        result, energy={"joint": BondEnergy(0.5, 1000.0)}, coupled={"joint": Coupled(1e-3, 0.5, 2.0, 800.0)}
+        result, energy={"joint": BondEnergy(0.5, 1000.0)}, coupled={"joint": Coupled(1e-3, 0.5, 2.0, 800.0, 0.5, 800.0)}
     )
     text = _read(result, system, scenario).text
     # transferred, residual, share; then error and deviation in in/s and m/s, percent; lbf and N, percent

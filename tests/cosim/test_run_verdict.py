@@ -26,7 +26,7 @@ def sound(**changes) -> Result:
         series=series, converged=True, notes=(), algorithm="default", order=("car", "lf"), step=1e-3, steps=10_000,
         seconds=1.0, equilibrium_sweeps=3, energy={BOND: BondEnergy(0.1, 1000.0)}, held_direct=(), identities={},
         share_beyond_fit={"lf": 0.0}, share_tire_off={"car.lf.tire_force": 0.0}, scheme="gauss-seidel",
-        coupled={BOND: Coupled(1e-4, 0.5, 1.0, 800.0)}, stated_error={"car.lf.velocity": 0.1, "car.lf.hub": 0.5},
+        coupled={BOND: Coupled(1e-4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.lf.velocity": 0.1, "car.lf.hub": 0.5},
         decisive=frozenset({"car.lf.velocity"}), tolerance=0.2,
     )  # fmt: skip
     return replace(result, **changes)
@@ -51,7 +51,7 @@ CASES = [
     ("stated_error", {}, rules.COUPLING_UNKNOWN),
     ("stated_error", {"car.lf.velocity": np.inf}, rules.COUPLING_UNKNOWN),
     ("stated_error", {"car.lf.velocity": np.nan}, rules.COUPLING_UNKNOWN),
-    ("coupled", {BOND: Coupled(0.026, 0.5, 1.0, 800.0)}, rules.LOCAL_ERROR),
+    ("coupled", {BOND: Coupled(0.026, 0.5, 1.0, 800.0, 0.5, 800.0)}, rules.LOCAL_ERROR),
     ("energy", {BOND: BondEnergy(-60.0, 1000.0)}, rules.ENERGY_RESIDUAL),
     ("energy", {BOND: BondEnergy(-20.0, 1000.0)}, rules.ENERGY_DOUBTFUL),
     ("converged", False, rules.NOT_CONVERGED),
@@ -89,7 +89,7 @@ def test_every_reason_has_a_figure_an_origin_and_a_remedy(changes):
 
 def test_a_local_error_has_a_veto_whatever_error_is_stated():
     """Two runs that alternate from step to step agree at the recorded points."""
-    chatter = sound(coupled={BOND: Coupled(1.4, 0.5, 1.0, 800.0)}, stated_error={"car.lf.velocity": 1e-3})
+    chatter = sound(coupled={BOND: Coupled(1.4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.lf.velocity": 1e-3})
     assert chatter.verdict.grade is Grade.NOT_USABLE
     assert not chatter.acceptable
     assert "280 %" in only(chatter.verdict, rules.LOCAL_ERROR).figure

@@ -132,7 +132,7 @@ def _errors(
             locals_.append(float("inf"))
             continue
         stated = max(reference.stated_error.values(), default=0.0)
-        apart = difference(run, reference)
+        apart = difference(run.settled(), reference.settled())
         errors.append(max(apart[name] for name in reference.series.names) + stated)
         locals_.append(local_error(run))
     return errors, locals_

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from cosim.algorithm import GaussSeidel, Implicit
-from cosim.automatic import taken_by
+from cosim.automatic import default_scheme
 from cosim.component import Component
 from cosim.conversion import to_si
 from cosim.fmu_component import FmuComponent
@@ -49,7 +49,7 @@ class Coupling:
 
     def algorithm(self, system: System) -> GaussSeidel | Implicit:
         """Return the scheme with the values that suit the components."""
-        return taken_by(system, self.scheme)
+        return default_scheme(self.scheme)
 
 
 class Evaluator:
