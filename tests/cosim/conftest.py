@@ -33,7 +33,11 @@ class FunctionComponent:
     log: list[tuple] = field(default_factory=list)
     fails_at: float = float("inf")
 
+    def __post_init__(self):
+        self.first_state = self.state
+
     def begin(self, start, stop, parameters):
+        self.state = self.first_state
         self.inputs = {n: 0.0 for n, v in self.variables.items() if v.causality == "input"}
         self.slopes = dict.fromkeys(self.inputs, 0.0)
         self.parameters = dict(parameters)

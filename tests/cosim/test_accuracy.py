@@ -155,7 +155,7 @@ def linear_errors(build_fmus, drive, law, damper, folder, steps):
     errors = {"velocity": [], "tire_force": []}
     for step in steps:
         scenario = cosim.Scenario(4.0, drive, record=channels, record_step=0.002)
-        found = cosim.run(load_system(folder), scenario, step=step).series
+        found = cosim.run(load_system(folder), scenario, step=step, compared=False).series
         for quantity, rows in errors.items():
             names = [f"{c}.{quantity}" for c in CORNERS]
             rows.append(max(100 * np.std(found[f"car.{n}"] - expected[n]) / np.std(expected[n]) for n in names))
@@ -164,7 +164,7 @@ def linear_errors(build_fmus, drive, law, damper, folder, steps):
 
 @pytest.mark.slow
 def test_with_linear_shocks_the_coupled_fmus_equal_python_controls_closed_loop(build_fmus, drive, tmp_path):
-    """Table 5.1's front damper without any lag: 1 % and better at 1 ms, of second order."""
+    """Table 5.1's front damper without any lag: 1 % and better at 1 ms, of third order."""
     rate = 16.67 * 175.12683524647636
     law, damper = Polylinear(linear_curve(rate)), control.ss([], [], [], rate * np.eye(4))
     check_linear(linear_errors(build_fmus, drive, law, damper, tmp_path, LINEAR_STEPS))
@@ -183,7 +183,7 @@ def check_linear(errors):
     assert errors["velocity"][1] < 1.0
     assert errors["tire_force"][1] < 1.0
     for rows in errors.values():
-        assert -np.diff(np.log2(rows)) == pytest.approx(2.0, abs=0.1)
+        assert -np.diff(np.log2(rows)) == pytest.approx(3.0, abs=0.1)
 
 
 def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(build_fmus, shocks, tmp_path):
@@ -194,7 +194,7 @@ def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(buil
     loads = {f"car.{name}": 0.0 for name in (*LOADS, *(f"{c}.road" for c in CORNERS))}
     system = cosim.System(system.components, system.bonds, constants=loads)
     record = tuple(f"car.{c}.{name}" for c in CORNERS for name in ("displacement", "velocity", "tire_force"))
-    series = cosim.run(system, cosim.Scenario(0.5, record=record), step=1e-3).series
+    series = cosim.run(system, cosim.Scenario(0.5, record=record), step=1e-3, compared=False).series
     rates = read_vehicle(ROOT / "examples" / "car.toml").parameters.spring_rate
     for c, rate in zip(CORNERS, rates, strict=True):
         displacement = series[f"car.{c}.displacement"]

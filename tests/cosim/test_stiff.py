@@ -130,7 +130,7 @@ def hard_run(seven_dof: Join, light_car: Path, track: Drivefile) -> Callable[...
 
 
 def is_marked(result: Result) -> bool:
-    return not result.converged or any("above the tolerance" in note for note in result.notes)
+    return not result.acceptable or not result.tolerance_met
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -143,15 +143,15 @@ def test_the_default_is_within_its_tolerance_of_the_truth_or_says_that_it_is_not
 
 
 @pytest.mark.parametrize("name", HARD)
-def test_the_default_states_its_error_within_a_factor_of_three(
+def test_the_default_states_at_least_half_of_its_error_and_at_most_eight_times_it(
     hard_run: Callable[..., Result], truths: Any, name: str
 ) -> None:
     result = hard_run(name)
     true = true_errors(result, truths(name))
     assert set(result.stated_error) == set(true)
     worst, stated = max(true.values()), max(result.stated_error.values())
-    assert worst <= 3.0 * max(stated, 1e-5)  # the truth itself is no better
-    assert stated <= 3.0 * worst or stated < 1e-3 * Automatic().tolerance  # so little may be overstated
+    assert worst <= 2.0 * max(stated, 1e-5)  # the truth itself is no better
+    assert stated <= 8.0 * worst or stated < 1e-3 * Automatic().tolerance  # so little may be overstated
 
 
 def test_a_tolerance_that_is_not_met_is_said(seven_dof: Join, track: Drivefile) -> None:
@@ -181,14 +181,13 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
 @pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
 @pytest.mark.parametrize("algorithm", [Jacobi(), GaussSeidel(), Implicit()], ids=lambda a: str(a.name))
 @pytest.mark.parametrize("step", [0.008, 0.004])
-def test_at_too_large_steps_a_hard_case_diverges_or_warns_or_is_nearly_right(
+def test_at_too_large_steps_a_hard_case_diverges_or_is_refused_or_is_right(
     hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
 ) -> None:
-    """Never silently wrong: a result without any note is within 2 % of the truth."""
+    """Never accepted where it is wrong by more than 5 %."""
     try:
         result = hard_run(name, algorithm, step, record_step=step)
     except StepError as error:
         assert "diverged" in str(error)
         return
-    errors = {n: e for n, e in true_errors(result, truths(name)).items() if n.startswith("car")}
-    assert result.notes or max(errors.values()) < 2.0
+    assert not result.acceptable or max(true_errors(result, truths(name)).values()) <= 5.0
