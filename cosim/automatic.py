@@ -19,7 +19,7 @@ from eightpost.errors import InputError, StepError
 FIRST_STEP = 2e-3
 
 #: After so many runs that diverged or whose bonds' local errors were too large, Implicit replaces Gauss-Seidel.
-_FAILED_RUNS = 3
+_FAILED_RUNS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +121,7 @@ class _Refinement:
             progress=progress,
         )
         self._scheme: GaussSeidel | Implicit = default_scheme()
+        self._held = system.coupled_with_held
         self._runs: list[Result] = []
         self._comparisons: list[Comparison] = []
         self._failed_runs = 0
@@ -155,7 +156,7 @@ class _Refinement:
             return error
         if self._runs:
             self._comparisons.append(compare(self._runs[-1], run))
-            run = replace(run, stated_error=stated_error(self._comparisons))
+            run = replace(run, stated_error=stated_error(self._comparisons, self._held))
         self._runs = [run]
         self._failed_runs += not run.is_clean
         self._tried.append(f"{self._step * 1e3:g} ms {self._shown_error}")

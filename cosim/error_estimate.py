@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf, log2
@@ -13,8 +13,12 @@ from cosim.result import Coupled, Result
 #: Smallest order that the error is assumed to have [1].
 _SLOWEST = 0.38
 
-#: Largest order that the error is assumed to have, whatever was observed [1]: a difference may fall fast by chance.
-_FASTEST = 1.5
+#: Largest order that the error is assumed to have [1], where the channel's differences showed at least that, and where
+#: only the bonds' local errors did: a difference may fall fast by chance.
+_FASTEST, _FASTEST_UNSEEN = 2.0, 1.5
+
+#: Order of all that is coupled with a component that holds its inputs [1].
+_OF_HELD = 1.0
 
 #: A difference counts at least as this share of the one before [1]: it may be small by chance.
 _LUCK = 1.0 / 8.0
@@ -47,37 +51,40 @@ def compare(coarse: Result, fine: Result) -> Comparison:
     )
 
 
-def stated_error(comparisons: Sequence[Comparison]) -> dict[str, float]:
+def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) -> dict[str, float]:
     """Return per channel the coupling error of the finest run, in percent of the channel's scale.
 
-    The last difference over 2^p - 1. The order p is the smallest that was observed in the last comparisons, of the
-    channel's differences and of the bonds' local errors, within 0.38 and 1.5; it is 1 where none was observed.
+    The last difference over 2^p - 1. The order p is the smallest that was observed in the last comparisons: of the
+    channel's differences, and of the bonds' local errors. It is at least 0.38, at most 2 where the channel's differences
+    were compared, else at most 1.5; 1 where nothing was observed; at most 1 beside a component that holds its inputs.
 
     Args:
         comparisons: Of runs at steps that halve from one to the next, the coarsest first; at least one.
+        held: Components that hold their inputs, and all that are coupled with them.
     """
-    return {name: _stated(name, comparisons) for name in comparisons[-1].difference}
+    return {name: _stated(name, comparisons, held) for name in comparisons[-1].difference}
 
 
-def _stated(name: str, comparisons: Sequence[Comparison]) -> float:
+def _stated(name: str, comparisons: Sequence[Comparison], held: Collection[str]) -> float:
     differences = [c.difference.get(name, inf) for c in comparisons]
     last = differences[-1]
     if len(differences) > 1 and differences[-2] < inf:
         last = max(last, _LUCK * differences[-2])
-    return last / (float(2.0 ** _order(differences, comparisons)) - 1.0)
+    seen = _orders_seen(differences, comparisons)
+    fastest = _OF_HELD if name.partition(".")[0] in held else _FASTEST if seen else _FASTEST_UNSEEN
+    local = comparisons[-1].local_order if comparisons[-1].reliable else None
+    order = min([*seen, *([] if local is None else [local])], default=1.0)
+    return last / (float(2.0 ** min(max(order, _SLOWEST), fastest)) - 1.0)
 
 
-def _order(differences: Sequence[float], comparisons: Sequence[Comparison]) -> float:
-    """The order that the error is taken to have."""
+def _orders_seen(differences: Sequence[float], comparisons: Sequence[Comparison]) -> list[float]:
+    """Return the orders at which a channel's last differences fell, between comparisons that are reliable."""
     recent = list(zip(comparisons, differences, strict=True))[-3:]
-    observed = [
+    return [
         log2(before / after)
         for (coarser, before), (finer, after) in pairwise(recent)
         if coarser.reliable and finer.reliable and 0.0 < before < inf and after > 0.0
     ]
-    if comparisons[-1].reliable and comparisons[-1].local_order is not None:
-        observed.append(comparisons[-1].local_order)
-    return min(max(min(observed, default=1.0), _SLOWEST), _FASTEST)
 
 
 def _local_order(coarse: Mapping[str, Coupled], fine: Mapping[str, Coupled]) -> float | None:

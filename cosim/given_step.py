@@ -72,14 +72,14 @@ class _Companions:
         coarse = self._at(2.0) if self._can_double() else None
         if coarse is not None:
             first = self._compared(coarse, self.run)
-            run = replace(self.run, stated_error=stated_error([first]))
+            run = replace(self.run, stated_error=stated_error([first], self.system.coupled_with_held))
             if first.reliable and (run.coupling_error or 0.0) <= LARGEST_ERROR:
                 return run
         fine = self._at(0.5)
         if fine is None:
             return replace(self.run, stated_error=dict.fromkeys(self.run.series.names, float("inf")))
         second = self._compared(self.run, fine)
-        return replace(self.run, stated_error=_of_coarser([second] if coarse is None else [first, second]))
+        return replace(self.run, stated_error=self._of_coarser([second] if coarse is None else [first, second]))
 
     def _can_double(self) -> bool:
         """Whether the run has two steps, and every component takes the steps that twice the step leads to."""
@@ -110,8 +110,7 @@ class _Companions:
         # The steps of adaptive runs have no common ratio: no order can be observed.
         return replace(found, local_order=None) if isinstance(self.algorithm, Adaptive) else found
 
-
-def _of_coarser(comparisons: list[Comparison]) -> dict[str, float]:
-    """Return per channel the error of the coarser of two runs [%]: their difference and the finer one's error."""
-    finer, apart = stated_error(comparisons), comparisons[-1].difference
-    return {name: apart[name] + finer[name] for name in apart}
+    def _of_coarser(self, comparisons: list[Comparison]) -> dict[str, float]:
+        """Return per channel the error of the coarser of two runs [%]: their difference and the finer one's error."""
+        finer, apart = stated_error(comparisons, self.system.coupled_with_held), comparisons[-1].difference
+        return {name: apart[name] + finer[name] for name in apart}

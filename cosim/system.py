@@ -130,6 +130,15 @@ class System:
         return all(c.capabilities.interpolates_inputs for c in self.components.values())
 
     @property
+    def coupled_with_held(self) -> frozenset[str]:
+        """The components that hold their inputs over a step, and all that are connected with them."""
+        found = {name for name, c in self.components.items() if not c.capabilities.interpolates_inputs}
+        links = [(c.source.partition(".")[0], c.target.partition(".")[0]) for c in self.all_connections]
+        while wider := {end for link in links if found & set(link) for end in link} - found:
+            found |= wider
+        return frozenset(found)
+
+    @property
     def decisive(self) -> frozenset[str]:
         """Outputs whose coupling error is judged: velocities and forces of bonds, tire forces."""
         ends = {c.source for bond in self.bonds for c in (bond.velocity, bond.force)}

@@ -231,7 +231,8 @@ def test_recording_keeps_what_is_asked_at_the_rate_that_is_asked(make):
 
 def test_progress_reaches_one(make):
     seen = []
-    run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=1e-3, progress=seen.append, compared=False)
+    system = System({"a": make.integrator()}, constants={"a.u": 1.0})
+    run(system, Scenario(1.0), step=1e-3, progress=seen.append, compared=False)
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
 

@@ -26,7 +26,8 @@ def sound(**changes) -> Result:
         series=series, converged=True, notes=(), algorithm="default", order=("car", "lf"), step=1e-3, steps=10_000,
         seconds=1.0, equilibrium_sweeps=3, energy={BOND: BondEnergy(0.1, 1000.0)}, held_direct=(), identities={},
         share_beyond_fit={"lf": 0.0}, share_tire_off={"car.lf.tire_force": 0.0}, scheme="gauss-seidel",
-        coupled={BOND: Coupled(1e-4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.lf.velocity": 0.1, "car.lf.hub": 0.5},
+        coupled={BOND: Coupled(1e-4, 0.5, 1.0, 800.0, 0.5, 800.0)},
+        stated_error={"car.lf.velocity": 0.1, "car.lf.hub": 0.5},
         decisive=frozenset({"car.lf.velocity"}), tolerance=0.2,
     )  # fmt: skip
     return replace(result, **changes)
