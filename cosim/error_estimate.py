@@ -54,8 +54,8 @@ def compare(coarse: Result, fine: Result) -> Comparison:
 def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) -> dict[str, float]:
     """Return per channel the coupling error of the finest run, in percent of the channel's scale.
 
-    The last difference over 2^p - 1. The order p is the smallest that was observed in the last comparisons: of the
-    channel's differences, and of the bonds' local errors. It is at least 0.38, at most 2 where the channel's differences
+    The last difference over 2^p - 1. The order p is the smallest that the last comparisons showed: of the channel's
+    differences, and of the bonds' local errors. It is at least 0.38, at most 2 where the channel's differences
     were compared, else at most 1.5; 1 where nothing was observed; at most 1 beside a component that holds its inputs.
 
     Args:
