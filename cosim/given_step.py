@@ -10,7 +10,7 @@ from cosim.dense_runs import DenseRuns, diverged
 from cosim.error_estimate import Comparison, compare, stated_error
 from cosim.result import Result
 from cosim.scenario import Scenario
-from cosim.session import RunInterrupted
+from cosim.session import RunInterrupted, Session
 from cosim.system import System
 from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import StepError
@@ -37,6 +37,7 @@ def run_at_step(
         StepError: A component failed, or the coupling diverged.
         RunInterrupted: Ctrl-C; it holds the result so far, of a companion the result without a stated error.
     """
+    Session(system, scenario, algorithm, step)  # refuses what does not fit before the recording is changed
     runs = DenseRuns(system, scenario, record_step=scenario.record_step or step, engine=engine, progress=progress)
     run = runs.run(algorithm, step)
     if not compared or run.partial:

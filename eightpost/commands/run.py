@@ -38,9 +38,11 @@ _PANELS, _SHOWN = 12, 4.0
 @click.option("--stop", metavar="TIME", help="Length of a package's run [s], or as '30 s'.")
 @click.option("--record-step", metavar="TIME", help="Time between recorded samples of a package's run [s].")
 @click.option("--algorithm", type=click.Choice(list(cosim.SCHEMES)),
-              help="In place of the file's. The default takes gauss-seidel, or implicit where that is not stable, at a "
-              "step that meets the tolerance, and states the error.")  # fmt: skip
+              help="In place of the file's. The default uses gauss-seidel, or implicit where that is not stable, at a "
+              "step that meets the tolerance.")  # fmt: skip
 @click.option("--step", metavar="TIME", help="Coupling step in place of the file's or the default's, as '1 ms'.")
+@click.option("--no-comparison", is_flag=True,
+              help="Make one run only where the step is given. Its coupling error is then not stated.")  # fmt: skip
 @click.option("--tolerance", type=float, metavar="PERCENT",
               help="Coupling error that the default aims at, in percent of each signal's standard deviation; of "
               "adaptive: of each step, in percent of the largest value.")  # fmt: skip
@@ -58,7 +60,16 @@ _PANELS, _SHOWN = 12, 4.0
     "--report", is_flag=True, help="Also write report.html: the run as one interactive page (docs/report.md)."
 )
 @click.pass_context
-def run(ctx: click.Context, /, case_file: Path, output: Path, verify: bool, report: bool, **options: Any) -> None:
+def run(
+    ctx: click.Context,
+    /,
+    case_file: Path,
+    output: Path,
+    verify: bool,
+    report: bool,
+    no_comparison: bool,
+    **options: Any,
+) -> None:
     """Run a system of coupled FMUs.
 
     SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is one with comments. Or it is
@@ -80,7 +91,7 @@ def run(ctx: click.Context, /, case_file: Path, output: Path, verify: bool, repo
     for note in case.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
     try:
-        result = run_with_progress(console, case)
+        result = run_with_progress(console, case, compared=not no_comparison)
     except cosim.RunInterrupted as interrupted:
         result = interrupted.result
     show_result(console, case.name, result)
@@ -109,13 +120,15 @@ def _case(
     given = Given(drive, _seconds(stop, "--stop"), _seconds(record_step, "--record-step"), dict(map(_input, inputs)))
     swapped = dict(_swap(text) for text in swaps)
     case = read_case(path, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
-    chosen, size = case.algorithm, _seconds(step, "--step")
+    chosen, size = case.algorithm, case.step
     if algorithm is not None and algorithm != chosen.name:
         chosen = cosim.SCHEMES[algorithm]
+        size = None if isinstance(chosen, cosim.Automatic) else size
+    if step is not None:
+        size = _seconds(step, "--step")
     if tolerance is not None:
         chosen = _with_tolerance(chosen, tolerance)
-    kept = None if isinstance(chosen, cosim.Automatic) else case.step
-    return replace(case, algorithm=chosen, step=kept if size is None else size)
+    return replace(case, algorithm=chosen, step=size)
 
 
 def _with_tolerance(algorithm: cosim.Algorithm | cosim.Automatic, percent: float) -> cosim.Algorithm | cosim.Automatic:
@@ -141,8 +154,8 @@ def _write(console: Console, case: Case, result: cosim.Result, output: Path, *, 
     )
 
 
-def run_with_progress(console: Console, case: Case) -> cosim.Result:
-    """Run a case behind a progress bar."""
+def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:
+    """Run a case behind a progress bar; `compared` as for `cosim.run`."""
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task(case.name, total=1.0)
         return cosim.run(
@@ -150,6 +163,7 @@ def run_with_progress(console: Console, case: Case) -> cosim.Result:
             case.scenario,
             algorithm=case.algorithm,
             step=case.step,
+            compared=compared,
             progress=lambda share: progress.update(task, completed=share),
         )
 

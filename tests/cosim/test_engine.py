@@ -79,7 +79,9 @@ def check_equal(one: Result, other: Result) -> None:
 
 def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, step: float | None = None) -> Result:
     """Run in both loops; they must agree to the bit."""
-    compiled, plain = (run(system, scenario, algorithm=algorithm, step=step, engine=e) for e in ("compiled", "python"))
+    compiled, plain = (
+        run(system, scenario, algorithm=algorithm, step=step, engine=e, compared=False) for e in ("compiled", "python")
+    )
     check_equal(compiled, plain)
     return compiled
 
@@ -118,7 +120,14 @@ def test_slopes_are_set_where_inputs_move_over_a_step_and_nowhere_else(
     damper = linear_damper(make, ramps=True)
     told: list[float] = []
     damper.set_derivatives = lambda _, values: told.extend(values)
-    run(seven_dof(parts={"rr": damper}), Scenario(0.05, track), algorithm=algorithm, step=0.001, engine=engine)
+    run(
+        seven_dof(parts={"rr": damper}),
+        Scenario(0.05, track),
+        algorithm=algorithm,
+        step=0.001,
+        engine=engine,
+        compared=False,
+    )
     assert len(told) == (0 if algorithm.values == "held" else 50)
     assert any(told) == bool(told)
 
@@ -139,7 +148,7 @@ system = System.load(
 )
 scenario = Scenario(0.4, Drivefile.read(drive), {"a": "car_a.road"})
 for algorithm, engine in ((GaussSeidel(), "auto"), (Implicit(), "python"), (Adaptive(), "python")):
-    series = run(system, scenario, algorithm=algorithm, step=2e-3, engine=engine).series
+    series = run(system, scenario, algorithm=algorithm, step=2e-3, engine=engine, compared=False).series
     np.savez(f"{folder}/{algorithm.name}.npz", time=series.time, values=series.values)
 assert "llvmlite" not in sys.modules
 """
@@ -154,7 +163,7 @@ def test_without_numba_the_same_runs_give_the_same_bits(
     system, scenario = quarter_cars(), Scenario(0.4, bumps, {"a": "car_a.road"})
     algorithms: tuple[Algorithm, ...] = (GaussSeidel(), Implicit(), Adaptive())
     for algorithm in algorithms:
-        here = run(system, scenario, algorithm=algorithm, step=2e-3, engine="compiled").series
+        here = run(system, scenario, algorithm=algorithm, step=2e-3, engine="compiled", compared=False).series
         with np.load(tmp_path / f"{algorithm.name}.npz") as there:
             assert there["time"].tobytes() == here.time.tobytes()
             assert there["values"].tobytes() == here.values.tobytes()
@@ -174,10 +183,15 @@ def test_a_system_runs_again_from_the_start_without_being_made_anew(
 
     monkeypatch.setattr(FmuInstance, "_new", counted)
     system, scenario = quarter_cars(), Scenario(0.5, bumps, {"a": "car_a.road"})
-    first = run(system, scenario, algorithm=algorithm, step=2e-3)
+    first = run(system, scenario, algorithm=algorithm, step=2e-3, compared=False)
     assert sorted(made) == ["car_a", "shock_a"]
-    run(quarter_cars("a", dict(system.components), time_constant=0.004, gas_preload=900.0), scenario, step=5e-4)
-    check_equal(first, run(system, scenario, algorithm=algorithm, step=2e-3))
+    run(
+        quarter_cars("a", dict(system.components), time_constant=0.004, gas_preload=900.0),
+        scenario,
+        step=5e-4,
+        compared=False,
+    )
+    check_equal(first, run(system, scenario, algorithm=algorithm, step=2e-3, compared=False))
     assert len(made) == 2
 
 
@@ -188,7 +202,9 @@ def test_two_systems_in_two_threads_give_the_bits_of_runs_one_after_the_other(
     systems = [quarter_cars(time_constant=1e-3 * (k + 1)) for k in range(4)]
 
     def go(k: int) -> Result:
-        return run(systems[k], Scenario(5.0, bumps, {"a": "car_a.road"}), algorithm=algorithms[k], step=5e-4)
+        return run(
+            systems[k], Scenario(5.0, bumps, {"a": "car_a.road"}), algorithm=algorithms[k], step=5e-4, compared=False
+        )
 
     alone = [go(k) for k in range(4)]
     with ThreadPoolExecutor(2) as threads:
@@ -214,7 +230,7 @@ def test_the_compiled_loop_lets_other_threads_run(
 
     thread = threading.Thread(target=count)
     thread.start()
-    result = run(system, scenario, step=2e-5, engine="compiled")
+    result = run(system, scenario, step=2e-5, engine="compiled", compared=False)
     ended.set()
     thread.join()
     assert result.stepping_seconds > 0.1
@@ -237,7 +253,15 @@ def test_ctrl_c_in_a_long_compiled_run_leaves_what_was_computed_within_a_second(
     thread = threading.Thread(target=press)
     thread.start()
     with pytest.raises(RunInterrupted) as raised:
-        run(system, scenario, algorithm=algorithm, step=1e-5, engine="compiled", progress=lambda _: running.set())
+        run(
+            system,
+            scenario,
+            algorithm=algorithm,
+            step=1e-5,
+            engine="compiled",
+            progress=lambda _: running.set(),
+            compared=False,
+        )
     seconds = clock.perf_counter() - pressed[0]
     thread.join()
     found = raised.value.result
@@ -284,7 +308,7 @@ def test_systems_without_a_connection_give_the_bits_of_each_alone(
 
     def go(names: str) -> Result:
         scenario = Scenario(steps * step, bumps, {n: roads[n] for n in names}, record_step=every * step)
-        return run(quarter_cars(names, shared_parts, **soft), scenario, algorithm=algorithm, step=step)
+        return run(quarter_cars(names, shared_parts, **soft), scenario, algorithm=algorithm, step=step, compared=False)
 
     try:
         alone = [go(name) for name in "ab"]
