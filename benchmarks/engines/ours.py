@@ -48,7 +48,7 @@ def run_fixed(
 ) -> Recording:
     """Run at one rate, every step recorded."""
     scenario = cosim.Scenario(stop, drive, record=NAMES)
-    return _best(lambda: cosim.run(system, scenario, algorithm=algorithm, step=1.0 / rate), repeats)
+    return _best(lambda: cosim.run(system, scenario, algorithm=algorithm, step=1.0 / rate, compared=False), repeats)
 
 
 def run_adaptive(
@@ -56,7 +56,9 @@ def run_adaptive(
 ) -> Recording:
     """Run with steps that it chooses; landing on recorded times costs steps, so there are no more than are compared."""
     scenario = cosim.Scenario(stop, drive, record=NAMES, record_step=RECORD_STEP)
-    return _best(lambda: cosim.run(system, scenario, algorithm=algorithm, step=RECORD_STEP / 8), repeats)
+    return _best(
+        lambda: cosim.run(system, scenario, algorithm=algorithm, step=RECORD_STEP / 8, compared=False), repeats
+    )
 
 
 def run_default(system: cosim.System, drive: Drivefile, stop: float, *, repeats: int = 3) -> Recording:
