@@ -100,7 +100,7 @@ class Description:
 
     attributes: Mapping[str, str]
     co_simulation: Mapping[str, str] | None
-    has_model_exchange: bool
+    model_exchange: Mapping[str, str] | None
     source_files: tuple[str, ...]
     units: tuple[Unit, ...]
     types: Mapping[str, tuple[str, Mapping[str, str]]]
@@ -120,6 +120,12 @@ class Description:
     def guid(self) -> str:
         """The GUID as written."""
         return self.attributes.get("guid", "")
+
+    @property
+    def output_derivative_order(self) -> int:
+        """Return maxOutputDerivativeOrder, 0 where it is no number."""
+        text = (self.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip()
+        return int(text) if text.isascii() and text.isdigit() else 0
 
     def can(self, flag: str) -> bool:
         """Say whether a capability flag of CoSimulation is true."""
@@ -146,18 +152,16 @@ class Description:
 
 def read_description(root: ET.Element) -> Description:
     """Return what the root element says; nothing of it is checked."""
-    kind = root.find("CoSimulation")
-    experiment = root.find("DefaultExperiment")
     types = dict(_types(root))
     return Description(
         attributes=dict(root.attrib),
-        co_simulation=None if kind is None else dict(kind.attrib),
-        has_model_exchange=root.find("ModelExchange") is not None,
+        co_simulation=_attributes(root.find("CoSimulation")),
+        model_exchange=_attributes(root.find("ModelExchange")),
         source_files=tuple(f.get("name", "") for f in root.iterfind("CoSimulation/SourceFiles/File")),
         units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
         types=types,
         categories=tuple(e.get("name", "") for e in root.iterfind("LogCategories/Category")),
-        experiment=None if experiment is None else dict(experiment.attrib),
+        experiment=_attributes(root.find("DefaultExperiment")),
         variables=tuple(
             _variable(index, e, types) for index, e in enumerate(root.iterfind("ModelVariables/ScalarVariable"), 1)
         ),
@@ -165,6 +169,10 @@ def read_description(root: ET.Element) -> Description:
         unknowns=tuple(_unknown(s, e) for s in SECTIONS for e in root.iterfind(f"ModelStructure/{s}/Unknown")),
         declared_types=dict(_declared(root)),
     )
+
+
+def _attributes(element: ET.Element | None) -> dict[str, str] | None:
+    return None if element is None else dict(element.attrib)
 
 
 def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Mapping[str, str]]]]:

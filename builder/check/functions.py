@@ -34,6 +34,11 @@ def required(description: Description) -> frozenset[str]:
         "canRunAsynchronuously": "CancelStep GetStatus",
     }
     words = [words for flag, words in promised.items() if description.can(flag)]
-    if (description.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip() not in ("", "0"):
+    if description.output_derivative_order:
         words.append("GetRealOutputDerivatives")
     return _named(" ".join([_COMMON, *words]))
+
+
+def required_by_model_exchange() -> frozenset[str]:
+    """Return what the binary of an FMU that declares ModelExchange must export."""
+    return _named(f"{_COMMON} {_MODEL_EXCHANGE}") - {"fmi2DoStep"}

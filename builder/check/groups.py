@@ -33,12 +33,19 @@ GROUPS = {
     "state_machine": _misuse("calls out of order, wrong steps, the stop time, locked variables, GUID", "state_machine"),
     "values": _misuse("unknown references, NaN, infinity and out-of-range values", "values"),
     "null": _misuse("NULL arguments", "null"),
-    "reset": Group("reset after other parameters and inputs, then the same run again", "reset"),
+    "first_outputs": Group("outputs before the first step against those after a tiny step", "first_outputs"),
+    "model_exchange": Group("a few steps of model exchange, where it is declared", "model_exchange"),
+    "reset": Group(
+        "reset after other parameters and inputs, and after twice the default experiment, then the same run again",
+        "reset",
+    ),
     "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "state"),
     "corrupt_state": _misuse("damaged serialized states", "corrupt_state"),
     "initial_dependencies": Group("every known of initialization perturbed: dependencies", "initial_dependencies"),
     "dependencies": Group("every input perturbed over a tiny step: dependencies", "dependencies"),
-    "derivatives": Group("directional derivatives against central differences; input derivatives", "derivatives"),
+    "derivatives": Group(
+        "directional derivatives against central differences; input and output derivatives", "derivatives"
+    ),
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "steps"),
     "instances": Group("two interleaved, fifty, four threads, 300 created and freed", "instances"),
     "footprint": Group("what steps leave in the process: locale, standard output, memory", "footprint"),

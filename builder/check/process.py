@@ -43,14 +43,23 @@ class Surroundings:
     environment: Mapping[str, str] | None = None
 
 
-def run_probe(group: str, unpacked: Path, surroundings: Surroundings, *, module: str = "") -> Outcome:
+@dataclass(frozen=True)
+class Unpacked:
+    """An unpacked FMU, and the number of steps after which it ends a simulation by itself (None where it does not)."""
+
+    folder: Path
+    reach: int | None = None
+
+
+def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, module: str = "") -> Outcome:
     """Run a probe on an unpacked FMU; `module` where it is not that of the group.
 
     The probe is no sandbox: a process of its own keeps a crash from this one, and nothing else.
     """
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
         name = module or GROUPS[group].module
-        command = python_command("builder.check.probes", name, str(unpacked), progress.name)
+        reach = [] if unpacked.reach is None else [str(unpacked.reach)]
+        command = python_command("builder.check.probes", name, str(unpacked.folder), progress.name, *reach)
         patience = _MISUSE_TIMEOUT if GROUPS[group].crash is CRASH_MISUSE else _TIMEOUT
         try:
             ran = subprocess.run(

@@ -9,11 +9,12 @@ import signal
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from builder.check.catalogue import archive as rules
-from builder.check.process import Outcome
+from builder.check.process import Outcome, Unpacked
 from builder.check.subject import Subject
 from builder.check.surroundings import trace
 from eightpost.interpreter import python_command
@@ -27,7 +28,7 @@ add_library(trial SHARED trial.c)
 """
 
 
-def rebuild(subject: Subject, unpacked: Path) -> Outcome:
+def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
     """Compile the sources and compare a run with the FMU's own."""
     if reason := _reason_not_to(subject):
         return Outcome(skipped=(("", reason),))
@@ -36,11 +37,11 @@ def rebuild(subject: Subject, unpacked: Path) -> Outcome:
         if reason := _broken_compiler(folder / "trial"):
             return Outcome(skipped=(("", f"the rebuild could not be tried: {reason}"),))
         fresh = folder / "fmu"
-        shutil.copytree(unpacked, fresh, ignore=shutil.ignore_patterns("binaries"))
+        shutil.copytree(unpacked.folder, fresh, ignore=shutil.ignore_patterns("binaries"))
         build = python_command("builder.check.compile_sources", str(fresh))
         if message := _run(build, folder, _TIMEOUT):
             return Outcome((rules.REBUILD.finding(message),))
-        return _compared(trace(fresh, folder), trace(unpacked, folder))
+        return _compared(trace(replace(unpacked, folder=fresh), folder), trace(unpacked, folder))
 
 
 def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:

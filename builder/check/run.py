@@ -5,12 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from builder.check.groups import GROUPS
+from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
-from builder.check.process import Outcome
+from builder.check.process import Outcome, Unpacked
 from builder.check.rebuild import rebuild
 from builder.check.report import CheckReport
 from builder.check.rules import Finding, Level, Scope, Skipped
@@ -79,8 +80,8 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
         ledger.skipped.append(Skipped(", ".join(wanted), reason))
         return
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
-        unpacked = Path(folder) / "fmu"
-        _unpack(subject, unpacked)
+        unpacked = Unpacked(Path(folder) / "fmu")
+        _unpack(subject, unpacked.folder)
         first = in_an_empty_folder("simulation", unpacked)
         if "simulation" in wanted:
             ledger.enter("simulation", first)
@@ -89,11 +90,13 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
             ledger.findings += [f for f in first.findings if "simulation" not in wanted]
             ledger.skipped += [Skipped(", ".join(others), "a plain simulation does not work")] if others else []
             return
+        if REACH in first.values:
+            unpacked = replace(unpacked, reach=int(first.values[REACH]))
         for group, outcome in _outcomes(subject, others, unpacked):
             ledger.enter(group, outcome)
 
 
-def _outcomes(subject: Subject, groups: list[str], unpacked: Path) -> Iterator[tuple[str, Outcome]]:
+def _outcomes(subject: Subject, groups: list[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
     def outcome(group: str) -> Outcome:
         if group == "rebuild":
             return rebuild(subject, unpacked)

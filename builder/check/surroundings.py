@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.process import Outcome, Surroundings, run_probe
+from builder.check.process import Outcome, Surroundings, Unpacked, run_probe
 from builder.check.rules import Finding, Rule, listed
 
 _ODD = "a path with spaces, ä 100% #1 + äöü"
 
 
-def in_an_empty_folder(group: str, unpacked: Path) -> Outcome:
+def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
     """Run a probe in an empty working folder; what is there when it came to its end is a finding."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
@@ -27,12 +27,12 @@ def in_an_empty_folder(group: str, unpacked: Path) -> Outcome:
     return replace(outcome, findings=(*outcome.findings, rules.FILES.finding(f"it left {listed(left)}")))
 
 
-def trace(unpacked: Path, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
+def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
     """Run the probe that measures a digest of the outputs, in a working folder."""
     return run_probe("surroundings", unpacked, Surroundings(folder, environment), module="trace")
 
 
-def surroundings(unpacked: Path) -> Outcome:
+def surroundings(unpacked: Unpacked) -> Outcome:
     """Compare runs in unusual surroundings with a plain one."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
@@ -42,15 +42,15 @@ def surroundings(unpacked: Path) -> Outcome:
         return Outcome((*_bare(unpacked, plain, folder / "read-only"), *_odd(unpacked, plain, folder)))
 
 
-def _bare(unpacked: Path, plain: Outcome, folder: Path) -> Iterator[Finding]:
+def _bare(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
     folder.mkdir(mode=0o555)
     needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
     yield from _compare(rules.BARE, plain, trace(unpacked, folder, needed))
 
 
-def _odd(unpacked: Path, plain: Outcome, folder: Path) -> Iterator[Finding]:
-    shutil.copytree(unpacked, folder / _ODD)
-    yield from _compare(rules.ODD_PATH, plain, trace(folder / _ODD, folder))
+def _odd(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
+    shutil.copytree(unpacked.folder, folder / _ODD)
+    yield from _compare(rules.ODD_PATH, plain, trace(replace(unpacked, folder=folder / _ODD), folder))
 
 
 def _compare(rule: Rule, plain: Outcome, there: Outcome) -> Iterator[Finding]:

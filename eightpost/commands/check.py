@@ -27,9 +27,9 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: boo
     """Check FMUs, ours or not: the standard's rules, and what breaks imports.
 
     Runs fmpy validate, fmutool -check, over a hundred rules of its own, and the FMU itself. Findings are errors (the
-    FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in processes of its own: a
-    crash is a finding. Exits 0 if there are hints at most, 1 if there are other findings, 2 if a file is no FMU 2.0;
-    the others are reported all the same.
+    FMI standard), drop-in rules (what breaks imports into tools) or hints. The FMU runs in separate processes, so a
+    crash is a finding. This is not a sandbox: the FMU's code can do whatever you can. Exits 0 if there are hints at
+    most, 1 if there are other findings, 2 if a file is no FMU 2.0; the others are reported all the same.
 
     \b
     Examples:
@@ -41,6 +41,7 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: boo
         for path in fmus:
             status.update(f"checking {escape(str(path))}")
             reports.append(_checked(path, scope))
+    _warn(reports)
     refused = [report for report in reports if isinstance(report, NotChecked)]
     if as_json:
         click.echo(json.dumps(json_document(reports), indent=1))  # in ASCII: a terminal may know no other
@@ -52,6 +53,13 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: Scope, as_json: boo
     for report in refused:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
     ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
+
+
+def _warn(reports: list[CheckReport | NotChecked]) -> None:
+    """Say on stderr, so that tables and JSON stay as they are, that code of the FMUs was run."""
+    if any(isinstance(report, CheckReport) and set(report.groups) - {"static", "tools"} for report in reports):
+        text = "check runs the FMU's code in separate processes; this is not a sandbox"
+        Console(stderr=True, soft_wrap=True).print(f"note: {text}", highlight=False, style="dim")
 
 
 def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:

@@ -58,8 +58,11 @@ def in_slave(old, new):
 def test_our_native_fmus_are_clean_to_the_last_hint(fmus, name):
     report = check(fmus[name], groups=QUICK)
     assert report.findings == ()
-    assert report.skipped == ()
-    assert report.done == tuple(GROUPS[group].title for group in QUICK)
+    assert [(item.what, item.reason) for item in report.skipped] == [
+        ("model_exchange", "it does not offer model exchange")
+    ]
+    done = [group for group in QUICK if group != "model_exchange"]
+    assert report.done == tuple(GROUPS[group].title for group in done)
 
 
 def test_the_sources_of_a_native_fmu_rebuild_it(fmus):
@@ -125,13 +128,13 @@ def c_compiler():
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
-def foreign_fmu(name, folder):
+def foreign_fmu(name, folder, *options):
     """Compile and zip an FMU of tests/builder/foreign, with FMI's own headers and nothing of this project."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
         pytest.skip("it is compiled for linux64 only")
     headers = Path(fmpy.__file__).with_name("c-code")
     source, library = FOREIGN / name / f"{name}.c", folder / f"{name}.so"
-    line = [*c_compiler(), "-shared", "-fPIC", "-O2", "-std=c99", "-I", headers, source, "-o", library, "-lm"]
+    line = [*c_compiler(), "-shared", "-fPIC", "-O2", "-std=c99", *options, "-I", headers, source, "-o", library, "-lm"]
     subprocess.run([str(word) for word in line], check=True, capture_output=True)
     with zipfile.ZipFile(folder / f"{name}.fmu", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.write(FOREIGN / name / "modelDescription.xml", "modelDescription.xml")
@@ -142,7 +145,8 @@ def foreign_fmu(name, folder):
 #: What each of them does not offer; everything else is called.
 NOT_OFFERED = {
     "van_der_pol": {"state", "corrupt_state", "initial_dependencies", "dependencies"},
-    "bouncing_mass": {"dependencies", "steps", "instances"},
+    "bouncing_mass": {"dependencies", "steps", "instances", "first_outputs"},
+    "mass_spring": {"state", "corrupt_state", "initial_dependencies"},
 }
 
 
@@ -152,7 +156,34 @@ def test_a_clean_fmu_of_another_maker_passes_the_standard_without_a_false_alarm(
     shown = CliRunner().invoke(command, ["--standard", "--json", str(foreign_fmu(name, tmp_path))])
     (report,) = json.loads(shown.stdout)["reports"]
     assert (shown.exit_code, report["findings"]) == (0, [])
-    assert set(GROUPS) - set(report["groups"]) == NOT_OFFERED[name] | {"ports", "reference", "rebuild"}
+    assert set(GROUPS) - set(report["groups"]) == NOT_OFFERED[name] | {
+        "ports",
+        "reference",
+        "rebuild",
+        "model_exchange",
+    }
+
+
+@pytest.mark.parametrize("end", ["-DENDS_AT=1.5", "-DENDS_AT=6.5", "-DSTOPS_AT=7.5"])
+def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule_of_the_standard(end, tmp_path):
+    groups = tuple(group for group in GROUPS if group not in ("tools", "instances"))
+    report = check(foreign_fmu("mass_spring", tmp_path, end), scope=Scope.STANDARD, groups=groups)
+    assert rules(report) == set()
+    assert "reset" in report.groups
+    assert any(skipped.what.startswith("reset: a reset later than") for skipped in report.skipped)
+
+
+@pytest.mark.parametrize("fault", ["-DRESET_KEEPS_TIME", "-DRESET_FAILS_AFTER=900"])
+def test_a_reset_that_keeps_the_time_or_fails_late_is_found(fault, tmp_path):
+    """20-sim's keeps the time; the other one fails after the default experiment of 500 steps was gone through twice."""
+    report = check(foreign_fmu("mass_spring", tmp_path, fault), groups=("simulation", "reset"))
+    found = [finding.message for finding in report.findings if finding.rule.identifier == "reset"]
+    assert any(message.startswith("after fmi2Reset at 10 s") for message in found)
+
+
+def test_a_category_that_is_declared_nowhere_is_found_in_the_log_of_a_refusal(tmp_path):
+    report = check(foreign_fmu("mass_spring", tmp_path), groups=("state_machine",))
+    assert [f.message for f in report.findings if f.rule.identifier == "log-undeclared"] == ["it logs in 'refusals'"]
 
 
 def test_the_full_check_tells_another_maker_what_breaks_imports_and_no_error(tmp_path):
@@ -350,6 +381,16 @@ def test_json_has_an_entry_for_a_bad_file_and_says_its_error_on_stderr_too(quick
     assert missing.keys() == text.keys() == {"path", "acceptable", "error"}
     assert "no such file" in missing["error"] and text["path"].endswith("ä.fmu")
     assert "no such file" in " ".join(shown.stderr.split())
+
+
+def test_the_command_says_that_it_runs_foreign_code_and_is_no_sandbox(fmus, monkeypatch):
+    def called(path, *, scope):
+        return check(path, scope=scope, groups=("simulation",))
+
+    monkeypatch.setattr("eightpost.commands.check.check_fmu", called)
+    shown = CliRunner().invoke(command, ["--json", str(fmus["lpf1"])])
+    assert "not a sandbox" in shown.stderr and json.loads(shown.stdout)["acceptable"]
+    assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
 
 
 def test_json_is_json_where_every_file_is_bad(quickly, tmp_path):

@@ -83,6 +83,11 @@ def in_source(entry: Mapping[str, str]) -> Change:
     return change
 
 
+def in_either(entry: Mapping[str, str]) -> Change:
+    """Change a C source, or modelDescription.xml where no source is named."""
+    return in_source(entry) if entry.keys() & {"file", "after_step"} else in_description(entry)
+
+
 def after_step(code: str, declare: str) -> Change:
     """Add C to the end of every step that succeeds; `declare` goes to the top of the file."""
     header, stepped = b'#include "instance.h"', b"c->memory.time = time + h;"
@@ -257,7 +262,7 @@ def defects_of_the_archive() -> dict[str, Defect]:
 
 
 ON_FILE = {name: tabled(entry, in_description) for name, entry in TABLES["on_file"].items()} | defects_of_the_archive()
-IN_CODE = {name: tabled(entry, in_source) for name, entry in TABLES["in_code"].items()}
+IN_CODE = {name: tabled(entry, in_either) for name, entry in TABLES["in_code"].items()}
 
 
 def found(path: Path, defect: Defect) -> set[str]:

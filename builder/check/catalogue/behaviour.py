@@ -70,6 +70,21 @@ LOG_TEXT = Rule(
 )
 TIME = Rule("time-variable", _E, "The time variable is at the communication point", _VARIABLES, "carry it with doStep")
 
+FIRST_OUTPUTS = Rule(
+    "first-outputs",
+    _D,
+    "Outputs before the first step are those at its beginning",
+    _COUPLING,
+    "calculate the outputs from the start values and inputs when initialization mode is left",
+)
+MODEL_EXCHANGE = Rule(
+    "model-exchange",
+    _E,
+    "What ModelExchange declares can be called",
+    "FMI 3.2",
+    "implement the functions of model exchange, or remove the element ModelExchange",
+)
+
 # State machine
 GUID_CHECKED = Rule(
     "guid-checked", _E, "A wrong GUID is refused", "FMI 2.1.5", "compare the argument with the binary's own GUID"
@@ -130,6 +145,13 @@ RESET = Rule(
     "set all variables, parameters too, to their start values",
 )
 RESET_BITS = Rule("reset-bits", _D, "A run after fmi2Reset gives the same bits", _ROBUST, "restore internal memory too")
+RESET_ENDED = Rule(
+    "reset-ended",
+    _D,
+    "After fmi2Reset an FMU that has ended the simulation by itself runs again",
+    _ROBUST,
+    "clear what ended the simulation",
+)
 ROLLBACK = Rule("rollback", _E, "An FMU state restores the instance", _STATE, "save all that a step depends on")
 ROLLBACK_BITS = Rule(
     "rollback-bits", _D, "An FMU state restores the instance to the bit", _HONEST, "save all that a step depends on"
@@ -174,6 +196,13 @@ DIRECTIONAL = Rule(
     "Directional derivatives equal differences",
     "FMI 2.1.9",
     "mend them, or clear providesDirectionalDerivative",
+)
+OUTPUT_DERIVATIVES = Rule(
+    "output-derivatives",
+    _E,
+    "Output derivatives are given up to maxOutputDerivativeOrder",
+    "FMI 4.2.1",
+    "return them, or set maxOutputDerivativeOrder to 0",
 )
 INPUT_DERIVATIVES = Rule(
     "input-derivatives",

@@ -106,7 +106,18 @@ START_FORBIDDEN = Rule(
     "start-forbidden", _E, "No start value on what is calculated", _VARIABLES, "remove the start value"
 )
 START_VALUE = Rule(
-    "start-value", _E, "Start values, min and max are finite values of their type", _VARIABLES, "write a finite value"
+    "start-value",
+    _E,
+    "Start values, min, max and nominal are finite values of their type",
+    _VARIABLES,
+    "write a finite value",
+)
+NOMINAL = Rule(
+    "nominal",
+    _D,
+    "Nominal values are above zero",
+    _COUPLING,
+    "write the size that the variable usually has: hosts divide by it, and take it for their tolerances",
 )
 START_RANGE = Rule("start-range", _E, "min <= start <= max", _VARIABLES, "mend the start value or the range")
 DECLARED_TYPE = Rule(
@@ -208,7 +219,11 @@ SERIALIZE = Rule(
     "declare both or none",
 )
 EXPORTS = Rule(
-    "exports", _E, "Every function that the flags promise is exported", "FMI 2.1, 4.3.1", "export it, or clear the flag"
+    "exports",
+    _E,
+    "Every function that the flags and ModelExchange promise is exported",
+    "FMI 2.1, 3.2, 4.3.1",
+    "export it, or remove the flag or the element ModelExchange",
 )
 RUNS_ALONE = Rule(
     "execution-tool", _D, "The FMU needs no execution tool", _ANYWHERE, "export it with all that it needs inside"

@@ -1,4 +1,4 @@
-"""`python -m builder.check.probes <module> <unpacked FMU> <progress file>`: one JSON object per line on stdout."""
+"""`python -m builder.check.probes <module> <unpacked FMU> <progress file> [<steps>]`: a JSON object per line."""
 
 from __future__ import annotations
 
@@ -7,28 +7,40 @@ import json
 import os
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import read_description
 from builder.check.probes.bench import Bench, Measured, Said, Skip
-from builder.check.probes.instance import CallError
+from builder.check.probes.instance import CallError, TerminatedError
 from builder.check.probes.library import Library, MissingFunctionError, binary_path
 from builder.check.rules import Finding
 
 
-def main(module: str, folder: Path, progress: Path) -> None:
-    """Run one probe; whatever the FMU itself prints goes to stderr."""
+def main(module: str, folder: Path, progress: Path, reach: int | None = None) -> None:
+    """Run one probe; whatever the FMU itself prints goes to stderr.
+
+    Args:
+        module: Name of the probe.
+        folder: Folder of the unpacked FMU.
+        progress: File for the name of the call that begins.
+        reach: Number of steps after which the FMU ends the simulation by itself; None where it does not.
+    """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     probe: Callable[[Bench], Said] = importlib.import_module(f"builder.check.probes.{module}").probe
     completed = True
     try:
-        bench = open_bench(folder, progress)
-        for said in probe(bench):
-            _say(channel, _line(said))
+        bench = open_bench(folder, progress, reach)
+        try:
+            for said in probe(bench):
+                _say(channel, _line(said))
+        except TerminatedError as error:
+            _say(channel, _line(Skip(str(error), "what comes after")))
+        for found in _undeclared(bench):
+            _say(channel, _line(found))
     except OSError as error:
         completed = False
         _say(channel, _line(rules.LOADS.finding(str(error))))
@@ -38,7 +50,14 @@ def main(module: str, folder: Path, progress: Path) -> None:
     _say(channel, {"completed": True} if completed else {"stopped": True})
 
 
-def open_bench(folder: Path, progress: Path) -> Bench:
+def _undeclared(bench: Bench) -> Iterator[Finding]:
+    """Return a finding for each category, so that several probes have the same ones."""
+    names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
+    for name in sorted(names - set(bench.description.categories)):
+        yield rules.LOG_CATEGORY.finding(f"it logs in {name!r}")
+
+
+def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
     """Load an unpacked FMU.
 
     Raises:
@@ -48,7 +67,7 @@ def open_bench(folder: Path, progress: Path) -> Bench:
     binary = binary_path(folder, identifier)
     if binary is None:
         raise OSError(f"there is no binary {identifier!r} for this platform")
-    return Bench(folder, Library(binary, progress))
+    return Bench(folder, Library(binary, progress), reach)
 
 
 def _line(said: Finding | Skip | Measured) -> dict[str, str]:
@@ -65,5 +84,5 @@ def _say(channel: TextIO, line: dict[str, str] | dict[str, bool]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))
+    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))
     os._exit(0)  # what loaded libraries do while an interpreter ends is not the FMU's doing

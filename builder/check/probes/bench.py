@@ -6,17 +6,17 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from builder.check.description import Description, Variable, read_description
-from builder.check.probes.instance import Birth, CallError, Instance, refused, status_name
-from builder.check.probes.library import Library
+from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
+from builder.check.probes.library import DISCARD, Library
 from builder.check.rules import Finding
 
 #: Size of the sine on an input, by its SI unit: what a race car sees.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
-_STEPS = 300
+_STEPS, _WHOLE = 300, 1000  # of a run, and of an experiment that is not given
 _CYCLES = 2.7  # no whole number of halves: the middle of a run must not look like its end
 
 
@@ -36,17 +36,21 @@ class Measured:
     value: str
 
 
+#: Name of the value that says after how many steps the FMU ends the simulation by itself.
+REACH = "steps"
+
 Said = Iterator[Finding | Skip | Measured]
 Values = list[float]
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Communication points of a run: start [s], step [s], number of steps."""
+    """Communication points of a run: start [s], step [s], number of steps, and that of the whole default experiment."""
 
     start: float
     step: float
     count: int
+    whole: int
 
     def at(self, point: int) -> float:
         """Return the time of a point [s]."""
@@ -54,15 +58,23 @@ class Timing:
 
 
 class Bench:
-    """An unpacked FMU, its binary loaded."""
+    """An unpacked FMU, its binary loaded.
 
-    def __init__(self, folder: Path, library: Library) -> None:
+    Args:
+        folder: Folder of the unpacked FMU.
+        library: Its binary.
+        reach: Number of steps after which the FMU ends the simulation by itself; None where it does not.
+    """
+
+    def __init__(self, folder: Path, library: Library, reach: int | None = None) -> None:
         self.folder = folder
         self.library = library
         self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
         self.inputs = self.description.of("input")
         self.outputs = self.description.of("output")
-        self.timing = _timing(self.description)
+        timing = _timing(self.description)
+        self.timing = timing if reach is None else replace(timing, count=max(1, min(timing.count, reach)))
+        self._used = False
 
     @property
     def birth(self) -> Birth:
@@ -76,6 +88,9 @@ class Bench:
         Raises:
             CallError: fmi2Instantiate gave NULL.
         """
+        if self._used and self.description.can("canBeInstantiatedOnlyOncePerProcess"):
+            self.library = self.library.again()  # with memory as new as in another process
+        self._used = True
         made = Instance(self.library, birth or self.birth)
         if made.address is None:
             raise CallError(f"fmi2Instantiate returned NULL{made.said()}")
@@ -144,8 +159,15 @@ class Bench:
 
 
 def step(instance: Instance, time: float, h: float) -> None:
-    """Do a step that must succeed."""
+    """Do a step that must succeed.
+
+    Raises:
+        TerminatedError: The FMU has ended the simulation, which it may.
+        CallError: The step was refused.
+    """
     status = instance.step(time, h)
+    if status == DISCARD and instance.has_terminated():
+        raise TerminatedError(f"the FMU ended the simulation by itself in the step from {time!r} s by {h!r} s")
     if refused(status):
         raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.said()}")
 
@@ -191,5 +213,5 @@ def _timing(description: Description) -> Timing:
     start = given.get("startTime", 0.0)
     duration = given.get("stopTime", start) - start
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
-    count = int(min(_STEPS, duration / size)) if duration >= size > 0 else _STEPS
-    return Timing(start, size, max(count, 1))
+    whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
+    return Timing(start, size, min(_STEPS, whole), whole)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Skip, amplitude, inside
+from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, inside
 from builder.check.probes.instance import CallError
 from builder.check.probes.pairs import Pairs, declared_pairs
 from builder.check.probes.returning import Place, Route, place
@@ -59,7 +59,10 @@ def _perturb(bench: Bench, there: Place, pairs: Pairs) -> None:
             after = {h: there.after(moved, h) for h in (_LONG, _SHORT)}
             for k, unknown in enumerate(bench.outputs):
                 long, short = (after[h][k] - plain[h][k] for h in (_LONG, _SHORT))
-                if direct := _direct(long, short):
+                direct = _direct(long, short)
+                if direct and long == short and not _stays(there, moved, k, short):
+                    continue  # it came with a step of the FMU's own, longer than both
+                if direct:
                     pairs.saw(unknown, known, (plain[_SHORT][k], plain[_SHORT][k] + direct))
 
 
@@ -74,3 +77,12 @@ def _direct(long: float, short: float) -> float:
     """What is left of a change without any step, if it goes on linearly; 0 where it comes through the states."""
     direct = (_LONG * short - _SHORT * long) / (_LONG - _SHORT)
     return direct if _SHARE * abs(short) < abs(direct) < 2.0 * abs(short) else 0.0
+
+
+def _stays(there: Place, moved: Values, output: int, change: float) -> bool:
+    """Say whether a change of an output is the same after long steps: then no state has a part in it."""
+    h = there.bench.timing.step
+    return all(
+        there.after(moved, length)[output] - there.after(there.inputs, length)[output] == change
+        for length in (h, 2 * h, 4 * h)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, step
-from builder.check.probes.instance import Instance, refused
+from builder.check.probes.instance import Instance, refused, status_name
 from builder.check.probes.pairs import declared_pairs
 from builder.check.probes.perturbation import change_of, other_value
 from builder.check.probes.returning import Place, Route, place
@@ -31,6 +32,7 @@ def probe(bench: Bench) -> Said:
         yield from _input_derivatives(bench)
     else:
         yield Skip("canInterpolateInputs is not true", "input derivatives")
+    yield from _output_derivatives(bench)
 
 
 def _in_initialization(bench: Bench) -> Iterator[Finding]:
@@ -155,3 +157,20 @@ def _input_derivatives(bench: Bench) -> Iterator[Finding]:
             ends.append(instance.reals(bench.outputs))
     if bench.outputs and moving and ends[0] == ends[1]:
         yield rules.INTERPOLATES.finding("a step with derivatives of all inputs gives the outputs of one without")
+
+
+def _output_derivatives(bench: Bench) -> Iterator[Finding]:
+    """Ask for all orders that are promised, after a few steps."""
+    outputs = [v for v in bench.outputs if v.variability == "continuous"]
+    for order in range(1, bench.description.output_derivative_order + 1 if outputs else 1):
+        with bench.running() as instance:
+            bench.run(instance, bench.excitation, range(min(3, bench.timing.count)))
+            status, values = instance.output_derivatives(outputs, order)
+            if refused(status):
+                what = f"returned {status_name(status)}{instance.said()}"
+            elif wrong := [v.name for v, value in zip(outputs, values, strict=True) if not math.isfinite(value)]:
+                what = f"gave values that are not finite for {listed(wrong)}"
+            else:
+                continue
+        yield rules.OUTPUT_DERIVATIVES.finding(f"fmi2GetRealOutputDerivatives of order {order} {what}")
+        return

@@ -10,13 +10,16 @@ from typing import Any
 
 from builder.check.description import Variable
 from builder.check.probes.library import (
+    CO_SIMULATION,
     DISCARD,
     ERROR,
     STATUS_NAMES,
+    TERMINATED,
     WARNING,
     Callbacks,
     Library,
     Logger,
+    MissingFunctionError,
     memory_functions,
 )
 
@@ -26,6 +29,10 @@ _C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int
 
 class CallError(Exception):
     """A call that had to succeed did not; the message names it, its status and what was logged."""
+
+
+class TerminatedError(CallError):
+    """The FMU has ended the simulation, which it may: a step returned fmi2Discard and its status is terminated."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +46,13 @@ class Message:
 
 @dataclass(frozen=True)
 class Birth:
-    """What fmi2Instantiate is told."""
+    """Arguments of fmi2Instantiate; `kind` is fmi2Type."""
 
     guid: str
     resources: str
     name: str = "probe"
     logging: bool = False
+    kind: int = CO_SIMULATION
 
 
 def base_type(variable: Variable) -> str:
@@ -68,12 +76,13 @@ class Instance:
         function = library._function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
-            birth.name.encode(), 1, birth.guid.encode(), birth.resources.encode(), ctypes.byref(self._callbacks), 0,
-            int(birth.logging),
+            birth.name.encode(), birth.kind, birth.guid.encode(), birth.resources.encode(),
+            ctypes.byref(self._callbacks), 0, int(birth.logging),
         )  # fmt: skip
 
     def _log(self, _environment: int, _name: bytes, status: int, category: bytes, text: bytes) -> None:
         self.messages.append(Message(status, category or b"", text or b""))
+        self.library.categories.add(category or b"")
 
     def said(self) -> str:
         """Return the last warning or error that was logged, as text to add to a message."""
@@ -141,6 +150,15 @@ class Instance:
         """Do a step; no state before it will be asked for again."""
         return self.call("DoStep", time, h, 1, note=f" from {time!r} by {h!r} s")
 
+    def has_terminated(self) -> bool:
+        """Say whether the step that returned fmi2Discard has ended the simulation (fmi2Terminated)."""
+        value = c_int()
+        try:
+            status = self.call("GetBooleanStatus", TERMINATED, ctypes.byref(value))
+        except MissingFunctionError:
+            return False
+        return not refused(status) and bool(value.value)
+
     def state(self) -> c_void_p:
         """Get a new FMU state, which must succeed."""
         state = c_void_p()
@@ -174,6 +192,15 @@ class Instance:
         count = len(variables)
         orders = (c_int * count)(*[1] * count)
         return self.call("SetRealInputDerivatives", _references(variables), count, orders, (c_double * count)(*slopes))
+
+    def output_derivatives(self, variables: Sequence[Variable], order: int) -> tuple[int, list[float]]:
+        """Return the status and the derivatives of outputs of an order."""
+        count = len(variables)
+        values = (c_double * count)()
+        orders = (c_int * count)(*[order] * count)
+        note = f" of order {order}"
+        status = self.call("GetRealOutputDerivatives", _references(variables), count, orders, values, note=note)
+        return status, list(values)
 
 
 def _references(variables: Sequence[Variable]) -> Any:

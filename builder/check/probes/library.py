@@ -6,7 +6,9 @@ import ctypes
 import mmap
 import os
 import platform
+import shutil
 import sys
+import tempfile
 from ctypes import POINTER, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +18,11 @@ WARNING: Final = 1
 DISCARD: Final = 2
 ERROR: Final = 3
 FATAL: Final = 4
+#: fmi2Type.
+MODEL_EXCHANGE: Final = 0
+CO_SIMULATION: Final = 1
+#: fmi2StatusKind.
+TERMINATED: Final = 3
 #: What is noted as begun before the one call with NULL that the standard allows.
 FREEING_NOTHING: Final = "fmi2FreeInstance(NULL)"
 STATUS_NAMES: Final = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
@@ -34,6 +41,19 @@ class Callbacks(ctypes.Structure):
         ("freeMemory", c_void_p),
         ("stepFinished", c_void_p),
         ("componentEnvironment", c_void_p),
+    )
+
+
+class EventInfo(ctypes.Structure):
+    """fmi2EventInfo."""
+
+    _fields_ = (
+        ("newDiscreteStatesNeeded", c_int),
+        ("terminateSimulation", c_int),
+        ("nominalsOfContinuousStatesChanged", c_int),
+        ("valuesOfContinuousStatesChanged", c_int),
+        ("nextEventTimeDefined", c_int),
+        ("nextEventTime", c_double),
     )
 
 
@@ -63,6 +83,20 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
         c_void_p, _REFERENCES, c_size_t, _REFERENCES, c_size_t, POINTER(c_double), POINTER(c_double)
     ),
     "SetRealInputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int), POINTER(c_double)),
+    "GetRealOutputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int), POINTER(c_double)),
+    "GetBooleanStatus": (c_void_p, c_int, POINTER(c_int)),
+    "EnterContinuousTimeMode": (c_void_p,),
+    "EnterEventMode": (c_void_p,),
+    "NewDiscreteStates": (c_void_p, POINTER(EventInfo)),
+    "CompletedIntegratorStep": (c_void_p, c_int, POINTER(c_int), POINTER(c_int)),
+    "SetTime": (c_void_p, c_double),
+    **{
+        name: (c_void_p, POINTER(c_double), c_size_t)
+        for name in (
+            "SetContinuousStates", "GetContinuousStates", "GetDerivatives", "GetEventIndicators",
+            "GetNominalsOfContinuousStates",
+        )
+    },
     "Instantiate": (c_char_p, c_int, c_char_p, c_char_p, POINTER(Callbacks), c_int, c_int),
     **{
         f"{way}{kind}": (c_void_p, _REFERENCES, c_size_t, pointer)
@@ -76,9 +110,14 @@ class MissingFunctionError(Exception):
 
 
 class Library:
-    """A loaded binary; `call` writes what it calls into the file `progress` first, for whoever survives a crash."""
+    """A loaded binary; `call` writes what it calls into the file `progress` first, for whoever survives a crash.
+
+    `categories` are those that its instances have logged in.
+    """
 
     def __init__(self, path: Path, progress: Path) -> None:
+        self.path, self.progress = path, progress
+        self.categories: set[bytes] = set()
         with progress.open("r+b") as stream:
             stream.write(bytes(512))
             stream.flush()
@@ -86,6 +125,14 @@ class Library:
         self._functions: dict[str, Any] = {}
         self.begin(f"loading {path.name}")
         self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
+
+    def again(self) -> Library:
+        """Load a copy of the binary, with static memory of its own."""
+        folder = tempfile.mkdtemp(prefix="eightpost_binary_", dir=self.path.parent)
+        copy = Library(Path(shutil.copy2(self.path, folder)), self.progress)
+        copy.path, copy.categories = self.path, self.categories
+        shutil.rmtree(folder, ignore_errors=True)  # where a loaded file can be removed, there is one at a time
+        return copy
 
     def begin(self, call: str) -> None:
         """Note which call begins."""

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import random
+import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Values, differ
-from builder.check.probes.instance import Instance
+from builder.check.probes.bench import Bench, Said, Skip, Values, differ, step
+from builder.check.probes.instance import CallError, Instance, TerminatedError
 from builder.check.probes.perturbation import other_value
 from builder.check.rules import Finding
 
 _TOLERANCE = 1e-9
+_STRIDE = 10  # steps
+_PATIENCE, _PROCESSOR_PATIENCE = 40.0, 15.0  # s
 
 
 def probe(bench: Bench) -> Said:
@@ -23,6 +27,75 @@ def probe(bench: Bench) -> Said:
             instance.need("Reset", note=f" {where}")
             yield from _compare(where, first, _run(bench, instance))
             instance.need("Reset")
+    yield from _late(bench)
+
+
+def _late(bench: Bench) -> Iterator[Finding | Skip]:
+    """Reset after twice the default experiment, and do all of it again: some resets fail only then, or show it late."""
+    most = 2 * bench.timing.whole
+    with bench.instance() as instance:
+        first = _long_run(bench, instance, most)
+        if first.refusal is None:
+            yield from _repeated(bench, instance, first)
+        elif isinstance(first.refusal, TerminatedError):
+            yield from _after_the_end(bench, instance)
+    end = bench.timing.at(first.steps)
+    if first.refusal is not None:
+        with bench.instance() as instance:  # it is reset just before the step that was refused
+            _long_run(bench, instance, first.steps, patient=True)
+            yield from _repeated(bench, instance, first)
+    if first.steps < most:
+        yield Skip(str(first.refusal or "it would take too long"), f"a reset later than {end:g} s")
+
+
+def _repeated(bench: Bench, instance: Instance, first: _LongRun) -> Iterator[Finding]:
+    where = f"at {bench.timing.at(first.steps):g} s"
+    instance.need("Reset", note=f" {where}")
+    again = _long_run(bench, instance, first.steps, patient=True)
+    if again.refusal is not None:
+        yield rules.RESET.finding(f"after fmi2Reset {where} the same run ends earlier: {again.refusal}")
+        return
+    common = min(len(first.rows), len(again.rows))
+    yield from _compare(where, first.rows[:common], again.rows[:common])
+
+
+def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Finding]:
+    """Reset an instance that has ended the simulation by itself."""
+    try:
+        instance.need("Reset", note=" after the FMU ended the simulation")
+        bench.initialize(instance)
+        bench.run(instance, bench.excitation, range(1))
+    except CallError as error:
+        yield rules.RESET_ENDED.finding(str(error))
+
+
+@dataclass(frozen=True)
+class _LongRun:
+    """A run of many steps: outputs at every tenth point, the number of steps, and what refused a step."""
+
+    rows: list[Values]
+    steps: int
+    refusal: CallError | None
+
+
+def _long_run(bench: Bench, instance: Instance, most: int, *, patient: bool = False) -> _LongRun:
+    """Step for as long as patience lasts, or until a step is refused; inputs are held over ten steps."""
+    bench.initialize(instance)
+    rows: list[Values] = []
+    point = 0
+    end, processor_end = time.monotonic() + _PATIENCE, time.process_time() + _PROCESSOR_PATIENCE
+    try:
+        while point < most:
+            if point % _STRIDE == 0:
+                if not patient and (time.monotonic() > end or time.process_time() > processor_end):
+                    break
+                rows.append(instance.reals(bench.outputs))
+                bench.drive(instance, bench.excitation(bench.timing.at(point)))
+            step(instance, bench.timing.at(point), bench.timing.step)
+            point += 1
+    except CallError as error:  # beyond its experiment an FMU may have nothing to go on with
+        return _LongRun(rows, point, error)
+    return _LongRun(rows, point, None)
 
 
 def _run(bench: Bench, instance: Instance) -> list[Values]:

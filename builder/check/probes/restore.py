@@ -1,4 +1,4 @@
-"""`python -m builder.check.probes.restore <unpacked FMU> <progress file> <state>`: the outputs of a restored run."""
+"""`python -m builder.check.probes.restore <unpacked FMU> <progress file> <state> <steps>`: a restored run's outputs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from builder.check.probes.__main__ import open_bench
 from builder.check.probes.state import restored
 
 
-def main(folder: Path, progress: Path, saved: Path) -> None:
+def main(folder: Path, progress: Path, saved: Path, reach: int) -> None:
     """Restore the bytes in a fresh instance and print the outputs, a line each point, in hexadecimal."""
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    bench = open_bench(folder, progress)
+    bench = open_bench(folder, progress, reach)
     with bench.running() as instance:
         for row in restored(bench, instance, saved.read_bytes()):
             channel.write(" ".join(value.hex() for value in row) + "\n")
@@ -22,5 +22,5 @@ def main(folder: Path, progress: Path, saved: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:4]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
     os._exit(0)

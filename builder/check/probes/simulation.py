@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Values, differ
-from builder.check.probes.instance import CallError, Instance, Message, Value, refused
+from builder.check.probes.bench import REACH, Bench, Measured, Said, Values, differ
+from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused
 from builder.check.probes.library import ERROR
 from builder.check.rules import Finding, listed
 
@@ -21,9 +22,16 @@ def probe(bench: Bench) -> Said:
     """Simulate."""
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
-        bench.run(instance, bench.held, bench.all_points())
-        yield from _time(bench, instance)
-        instance.need("Terminate")
+        reached = _walk(bench, instance, bench.held)
+        if reached == bench.timing.count:
+            yield from _time(bench, instance)
+            instance.need("Terminate")
+    if bench.inputs:
+        with bench.running() as instance, suppress(CallError):  # below, that is a finding
+            reached = min(reached, _walk(bench, instance, bench.excitation))
+    if reached < bench.timing.count:
+        yield Measured(REACH, str(reached))
+        bench.timing = replace(bench.timing, count=reached)
     yield from _start_values(bench)
     try:
         runs = [_run(bench, logging) for logging in (True, False)]
@@ -34,7 +42,17 @@ def probe(bench: Bench) -> Said:
     yield from _finite(bench, first)
     if first and differ(first, second):
         yield rules.DETERMINISM.finding("a second run in the same process gave other outputs")
-    yield from _messages(bench, messages)
+    yield from _messages(messages)
+
+
+def _walk(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
+    """Step until the end, or until the FMU ends the simulation by itself; return the number of steps before that."""
+    for point in bench.all_points():
+        try:
+            bench.run(instance, signal, range(point, point + 1))
+        except TerminatedError:
+            return point
+    return bench.timing.count
 
 
 def _run(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
@@ -47,10 +65,20 @@ def _run(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
 
 def _time(bench: Bench, instance: Instance) -> Iterator[Finding]:
     times = bench.description.of("independent")
-    if times:
-        (found,), end = instance.reals(times[:1]), bench.timing.at(bench.timing.count)
-        if abs(found - end) > 1e-9 * max(1.0, abs(end)):
-            yield rules.TIME.finding(f"{times[0].name} is {found!r} s at {end!r} s")
+    if not times:
+        return
+    point = bench.timing.count
+    while (late := _lateness(bench, instance, times[0], point)) and point < bench.timing.whole:
+        bench.run(instance, bench.held, range(point, point + 1))  # it may have steps of its own, longer than these
+        point += 1
+    if late:
+        yield rules.TIME.finding(f"{times[0].name} is {late!r} s behind at {bench.timing.at(point)!r} s")
+
+
+def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> float:
+    """Return by how much [s] the time variable differs from the time of a point; 0 where it is rounding."""
+    (found,), there = instance.reals([time]), bench.timing.at(point)
+    return 0.0 if abs(found - there) <= 1e-9 * max(1.0, abs(there)) else there - found
 
 
 def _start_values(bench: Bench) -> Iterator[Finding]:
@@ -89,13 +117,10 @@ def _finite(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
         yield rules.FINITE.finding(f"not finite: {listed(wrong)}")
 
 
-def _messages(bench: Bench, messages: list[Message]) -> Iterator[Finding]:
+def _messages(messages: list[Message]) -> Iterator[Finding]:
     errors = list(dict.fromkeys(_shown(m.text) for m in messages if m.status >= ERROR))
     if errors:
         yield rules.LOGGED_ERROR.finding(f"it logged {listed(errors, most=2)}")
-    undeclared = sorted({_shown(m.category) for m in messages} - set(bench.description.categories))
-    if undeclared:
-        yield rules.LOG_CATEGORY.finding(f"it logs in {listed([repr(name) for name in undeclared])}")
     if wrong := next((m for m in messages if _unfinished(m)), None):
         yield rules.LOG_TEXT.finding(f"it logged {wrong.text[:200]!r}")
 

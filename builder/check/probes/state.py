@@ -105,7 +105,8 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
         saved, progress = Path(folder) / "state", Path(folder) / "progress"
         saved.write_bytes(content)
         progress.touch()
-        command = python_command("builder.check.probes.restore", str(bench.folder), str(progress), str(saved))
+        words = (str(bench.folder), str(progress), str(saved), str(bench.timing.count))
+        command = python_command("builder.check.probes.restore", *words)
         bench.library.begin("restoring a serialized state in another process")
         try:
             ran = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)

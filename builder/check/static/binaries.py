@@ -9,7 +9,7 @@ from builder.check.binary import Binary
 from builder.check.catalogue import archive as rules
 from builder.check.catalogue import description as described
 from builder.check.description import Description
-from builder.check.functions import CO_SIMULATION, EXPORTABLE, required
+from builder.check.functions import CO_SIMULATION, EXPORTABLE, required, required_by_model_exchange
 from builder.check.rules import Finding, Rule, listed
 from builder.check.subject import Subject
 
@@ -84,6 +84,20 @@ def exports(subject: Subject) -> Iterator[Finding]:
             yield rules.OTHER_EXPORTS.finding(f"{binary.name} exports {len(other)} more: {listed(other, most=4)}")
 
 
+def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
+    """What the element ModelExchange promises is exported."""
+    description = subject.description
+    if description is None or description.model_exchange is None:
+        return
+    identifier = description.model_exchange.get("modelIdentifier", "")
+    for binary in subject.binaries:
+        if binary.fault or PurePosixPath(binary.name).stem != identifier:
+            continue
+        found = frozenset(name.removeprefix(f"{identifier}_") for name in binary.exports)
+        if missing := sorted(required_by_model_exchange() - found):
+            yield described.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}, which ModelExchange needs")
+
+
 def _unprefixed(binary: Binary, description: Description) -> frozenset[str]:
     """Exports without the prefix that static linking gives them."""
     return frozenset(name.removeprefix(f"{description.identifier}_") for name in binary.exports)
@@ -132,4 +146,4 @@ def _sound(subject: Subject) -> list[Binary]:
     return [binary for binary in subject.own_binaries if not binary.fault]
 
 
-RULES = (present, readable, platforms, exports, libraries, runtimes)
+RULES = (present, readable, platforms, exports, model_exchange_exports, libraries, runtimes)

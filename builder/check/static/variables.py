@@ -116,6 +116,14 @@ def _is_value(variable: Variable, text: str) -> bool:
     return True
 
 
+def nominals(description: Description) -> Iterator[Finding]:
+    """Nominal values are above zero."""
+    stated = ((v, v.number("nominal")) for v in description.variables)
+    wrong = [f"{v.name} has {value:g}" for v, value in stated if value is not None and value <= 0.0]
+    if wrong:
+        yield rules.NOMINAL.finding(listed(wrong))
+
+
 def ranges(description: Description) -> Iterator[Finding]:
     """Min <= start <= max."""
     for v in description.variables:
@@ -153,6 +161,6 @@ def descriptions(description: Description) -> Iterator[Finding]:
 
 
 RULES = (
-    names, aliases, combinations, initial_on_inputs, continuous, start_presence, values, ranges, declared_types,
-    independent, descriptions,
+    names, aliases, combinations, initial_on_inputs, continuous, start_presence, values, nominals, ranges,
+    declared_types, independent, descriptions,
 )  # fmt: skip
