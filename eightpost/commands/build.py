@@ -11,36 +11,14 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
-from builder.build import TARGETS, Built
+from builder.build import Built
 from builder.build import build as build_fmus
 from builder.documents import Disclosure
 from eightpost.commands.assemble import assemble_with_progress, show_assembled
 
 
-@click.command()
-@click.argument("sources", nargs=-1, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("dist"), show_default=True,
-              help="Folder for the FMUs; with --assemble also the FMU's file.")  # fmt: skip
-@click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
-              help="native: C, for any host on six platforms. python: the readable reference, for Python hosts with "
-                   "numpy and scipy. all: both.")  # fmt: skip
-@click.option("--confidential", is_flag=True,
-              help="Leave out sources, the curve (picture and coefficients) and the names of source files. The lag's "
-                   "parameters, which a host may tune, stay readable.")  # fmt: skip
-@click.option("--assemble", "system", type=click.Path(path_type=Path),
-              help="Build one FMU of a system file: a vehicle and its shocks, with the coupling solved inside "
-                   "(docs/assembly.md).")  # fmt: skip
 def build(sources: tuple[Path, ...], output: Path, target: str, confidential: bool, system: Path | None) -> None:
-    """Build an FMI 2.0 co-simulation FMU from each source.
-
-    SOURCES are shock files (eightpost fit) and vehicle files: parameters (.toml) or an identified state space (.json).
-    An FMU is named after its source; the same source gives the same bytes.
-
-    \b
-    Example:
-      eightpost build shock.json car.toml -o dist/
-      eightpost build --assemble system.toml -o dist/car_with_shocks.fmu
-    """
+    """Build an FMI 2.0 co-simulation FMU from each source."""
     console = Console()
     if system is not None:
         if sources or confidential or target != "native":

@@ -42,15 +42,9 @@ _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_h
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
 
-@click.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
-              help="Folder for everything that the demo makes.")  # fmt: skip
 @click.pass_context
 def demo(ctx: click.Context, output: Path) -> None:
-    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure, try every setup.
-
-    The dynamometer records and the track are SYNTHETIC: examples/make_demo_data.py computes them.
-    """
+    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure, try every setup."""
     console = Console()
     check_output_folder(output)
     examples = examples_folder()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 from rich.console import Console
 from rich.markup import escape
 
@@ -38,8 +37,6 @@ if TYPE_CHECKING:
 _CSV_UNITS = {"displacement": "in", "velocity": "in/s", "force": "lbf", "temperature": "degF"}
 _CSV_DECIMALS = {"time": 4, "displacement": 4, "velocity": 2, "force": 1, "temperature": 1}
 
-_TESTS = ("random", "sine", "static", "bump", "all")
-
 
 @dataclass(frozen=True, slots=True)
 class _Specimen:
@@ -49,22 +46,6 @@ class _Specimen:
     title: str
 
 
-@click.command()
-@click.option("--configuration", "number", type=int, metavar="1..12", help="A shock of Table 3.1, by its row.")
-@click.option("--build", metavar="COMPRESSION/REBOUND",
-              help="A shock on a linear piston by two codes of Table 7.2, as in Table 7.3: C/B.")  # fmt: skip
-@click.option("--gas", "gas_text", metavar="PRESSURE", help="Of a --build, gauge; default '150 psi'.")
-@click.option("--clicks", type=int,
-              help="Rebound bleed of a --build, 0 to 28 from fully open, more is more closed; default 1.")  # fmt: skip
-@click.option("--test", "test_name", type=click.Choice(_TESTS), default="random", show_default=True,
-              help="all: every test of 3.2.3, a file each, into a folder.")  # fmt: skip
-@click.option("--amplitude", metavar="LENGTH", help="Of the sine, as '1 in'.")
-@click.option("--speed", metavar="SPEED", help="The sine's peak velocity, as '10 in/s'.")
-@click.option("--duration", metavar="TIME", help="Of the random test; default '30 s'. The signal repeats every 10 s.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True,
-              help="Of the random phases and of the sensors' noise.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
-              help="A .csv or .parquet file; a folder for all.")  # fmt: skip
 def dyno(  # one parameter per option
     number: int | None,
     build: str | None,
@@ -77,18 +58,7 @@ def dyno(  # one parameter per option
     seed: int,
     output: Path,
 ) -> None:
-    """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
-
-    The shock is none of the laws that are fitted: two compressible chambers, shim valves, head valve, gas, friction
-    (docs/dynamometer.md). Position is counted from the 3 in offset; force is positive in compression.
-
-    \b
-    Examples:
-      eightpost dyno --configuration 1 --test random --seed 1 -o dyno.parquet
-      eightpost dyno --build C/B --gas '150 psi' --clicks 14 -o c_b.csv
-      eightpost dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o sine.parquet
-      eightpost dyno --configuration 1 --test all -o tests/
-    """
+    """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC."""
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
     specimen = _specimen(number, build, gas_text, clicks)

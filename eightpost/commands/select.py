@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from cosim.study.choice.selection import POOL, TOTAL, Selection
+from cosim.study.choice.selection import Selection
 from cosim.study.choice.selection import select as choose
 from cosim.study.choice.selection_file import BASELINE_RUNS, write_selection
 from cosim.study.result import StudyResult
@@ -18,27 +17,8 @@ from eightpost.commands.study_page import RESULTS, SELECTION, write_page
 from eightpost.errors import InputError
 
 
-@click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
-              help="A measure to confirm, once for each; with =COUNT so many setups of each end. Default: those of the "
-              "objective, else all.")  # fmt: skip
-@click.option("-n", "--total", type=click.IntRange(min=2), default=TOTAL, show_default=True,
-              help="Setups in all, where no counts are given.")  # fmt: skip
-@click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True,
-              help="Share of the setups, from each end, to choose from.")  # fmt: skip
 def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> None:
-    """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank.
-
-    STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line per run, runs of the baseline
-    last; put the rig's records beside it under the names in its column `file`, and `eightpost compare` takes it. The
-    study's page is written anew with the selection in it.
-
-    \b
-    Example:
-      eightpost select out/
-      eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
-    """
+    """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     names, share = _asked(measures)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -16,20 +15,8 @@ from cosim.study.result import StudyResult
 from eightpost.commands.study_page import RESULTS
 
 
-@click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
-              help="Every term as a table (.parquet); default sensitivity.parquet in the study's folder.")  # fmt: skip
 def sensitivity(folder: Path, output: Path | None) -> None:
-    """Show which corner matters for which measure of a study: main effects and first-order interactions.
-
-    STUDY is a folder that `eightpost study` wrote. What is shown are shares of each measure's variance over all setups;
-    they are exact where every setup was run, and fitted by least squares where some are missing.
-
-    \b
-    Example:
-      eightpost sensitivity out/
-    """
+    """Show which corner matters for which measure of a study: main effects and first-order interactions."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     found = sensitivities_of(result)

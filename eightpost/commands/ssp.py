@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 from rich.console import Console
 
 from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
@@ -14,20 +13,8 @@ from cosim.system_file import Case, read_case
 from eightpost.errors import InputError, WiringError
 
 
-@click.command()
-@click.argument("system", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The package; default: beside SYSTEM, .ssp.")
 def ssp(system: Path, output: Path | None) -> None:
-    """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
-
-    SYSTEM is a file that `eightpost run` takes; a package of others is written flat. The package holds the FMUs, their
-    connections, and for each component a file of the parameters that can be set, resources/<component>.ssv. A drivefile
-    has no place in it: the tool that imports the package drives the inputs that are left open.
-
-    \b
-    Example:
-      eightpost ssp examples/seven_dof.toml -o car.ssp
-    """
+    """Write a system of coupled FMUs as an SSP 1.0 package for other tools."""
     output = output or system.with_suffix(".ssp")
     if output.resolve() == system.resolve():
         raise InputError(f"{output}: is the package itself; name another file (-o)")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -31,23 +30,8 @@ _POINTS = 800
 _KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
 
 
-@click.command()
-@click.argument("path", metavar="CAR", type=click.Path(path_type=Path))
-@click.option("--vary", "parameter", metavar="PARAMETER", help="Vary a parameter, all four corners alike.")
-@click.option("--factors", default="0.5,1,2,3", show_default=True, help="What it is multiplied by, with commas.")
-@click.option("--output", "names", metavar="CHANNEL", multiple=True, help="Outputs to draw; default: the key ones.")
-@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency [Hz].")
-@click.option("-o", "folder", default="vehicle", show_default=True, type=click.Path(path_type=Path), help="Folder.")
 def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:
-    """Show modes and frequency responses of a vehicle, and what a parameter does to them.
-
-    CAR is a vehicle file: parameters (.toml), or an identified model (.json), which has no parameters to vary. Its
-    linear dampers are in it. Written are a picture per output, and the responses as response.npz.
-
-    \b
-    Example:
-      eightpost vehicle car.toml --vary damping --factors 0.5,1,2,3 -o study
-    """
+    """Show modes and frequency responses of a vehicle, and what a parameter does to them."""
     if not 0.0 < high < 1e4:
         raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
     check_output_folder(folder)

@@ -23,10 +23,10 @@ from builder.check.static.units import RULES as UNIT_RULES
 from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
 from eightpost.archive import read_archive, write_archive
-from eightpost.commands.check import check as command
 from eightpost.commands.check import show_report
 from eightpost.errors import FmuError
 from eightpost.units import SI_UNITS, si_exponents
+from eightpost.verbs.check import check as command
 
 QUICK = tuple(group for group in GROUPS if group != "rebuild")
 

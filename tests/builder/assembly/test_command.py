@@ -3,7 +3,7 @@
 from click.testing import CliRunner
 
 from builder.native.platforms import this_platform
-from eightpost.commands.build import build as command
+from eightpost.verbs.build import build as command
 
 
 def test_the_command_says_what_was_put_together(system_file, tmp_path, toolchain, monkeypatch):

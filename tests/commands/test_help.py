@@ -1,0 +1,101 @@
+"""Help texts load nothing that computes, and name what the commands take."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from inspect import signature
+from typing import get_args
+
+import click
+import pytest
+
+import cosim
+from builder.build import TARGETS
+from builder.check import Scope
+from cosim.study.choice import selection
+from cosim.study.running import workers
+from eightpost.__main__ import VERBS, main
+from eightpost.ident.shock.curve.shape import Shape
+from eightpost.ident.shock.fit import GasTreatment, RecipeName
+from eightpost.ident.shock.solvers.robust import Robust
+from eightpost.ident.vehicle.recipes import recipe_names
+from eightpost.rig.post.program import PROGRAMS
+from eightpost.rig.post.truths import TRUTHS
+from eightpost.shock import LAWS
+
+SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", "plotly", "pydantic", "fmpy", "jinja2")
+
+#: All verbs in one process: what any of them loads is seen.
+EVERY_HELP = """
+import sys
+from eightpost.__main__ import VERBS, main
+for verb in VERBS:
+    print(f"== {verb}")
+    main([verb, "--help"], standalone_mode=False)
+    for module in %r:
+        assert module not in sys.modules, f"{verb} --help loads {module}"
+"""
+
+
+def test_no_help_text_loads_what_computes() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", EVERY_HELP % (SLOW,)], capture_output=True, text=True, encoding="utf-8", check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert all(f"== {verb}\nUsage: " in ran.stdout for verb in VERBS)
+
+
+def option(verb: str, name: str) -> click.Parameter:
+    command = main.get_command(click.Context(main), verb)
+    assert command is not None
+    return next(parameter for parameter in command.params if name in parameter.opts)
+
+
+@pytest.mark.parametrize(
+    ("verb", "name", "taken"),
+    [
+        ("fit", "--law", tuple(LAWS)),
+        ("fit", "--recipe", get_args(RecipeName)),
+        ("fit", "--shape", get_args(Shape)),
+        ("fit", "--robust", get_args(Robust)),
+        ("fit", "--gas", get_args(GasTreatment)),
+        ("identify", "--recipe", recipe_names()),
+        ("rig", "--car", tuple(TRUTHS)),
+        ("rig", "--program", PROGRAMS),
+        ("build", "--target", TARGETS),
+        ("run", "--algorithm", tuple(cosim.SCHEMES)),
+    ],
+)
+def test_an_option_offers_what_the_library_takes(verb: str, name: str, taken: tuple[str, ...]) -> None:
+    kind = option(verb, name).type
+    assert isinstance(kind, click.Choice)
+    assert tuple(kind.choices) == taken
+
+
+@pytest.mark.parametrize(
+    ("verb", "name", "default"),
+    [
+        ("select", "--total", selection.TOTAL),
+        ("select", "--pool", selection.POOL),
+        ("study", "--patience", f"{workers.PATIENCE:g} s"),
+        ("check", "--standard", Scope.ALL.value),
+    ],
+)
+def test_an_option_has_the_default_of_the_library(verb: str, name: str, default: object) -> None:
+    assert option(verb, name).default == default
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_calls_the_function_of_its_name_with_its_options(verb: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[dict[str, object]] = []
+    function = getattr(import_module(f"eightpost.commands.{verb}"), verb)
+    monkeypatch.setattr(f"eightpost.commands.{verb}.{verb}", lambda **options: taken.append(options))
+    command = main.get_command(click.Context(main), verb)
+    assert command is not None and command.callback is not None
+    options = {parameter.name: None for parameter in command.params if parameter.name is not None}
+    command.callback(**options)
+    assert taken == [options]
+    asked = signature(function)
+    asked.bind(*(["context"] if "ctx" in asked.parameters else []), **options)
