@@ -159,7 +159,9 @@ def _find(system: cosim.System, case: Case, name: str, options: dict[str, Any]) 
 
 def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> TimeSeries:
     """Repeat the run that gave the result, recorded at every step or every odd number of them."""
-    final = next(trial for trial in reversed(log) if trial.step == result.step and trial.result is not None)
+    taken = (result.scheme or result.algorithm, result.step)
+    made = [trial for trial in log if trial.result is not None and (trial.algorithm.name, trial.step) == taken]
+    final = made[-1]
     assert final.result is not None
     every = ceil(final.steps / MOST_POINTS)
     every += 1 - every % 2

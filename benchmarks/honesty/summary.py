@@ -36,7 +36,7 @@ class Pair:
     @property
     def ratio(self) -> float:
         """Stated over true."""
-        return (self.stated or 0.0) / self.true if self.true else inf
+        return (self.stated or 0.0) / self.true if self.true and (self.stated or 0.0) < _UNSTATED else inf
 
     @property
     def settled(self) -> bool:
@@ -124,6 +124,9 @@ def lines(rows: Sequence[Row], *, names: int = 8) -> Iterator[str]:
 
 
 def _distributions(rows: Sequence[Row]) -> Iterator[str]:
+    if not _stating(rows):
+        yield "no run states an error"
+        return
     yield f"\nstated / true, where the true error is above {SMALL:g} %"
     yield f"{'':24}{'n':>6}" + "".join(f"{f'{100 * q:g} %':>9}" for q in QUANTILES)
     groups: dict[str, list[Pair]] = {
@@ -133,7 +136,7 @@ def _distributions(rows: Sequence[Row]) -> Iterator[str]:
         "every acceleration": [pair for row in rows for pair in channel_pairs(row, "m/s2")],
     }
     for name, pairs in groups.items():
-        ratios = [pair.ratio for pair in pairs if pair.stated is not None and pair.true > SMALL]
+        ratios = [pair.ratio for pair in pairs if pair.stated is not None and pair.true > SMALL and pair.settled]
         if ratios:
             found = np.quantile(ratios, QUANTILES, method="nearest")
             yield f"{name:24}{len(ratios):6}" + "".join(f"{value:9.3g}" for value in found) + _shares(np.array(ratios))
