@@ -30,7 +30,7 @@ _NAMESPACES = {
 SETUP = "setup"
 
 Value = float | bool
-_TYPES = ("Real", "Boolean")
+_TYPES = ("Real", "Integer", "Boolean")
 _CONNECTORS = ("Real", "Integer", "Boolean", "String")  # an enumeration's connector would need its items
 
 
@@ -45,10 +45,14 @@ class SspComponent:
 
 @dataclass(frozen=True)
 class SspConnection(Ends):
-    """An output that feeds an input: `input = factor * output + offset`, in the ends' own units."""
+    """An output that feeds an input: `input = factor * output + offset`, in the ends' own units.
+
+    `convert`: whether the ends have different types; the package says that it is meant by a transformation.
+    """
 
     factor: float = 1.0
     offset: float = 0.0
+    convert: bool = False
 
 
 @dataclass(frozen=True)
@@ -239,7 +243,7 @@ def _connection(links: ET.Element, connection: SspConnection) -> None:
         links, "ssd", "Connection",
         startElement=source, startConnector=output, endElement=target, endConnector=into,
     )  # fmt: skip
-    if (connection.factor, connection.offset) != (1.0, 0.0):
+    if connection.convert or (connection.factor, connection.offset) != (1.0, 0.0):
         link.set("suppressUnitConversion", "true")  # the factor holds it
         factor, offset = repr(connection.factor), repr(connection.offset)
         _child(link, "ssc", "LinearTransformation", factor=factor, offset=offset)
@@ -261,10 +265,18 @@ def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
     for name, value in (_tunable(fmu) | dict(component.values)).items():
         variable = fmu.variables.get(name)
         if variable is None or variable.causality not in ("parameter", "input") or variable.type not in _TYPES:
-            raise WiringError(f"{component.name}.{name} is no Real or Boolean parameter or input and cannot be set")
+            raise WiringError(
+                f"{component.name}.{name} is no Real, Integer or Boolean parameter or input and cannot be set"
+            )
         unit = {"unit": variable.unit} if variable.unit else {}
         used |= {name: fmu.units[name] for name in unit.values()}
-        _child(_child(parent, "ssv", "Parameter", name=name), "ssv", variable.type, value=_text(value), **unit)
+        _child(
+            _child(parent, "ssv", "Parameter", name=name),
+            "ssv",
+            variable.type,
+            value=_text(value, variable.type),
+            **unit,
+        )
     _units(root, "ssv", used)
     return root
 
@@ -277,8 +289,10 @@ def _tunable(fmu: _Fmu) -> dict[str, Value]:
     }
 
 
-def _text(value: Value) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(float(value))
+def _text(value: Value, kind: str) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(int(value)) if kind == "Integer" else repr(float(value))
 
 
 def _document(root: ET.Element) -> bytes:

@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+#: Types of variables that are numbers but not Real; enumerations are integers to FMI.
+DISCRETE = ("Integer", "Boolean", "Enumeration")
+
 
 @dataclass(frozen=True, slots=True)
 class UnitDefinition:
@@ -32,7 +35,7 @@ class Variable:
         name: Of the variable.
         causality: input, output, parameter, local ...
         variability: continuous, tunable, fixed ...
-        type: Real, Integer, Boolean or String.
+        type: Real, Integer, Boolean, Enumeration or String.
         unit: None where the component states none.
         start: Its default.
         minimum: Least value that it states to accept.
@@ -90,13 +93,13 @@ class Component(Protocol):
         """Leave initialization: from here on it steps."""
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs."""
+        """Set inputs; numbers also for what is Integer, Boolean (1 is true) or an enumeration."""
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set the time derivatives of real inputs, for the next step; only where `interpolates_inputs`."""
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return real variables."""
+        """Return variables; numbers also for what is Integer, Boolean (1 is true) or an enumeration."""
 
     def step(self, time: float, step: float) -> None:
         """Advance from `time` by `step` [s]."""

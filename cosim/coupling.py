@@ -151,7 +151,7 @@ def _names_of(component: str, full_names: set[str]) -> tuple[str, ...]:
 
 def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
     terms: dict[str, list[Term]] = {}
-    for connection in system.all_connections:
+    for connection in system.real_connections:
         source, target = system.output(connection.source), system.input(connection.target)
         what = f"{connection.source} -> {connection.target}"
         conversion = convert_between(source.unit, target.unit, what)
@@ -162,8 +162,13 @@ def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
     driven = _driven(system, scenario)
     _check_drive(system, terms, driven)
     feeds: dict[str, tuple[Feed, ...]] = {}
+    elsewhere = {connection.target for connection in system.discrete_connections}
     for name, component in system.components.items():
-        inputs = [v for v in component.variables.values() if v.causality == "input" and v.type == "Real"]
+        inputs = [
+            v
+            for v in component.variables.values()
+            if v.causality == "input" and v.type == "Real" and f"{name}.{v.name}" not in elsewhere
+        ]
         feeds[name] = tuple(_feed(f"{name}.{v.name}", terms, driven, system.constants) for v in inputs)
     return feeds
 
@@ -188,20 +193,31 @@ def _driven(system: System, scenario: Scenario) -> dict[str, tuple[int, Conversi
     """Return per driven input: the drive's channel and the conversion from its SI unit."""
     if scenario.drive is None:
         return {}
-    targets = scenario.targets or {name: _only_input(system, name) for name in scenario.drive.names}
     driven = {}
+    for target, index in targets_of(system, scenario).items():
+        channel, source = scenario.drive.names[index], named_unit(scenario.drive.units[index])
+        unit = system.input(target).unit
+        driven[target] = (index, convert_between(source, unit, f"drivefile {channel} -> {target}"))
+    return driven
+
+
+def targets_of(system: System, scenario: Scenario) -> dict[str, int]:
+    """Return the number of the drive's channel by the input that it goes to.
+
+    Raises:
+        WiringError: There is no such channel, no one input for it, or two go to one input.
+    """
+    if scenario.drive is None:
+        return {}
+    targets = scenario.targets or {name: _only_input(system, name) for name in scenario.drive.names}
+    found: dict[str, int] = {}
     for channel, target in targets.items():
         if channel not in scenario.drive.names:
             raise WiringError(f"the drivefile has no channel {channel!r}; it has {', '.join(scenario.drive.names)}")
-        index = scenario.drive.names.index(channel)
-        source = named_unit(scenario.drive.units[index])
-        if target in driven:
+        if target in found:
             raise WiringError(f"two channels of the drivefile go to {target}; keep one")
-        driven[target] = (
-            index,
-            convert_between(source, system.input(target).unit, f"drivefile {channel} -> {target}"),
-        )
-    return driven
+        found[target] = scenario.drive.names.index(channel)
+    return found
 
 
 def _only_input(system: System, channel: str) -> str:
@@ -220,8 +236,9 @@ def _only_input(system: System, channel: str) -> str:
 
 
 def _check_drive(system: System, terms: Mapping[str, object], driven: Mapping[str, object]) -> None:
+    discrete = {connection.target for connection in system.discrete_connections}
     for target in driven:
-        if (target in terms or target in system.constants) and target not in system.sums:
+        if target in discrete or ((target in terms or target in system.constants) and target not in system.sums):
             raise WiringError(
                 f'{target} has two sources (the drivefile and another); remove one, or add "{target}" to sums'
             )

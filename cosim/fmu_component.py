@@ -28,6 +28,7 @@ from cosim.fmu_instance import FmuInstance, State
 from cosim.fmu_log import FmuLog
 from cosim.functions import FunctionTable
 from cosim.opened_fmu import OpenedFmu
+from cosim.typed_buffer import TypedBuffer, typed_buffers
 from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
@@ -67,7 +68,7 @@ class FmuComponent(OpenedFmu):
         # Frees all: with the component, with the interpreter, or on call; a component may begin more than once.
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
         self._references = fmu.references
-        self._arrays: dict[tuple[str, ...], tuple[Any, Any]] = {}
+        self._arrays: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = {}
         self._slave: Any = None
         self._steps = self._begun = False
 
@@ -128,20 +129,21 @@ class FmuComponent(OpenedFmu):
         self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs.
+        """Set inputs of any type but String.
 
         Args:
             names: Of the inputs (N,).
-            values: Theirs (N,), in its own units.
+            values: Theirs (N,), in its own units; 1 is true.
 
         Raises:
             StepError: It has not begun, or refuses a value.
         """
         slave = self._running()
-        references, buffer = self._buffers(names)
-        buffer[:] = values
         self._inputs.update(zip(names, values, strict=True))
-        self._call("set inputs", slave.fmi2SetReal, slave.component, references, len(buffer), buffer)
+        for part in self._buffers(names):
+            part.buffer[:] = [part.number(values[place]) for place in part.places]
+            setter = getattr(slave, f"fmi2Set{part.kind}")
+            self._call("set inputs", setter, slave.component, part.references, len(part.buffer), part.buffer)
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set first derivatives of real inputs, for the next step.
@@ -154,22 +156,24 @@ class FmuComponent(OpenedFmu):
             StepError: It has not begun, or refuses (`capabilities.interpolates_inputs`).
         """
         slave = self._running()
-        references, _ = self._buffers(names)
-        count = len(names)
+        (part,), count = self._buffers(names), len(names)
         orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
-        arguments = (slave.component, references, count, orders, slopes)
+        arguments = (slave.component, part.references, count, orders, slopes)
         self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return the values (N,) of real variables (N,), in its own units.
+        """Return the values (N,) of variables (N,) of any type but String, in its own units; 1 is true.
 
         Raises:
             StepError: It has not begun, or refuses.
         """
-        slave = self._running()
-        references, buffer = self._buffers(names)
-        self._call("get outputs", slave.fmi2GetReal, slave.component, references, len(buffer), buffer)
-        return list(buffer)
+        slave, values = self._running(), [0.0] * len(names)
+        for part in self._buffers(names):
+            getter = getattr(slave, f"fmi2Get{part.kind}")
+            self._call("get outputs", getter, slave.component, part.references, len(part.buffer), part.buffer)
+            for place, value in zip(part.places, part.buffer, strict=True):
+                values[place] = float(value)
+        return values
 
     def step(self, time: float, step: float) -> None:
         """Do one step from `time` by `step` [s]; where no state is saved, its end is a point of no return.
@@ -273,11 +277,12 @@ class FmuComponent(OpenedFmu):
         else:
             self._slave.setInteger(references, [int(value)])
 
-    def _buffers(self, names: Sequence[str]) -> tuple[Any, Any]:
+    def _buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
+        """Return memory for values, by the types that the names have."""
         key = tuple(names)
         if key not in self._arrays:
-            references = (ctypes.c_uint * len(key))(*[self._references[name] for name in key])
-            self._arrays[key] = references, (ctypes.c_double * len(key))()
+            types = {name: self.variables[name].type for name in key}
+            self._arrays[key] = typed_buffers(key, types, self._references)
         return self._arrays[key]
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.component import DISCRETE
 from cosim.conversion import Conversion, to_si
 from cosim.engine.march import Tape
 from cosim.planning import Layout
@@ -15,18 +18,25 @@ from eightpost.signals import TimeSeries
 
 Flags = NDArray[np.int64]
 
+_NUMBERS = ("Real", *DISCRETE)
+
 
 def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
-    """Return what is recorded: what the scenario asks for, else every real output.
+    """Return what is recorded: what the scenario asks for, else every output that is a number.
 
     Raises:
-        WiringError: A name is unknown or not a real variable.
+        WiringError: A name is unknown or its values are no numbers.
     """
     names = tuple(dict.fromkeys(scenario.record)) or _every_output(system)
     for name in names:
-        if system.output(name).type != "Real":
-            raise WiringError(f"{name} is a {system.output(name).type} and cannot be recorded; record real variables")
+        if system.output(name).type not in _NUMBERS:
+            raise WiringError(f"{name} is a {system.output(name).type} and cannot be recorded; record numbers")
     return names
+
+
+def real_names(system: System, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return those that the loop records; the others are recorded beside it."""
+    return tuple(name for name in names if system.output(name).type == "Real")
 
 
 def recorded_steps(scenario: Scenario, step: float, count: int) -> Flags:
@@ -48,10 +58,12 @@ def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
     return Tape(np.zeros((rows, len(names))), np.zeros(rows), columns, np.zeros(1, np.int64))
 
 
-def recorded_series(system: System, names: tuple[str, ...], tape: Tape) -> TimeSeries:
-    """Return what a tape holds so far, in SI."""
+def recorded_series(
+    system: System, names: tuple[str, ...], tape: Tape, discrete: Sequence[Sequence[float]] = ()
+) -> TimeSeries:
+    """Return what a tape holds so far, in SI, and beside it the rows of what is not Real."""
     count = int(tape.position[0])
-    values, units = np.ascontiguousarray(tape.rows[:count].T), []
+    values, units = _values(system, names, tape.rows[:count], discrete), []
     for row, name in zip(values, names, strict=True):
         conversion, unit = to_si(system.output(name))
         units.append(unit)
@@ -61,6 +73,19 @@ def recorded_series(system: System, names: tuple[str, ...], tape: Tape) -> TimeS
             raise StepError(_not_a_number(name, tape.times[int(np.argmin(np.isfinite(row)))]))
     values.setflags(write=False)  # nobody else has them: they need no copy
     return TimeSeries(tape.times[:count], values, names, tuple(units))
+
+
+def _values(
+    system: System, names: tuple[str, ...], real: NDArray[np.float64], discrete: Sequence[Sequence[float]]
+) -> NDArray[np.float64]:
+    """Return a row per name (M, R) of the rows per time of both kinds."""
+    is_real = np.array([system.output(name).type == "Real" for name in names], dtype=bool)
+    if is_real.all():
+        return np.ascontiguousarray(real.T)
+    values = np.empty((len(names), real.shape[0]))
+    values[is_real] = real.T
+    values[~is_real] = np.array(discrete, dtype=np.float64).reshape(real.shape[0], -1).T
+    return values
 
 
 def _not_a_number(name: str, time: float) -> str:
@@ -75,7 +100,7 @@ def _every_output(system: System) -> tuple[str, ...]:
         f"{name}.{v.name}"
         for name, component in system.components.items()
         for v in component.variables.values()
-        if v.causality == "output" and v.type == "Real"
+        if v.causality == "output" and v.type in _NUMBERS
     )
 
 

@@ -8,10 +8,12 @@ from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 
-from cosim.component import Component, Variable
+from cosim.component import DISCRETE, Component, Variable
 from cosim.conversion import convert_between
 from cosim.fmu_component import FmuComponent
 from eightpost.errors import WiringError
+
+_DISCRETE = frozenset(DISCRETE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +21,15 @@ class Connection:
     """An output that feeds an input, both as `component.variable`; units are converted, then `gain` applies.
 
     A component that is positive in extension connects with gain -1. `offset` is added last, in the input's own unit.
+    Both ends have the same type, unless `convert` asks for the other's: an Integer, a Boolean or an enumeration is held
+    over each step, what goes into one is rounded (a Boolean is true unless 0).
     """
 
     source: str
     target: str
     gain: float = 1.0
     offset: float = 0.0
+    convert: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +160,26 @@ class System:
         """Those of the bonds, then the others."""
         return tuple(c for bond in self.bonds for c in bond.connections) + self.connections
 
+    def start_values(self, component: str) -> dict[str, float | bool | str]:
+        """Return what a component is given before its initialization: parameters, and inputs that keep their value."""
+        constants = {
+            name.partition(".")[2]: value
+            for name, value in self.constants.items()
+            if name.partition(".")[0] == component and self.input(name).type in DISCRETE
+        }
+        return dict(self.parameters.get(component, {})) | constants
+
+    @property
+    def discrete_connections(self) -> tuple[Connection, ...]:
+        """Those with an end that is Integer, Boolean or an enumeration; they are no part of the loop."""
+        return tuple(c for c in self.connections if _DISCRETE & {self.output(c.source).type, self.input(c.target).type})
+
+    @property
+    def real_connections(self) -> tuple[Connection, ...]:
+        """Those from Real to Real: of the bonds, then the others."""
+        discrete = set(self.discrete_connections)
+        return tuple(c for c in self.all_connections if c not in discrete)
+
     def output(self, name: str) -> Variable:
         """Return the variable `component.variable`; anything that can be read.
 
@@ -167,12 +192,13 @@ class System:
         """Return the input `component.variable`.
 
         Raises:
-            WiringError: There is no such component or variable, or it is not a real input.
+            WiringError: There is no such component or variable, or it is no input that takes numbers.
         """
         variable = find_variable(self.components, name)
-        if variable.causality != "input" or variable.type != "Real":
+        if variable.causality != "input" or variable.type not in ("Real", *DISCRETE):
             raise WiringError(
-                f"{name} is a {variable.type} {variable.causality}, not a real input; in a bond the vehicle comes first"
+                f"{name} is a {variable.type} {variable.causality}, not an input for numbers; in a bond the vehicle "
+                "comes first"
             )
         return variable
 
@@ -187,13 +213,15 @@ class System:
     def _check_connection(self, connection: Connection) -> None:
         what = f"{connection.source} -> {connection.target}"
         source, target = self.output(connection.source), self.input(connection.target)
-        if source.type != "Real":
-            raise WiringError(f"{what}: {connection.source} is a {source.type}, not a real variable")
+        _check_types(connection, source, target, what)
         if not (isfinite(connection.gain) and connection.gain != 0.0):
             raise WiringError(f"{what}: the gain must be finite and not zero, it is {connection.gain!r}")
         if not isfinite(connection.offset):
             raise WiringError(f"{what}: the offset must be finite, it is {connection.offset!r}")
         convert_between(source.unit, target.unit, what)
+        for bond in self.bonds:
+            if connection in bond.connections and {source.type, target.type} != {"Real"}:
+                raise WiringError(f"{what}: the ends of bond {bond.name} must be Real variables")
 
     def _check_sources(self) -> None:
         sources: dict[str, list[str]] = {}
@@ -202,6 +230,12 @@ class System:
         for target in self.constants:
             sources.setdefault(target, []).append("a constant")
         for target, fed_by in sources.items():
+            discrete = self.input(target).type in DISCRETE or any(c.target == target for c in self.discrete_connections)
+            if len(fed_by) > 1 and discrete:
+                raise WiringError(
+                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}), and Integer, Boolean and enumeration "
+                    "values do not add up; remove all but one"
+                )
             if len(fed_by) > 1 and target not in self.sums:
                 raise WiringError(
                     f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}); remove all but one, or add "
@@ -229,6 +263,26 @@ class System:
                     f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is a constant; "
                     "connect it to the vehicle's displacement at that corner"
                 )
+
+
+def _check_types(connection: Connection, source: Variable, target: Variable, what: str) -> None:
+    """Refuse a connection of different types, where it does not ask for it, and values that are no numbers."""
+    if source.type not in ("Real", *DISCRETE):
+        raise WiringError(f"{what}: {connection.source} is a {source.type}; connections carry numbers only")
+    if source.type != target.type and not connection.convert:
+        raise WiringError(
+            f"{what}: {_a(source.type)} into {_a(target.type)}; if that is meant, let the connection convert it "
+            "(convert = true)"
+        )
+    if source.type == target.type != "Real" and (connection.gain, connection.offset) != (1.0, 0.0):
+        raise WiringError(
+            f"{what}: {_a(source.type)} goes over as it is, without gain and offset; remove them, or put a component "
+            "between"
+        )
+
+
+def _a(kind: str) -> str:
+    return f"{'an' if kind[0] in 'EI' else 'a'} {kind}"
 
 
 def find_variable(components: Mapping[str, Component], name: str) -> Variable:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cosim.algorithm import Algorithm
 from cosim.automatic import SCHEMES, Automatic
-from cosim.component import Component
+from cosim.component import DISCRETE, Component
 from cosim.conversion import convert_between, named_unit
 from cosim.open_component import open_component
 from cosim.scenario import Scenario
@@ -55,7 +55,7 @@ class _Strict(BaseModel):
 class _Component(_Strict):
     fmu: str
     parameters: dict[str, bool | Value] = Field(default_factory=dict)
-    inputs: dict[str, Value] = Field(default_factory=dict)
+    inputs: dict[str, bool | Value] = Field(default_factory=dict)
 
 
 class _Bond(_Strict):
@@ -69,6 +69,7 @@ class _Connection(_Strict):
     source: str = Field(alias="from")
     target: str = Field(alias="to")
     gain: float = 1.0
+    convert: bool = False
 
 
 class _Scenario(_Strict):
@@ -209,10 +210,10 @@ def _system(content: _File, components: Mapping[str, Component]) -> System:
         bonds=tuple(
             Bond.between(*b.between, gain=b.gain, displacement=b.displacement, name=b.name) for b in content.bond
         ),
-        connections=tuple(Connection(c.source, c.target, c.gain) for c in content.connection),
+        connections=tuple(Connection(c.source, c.target, c.gain, convert=c.convert) for c in content.connection),
         sums=frozenset(content.sums),
         constants={
-            f"{name}.{variable}": float(_own_unit(components, name, variable, value))
+            f"{name}.{variable}": _number(_own_unit(components, name, variable, value), f"{name}.{variable}")
             for name, entry in entries.items()
             for variable, value in entry.inputs.items()
         },
@@ -223,11 +224,19 @@ def _system(content: _File, components: Mapping[str, Component]) -> System:
     )
 
 
+def _number(value: bool | float | str, name: str) -> float:
+    if isinstance(value, str):
+        raise WiringError(f"{name} = {value!r}: an input takes a number, or true or false")
+    return value
+
+
 def _own_unit(
     components: Mapping[str, Component], component: str, name: str, value: bool | float | str
 ) -> bool | float | str:
     """Return a value in the variable's own unit; numbers are in it already."""
     variable = find_variable(components, f"{component}.{name}")
+    if variable.type in DISCRETE:
+        return int(value) if isinstance(value, float) and value.is_integer() else value
     if variable.type != "Real":
         return value
     if not isinstance(value, str):

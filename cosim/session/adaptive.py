@@ -33,7 +33,9 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
     march = marching.bind(running.plan, running.memory, kept, running.tape, knots, marching.mode, control, state)
     began, ended_by = clock.perf_counter(), ""
     while True:
-        end = march(max(1, marching.chunk // 10))
+        setup.discrete.exchange(float(state.time[0]))
+        end = march(1 if setup.discrete.is_needed else max(1, marching.chunk // 10))
+        setup.discrete.record(int(running.tape.position[0]))
         time = float(state.time[0])
         if end == STUCK and (ended_by := terminated_at(setup, running, time, control.least)):
             end = DONE

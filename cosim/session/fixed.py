@@ -26,9 +26,12 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     grid, count = _grid(setup), setup.times.size - 1
     march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
     began, end, ended_by = clock.perf_counter(), DONE, ""
-    for first in range(0, count, marching.chunk):
-        last = min(first + marching.chunk, count)
+    chunk = _chunk(setup, marching)
+    for first in range(0, count, chunk):
+        last = min(first + chunk, count)
+        setup.discrete.exchange(float(setup.times[first]))
         end = march(first, last)
+        setup.discrete.record(int(running.tape.position[0]))
         if end == STOPPED:
             break
         if end != DONE:
@@ -37,6 +40,13 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
         marching.progress(last / count)
     reached = _reached(setup, running)
     return Ending(end, reached, least=setup.step, largest=setup.step, began=began, ended_by=ended_by)
+
+
+def _chunk(setup: Setup, marching: Marching) -> int:
+    """How many steps the loop makes at once: what is discrete is exchanged between steps and read where recorded."""
+    if not setup.discrete.is_needed:
+        return marching.chunk
+    return 1 if setup.discrete.is_coupled else int(np.argmax(setup.recorded[1:])) + 1
 
 
 def _reached(setup: Setup, running: Running) -> float:

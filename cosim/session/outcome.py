@@ -59,7 +59,7 @@ class Outcome:
         setup, counts, watched = self.setup, self.running.memory.counts, self.running.memory.watched.tolist()
         components, energy, coupled = setup.system.components, self._energy(), self._coupled()
         return Result(
-            series=recorded_series(setup.system, setup.names, self.running.tape),
+            series=recorded_series(setup.system, setup.names, self.running.tape, setup.discrete.rows),
             converged=bool(self.equilibrium.converged and self.ending.why != STUCK and counts[LOOSE] == 0),
             notes=notes_of(setup.system, setup.coupling, setup.algorithm, self.equilibrium, self._troubles()),
             algorithm=setup.algorithm.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cosim.engine.compiled import Bind
 from cosim.engine.march import Tape
@@ -11,7 +11,7 @@ from cosim.engine.plan import Memory, Mode, Plan, memory
 from cosim.equilibrium import Equilibrium, solve_equilibrium
 from cosim.functions import FunctionTable, free_states, function_table
 from cosim.planning import make_plan
-from cosim.recorder import blank_tape
+from cosim.recorder import blank_tape, real_names
 from cosim.session.setup import Setup
 
 
@@ -85,13 +85,21 @@ def begin(setup: Setup) -> Equilibrium:
         StepError: A component failed.
     """
     coupling, components = setup.coupling, setup.system.components
+    setup.discrete.begin()
     for name, component in components.items():
-        component.begin(0.0, setup.scenario.stop, setup.system.parameters.get(name, {}))
-    equilibrium = solve_equilibrium(coupling, setup.layout.parts)
+        component.begin(0.0, setup.scenario.stop, setup.system.start_values(name))
+    equilibrium = _coupled_start(setup)
     for name in setup.layout.parts:
         components[name].end_initialization()
         coupling.now.update(coupling.read(name))
     return equilibrium
+
+
+def _coupled_start(setup: Setup) -> Equilibrium:
+    """Find where inputs and outputs agree; discrete ones, which may jump, after the others."""
+    found: list[Equilibrium] = []
+    agrees = setup.discrete.settle(lambda: found.append(solve_equilibrium(setup.coupling, setup.layout.parts)))
+    return replace(found[-1], converged=found[-1].converged and agrees)
 
 
 def prepare(setup: Setup) -> Running:
@@ -108,4 +116,4 @@ def prepare(setup: Setup) -> Running:
     m = memory(plan)
     m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
     rows = int(setup.recorded.sum()) + 1
-    return Running(plan, m, blank_tape(setup.layout, setup.names, rows), tables)
+    return Running(plan, m, blank_tape(setup.layout, real_names(setup.system, setup.names), rows), tables)

@@ -87,6 +87,7 @@ class Session:
         algorithm = self._setup.algorithm
         marching = self._marching(engine, progress)
         record(running.plan, running.memory, running.tape, 0.0)
+        self._setup.discrete.record(1)
         ending = (
             march_adaptive(self._setup, running, marching, algorithm)
             if isinstance(algorithm, Adaptive)

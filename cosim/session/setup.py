@@ -8,9 +8,10 @@ import numpy as np
 
 from cosim.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.coupling import Coupling
+from cosim.discrete import DiscreteExchange
 from cosim.limits import LimitWatch
 from cosim.planning import Layout, lay_out
-from cosim.recorder import Flags, recorded_names, recorded_steps
+from cosim.recorder import Flags, real_names, recorded_names, recorded_steps
 from cosim.scenario import Scenario
 from cosim.session.checks import check_repeats, check_variable_step
 from cosim.session.times import ROUNDING, Times, coupling_times
@@ -32,6 +33,7 @@ class Setup:
         layout: Where everything is in the loop's arrays.
         times: Coupling points (K+1,) [s]; of an adaptive run those that may be recorded.
         recorded: 1 for each of them that is recorded (K+1,).
+        discrete: What the loop does not know.
     """
 
     system: System
@@ -44,6 +46,7 @@ class Setup:
     layout: Layout
     times: Times
     recorded: Flags
+    discrete: DiscreteExchange
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> Setup:
@@ -55,7 +58,7 @@ class Setup:
         """
         names = recorded_names(system, scenario)
         limits = LimitWatch(system)
-        coupling = Coupling(system, scenario, every_step=limits.names, recorded=names)
+        coupling = Coupling(system, scenario, every_step=limits.names, recorded=real_names(system, names))
         layout = lay_out(coupling, algorithm.order(coupling))
         own = scenario.record_step if isinstance(algorithm, Adaptive) else None
         grid = step if own is None else own
@@ -63,7 +66,8 @@ class Setup:
         recorded = recorded_steps(scenario, grid, times.size - 1)
         check_variable_step(system, algorithm, times, step)
         check_repeats(system, algorithm)
-        return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded)
+        discrete = DiscreteExchange.of(system, scenario, names)
+        return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)
 
     def accuracy_of(self, target: str) -> Accuracy:
         """Return what is known of the error of what an input `component.variable` is given.

@@ -194,7 +194,8 @@ def _link(link: ET.Element, where: str) -> Link:
         (link.get("startElement") or None, attribute(link, "startConnector", where)),
         (link.get("endElement") or None, attribute(link, "endConnector", where)),
     )
-    found = Link(ends, flag(link, "suppressUnitConversion", where), transformation_of(link, where), where)
+    transforms = link.find(tag("ssc:LinearTransformation")) is not None
+    found = Link(ends, flag(link, "suppressUnitConversion", where), transformation_of(link, where), where, transforms)
     for kind in ("Boolean", "Integer", "Enumeration"):
         if link.find(tag(f"ssc:{kind}MappingTransformation")) is not None:
             raise WiringError(

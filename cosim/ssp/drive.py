@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.component import Variable
+from cosim.component import DISCRETE, Variable
 from cosim.conversion import Conversion, convert_between, named_unit, to_si
 from cosim.ssp.flatten import Network, Path, Port, compose
 from cosim.ssp.structure import FmuElement
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OpenInputs:
-    """The real inputs that no other FMU feeds.
+    """The inputs for numbers that no other FMU feeds.
 
     Args:
         network: Of the package.
@@ -35,8 +35,9 @@ class OpenInputs:
     @cached_property
     def ports(self) -> tuple[Port, ...]:
         """The inputs in the order of the components."""
+        numbers = ("Real", *DISCRETE)
         return tuple(
-            port for port in self.network.inputs() if self._variable(port).type == "Real" and not self._is_fed(port)
+            port for port in self.network.inputs() if self._variable(port).type in numbers and not self._is_fed(port)
         )
 
     def full_name(self, port: Port) -> str:
@@ -78,12 +79,12 @@ class OpenInputs:
         return found
 
     def idle(self, fed: Collection[str]) -> dict[str, float]:
-        """Return the start values of the inputs that nothing feeds.
+        """Return the start values of the Real inputs that nothing feeds; others keep theirs by themselves.
 
         Raises:
             WiringError: One has no start value.
         """
-        left = {self.full_name(port): self._variable(port).start for port in self.ports}
+        left = {self.full_name(port): self._variable(port).start for port in self.ports if self._is_real(port)}
         left = {name: start for name, start in left.items() if name not in fed}
         if empty := [name for name, start in left.items() if start is None]:
             raise WiringError(
@@ -91,6 +92,9 @@ class OpenInputs:
                 "channels of these names (--drive), a constant (--input NAME=VALUE), or a value in a parameter set"
             )
         return {name: float(start) for name, start in left.items() if start is not None}
+
+    def _is_real(self, port: Port) -> bool:
+        return self._variable(port).type == "Real"
 
     def _variable(self, port: Port) -> Variable:
         variable = self.network.variable(port)
@@ -151,9 +155,22 @@ class OpenInputs:
         return si, values if total == Conversion() else total.factor * values + total.offset
 
     def _constant(self, name: str, text: str, way: tuple[Port, Port]) -> float:
-        what = f"input {name!r}"
+        what, kind = f"input {name!r}", self._variable(way[0]).type
+        if kind in DISCRETE:
+            return _discrete(text, kind, f"{way[0]} = {text!r}")
         number, unit = _quantity(text, what)
         return self._carried(unit, what, way)(number)
+
+
+def _discrete(text: str, kind: str, what: str) -> int:
+    """Return the value of an Integer, a Boolean or an enumeration."""
+    if kind == "Boolean" and text in ("true", "false"):
+        return text == "true"
+    try:
+        return int(text) if kind != "Boolean" else bool(("0", "1").index(text))
+    except ValueError:
+        wanted = "true or false" if kind == "Boolean" else "a whole number"
+        raise WiringError(f"{what}: the input is a {kind}; give {wanted}") from None
 
 
 def _quantity(text: str, what: str) -> tuple[float, str | None]:

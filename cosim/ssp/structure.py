@@ -32,12 +32,14 @@ class Link:
         suppressed: Whether units are left unconverted.
         transformation: `target = factor * source + offset`, after the conversion of units.
         where: The file and system, for messages.
+        transforms: Whether the description has a transformation, be it one that changes nothing.
     """
 
     ends: tuple[tuple[str | None, str], tuple[str | None, str]]
     suppressed: bool
     transformation: Conversion
     where: str
+    transforms: bool = False
 
     def __str__(self) -> str:
         """Return its ends as the description has them."""

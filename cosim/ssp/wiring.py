@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isclose
 
-from cosim.component import Variable
+from cosim.component import DISCRETE, Variable
 from cosim.conversion import Conversion, convert_between
 from cosim.ssp.flatten import Network, Path, Port
 from cosim.ssp.structure import FmuElement
@@ -17,16 +17,17 @@ def connections(network: Network, names: Mapping[Path, str]) -> tuple[Connection
     """Return a connection for every FMU input that another FMU feeds, through whatever systems lie between.
 
     Raises:
-        WiringError: Values that are not real, or dimensions that differ.
+        WiringError: Values that are no numbers, types that differ without a transformation, or dimensions that do.
     """
     found = []
     for target in network.fed():
         origin, hops = network.chain(target)
         if not isinstance(network.elements[origin.path], FmuElement):
             continue  # open, or given a value: no other component
-        source, sink = (_real_variable(network, port, hops[-1].link.where) for port in (origin, target))
+        source, sink = (_variable(network, port, hops[-1].link.where) for port in (origin, target))
         total, _ = network.carry(network.unit(origin), hops)
-        found.append(_connection(_full(origin, names), _full(target, names), (source, sink), total))
+        convert = any(hop.link.transforms for hop in hops)
+        found.append(_connection(_full(origin, names), _full(target, names), (source, sink), total, convert))
     return tuple(found)
 
 
@@ -34,7 +35,7 @@ def _full(port: Port, names: Mapping[Path, str]) -> str:
     return f"{names[port.path]}.{port.name}"
 
 
-def _real_variable(network: Network, port: Port, where: str) -> Variable:
+def _variable(network: Network, port: Port, where: str) -> Variable:
     variable, connector = network.variable(port), network.connector(port)
     if variable is None:
         raise WiringError(f"{where}: {port}: the FMU has no such variable; correct the connector's name")
@@ -42,10 +43,10 @@ def _real_variable(network: Network, port: Port, where: str) -> Variable:
         raise WiringError(
             f"{where}: connector {port} is a {connector.type}, the FMU's variable a {variable.type}; correct the type"
         )
-    if variable.type != "Real":
+    if variable.type not in ("Real", *DISCRETE):
         raise WiringError(
-            f"{where}: {port} is a {variable.type}: connections carry Real values only; remove the connection and give "
-            "the input a value in a parameter set"
+            f"{where}: {port} is a {variable.type}: connections carry numbers only; remove the connection and give the "
+            "input a value in a parameter set"
         )
     if variable.causality in ("parameter", "calculatedParameter"):
         raise WiringError(
@@ -55,8 +56,13 @@ def _real_variable(network: Network, port: Port, where: str) -> Variable:
     return variable
 
 
-def _connection(source: str, target: str, ends: tuple[Variable, Variable], total: Conversion) -> Connection:
-    """Return the connection that does `total` where a system converts the units of the two FMUs by itself."""
+def _connection(
+    source: str, target: str, ends: tuple[Variable, Variable], total: Conversion, convert: bool
+) -> Connection:
+    """Return the connection that does `total` where a system converts the units of the two FMUs by itself.
+
+    `convert`: whether the package transforms the value, and so means a Real by an Integer or the other way.
+    """
     what = f"{source} -> {target}"
     try:
         own = convert_between(ends[0].unit, ends[1].unit, what)
@@ -65,7 +71,8 @@ def _connection(source: str, target: str, ends: tuple[Variable, Variable], total
             f"{error}; a transformation between dimensions cannot be run, put a component between"
         ) from error
     gain = total.factor / own.factor
-    return Connection(source, target, gain, total.offset - gain * own.offset)
+    is_converted = convert and ends[0].type != ends[1].type
+    return Connection(source, target, gain, total.offset - gain * own.offset, convert=is_converted)
 
 
 def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[Connection, ...]]:

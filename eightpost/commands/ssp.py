@@ -49,5 +49,5 @@ def ssp_system(case: Case) -> SspSystem:
     for c in system.all_connections:
         conversion = convert_between(system.output(c.source).unit, system.input(c.target).unit, c.source)
         factor, offset = c.gain * conversion.factor, c.gain * conversion.offset + c.offset
-        connections.append(SspConnection(c.source, c.target, factor, offset))
+        connections.append(SspConnection(c.source, c.target, factor, offset, c.convert))
     return SspSystem(case.name, tuple(components), tuple(connections), case.step or DEFAULT_STEP, case.scenario.stop)

@@ -19,7 +19,7 @@ def test_an_unknown_component_or_variable_is_named_with_what_is_close(make):
         System(parts, connections=[Connection("c.y", "b.u")])
     with pytest.raises(WiringError, match=r"no variable 'yy'; did you mean y\?"):
         System(parts, connections=[Connection("a.yy", "b.u")])
-    with pytest.raises(WiringError, match="not a real input"):
+    with pytest.raises(WiringError, match="not an input for numbers"):
         System(parts, connections=[Connection("a.y", "b.y")])
 
 
@@ -156,12 +156,11 @@ def test_a_parameter_of_the_wrong_kind_or_out_of_its_range_is_refused(fmus, valu
         )
 
 
-def test_what_is_not_real_cannot_be_recorded(fmus):
-    system = System.load(
-        {"car": fmus["quarter_car"]}, constants={"car.force": 0.0, "car.road": 0.0, "car.aero_force": 0.0}
-    )
-    with pytest.raises(WiringError, match="is a Boolean and cannot be recorded"):
-        run(system, Scenario(0.1, record=("car.start_at_equilibrium",)))
+def test_what_is_no_number_cannot_be_recorded(make):
+    text = Variable("label", "output", type="String")
+    part = make.component(make.table(text), lambda *_: {"label": "a"})
+    with pytest.raises(WiringError, match=r"a\.label is a String and cannot be recorded"):
+        run(System({"a": part}), Scenario(0.1, record=("a.label",)))
 
 
 def test_a_drive_that_does_not_cover_the_run_is_refused_and_may_be_entered_late():

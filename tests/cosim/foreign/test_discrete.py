@@ -1,0 +1,242 @@
+"""Integer, Boolean and enumeration variables: coupled at coupling points, held over steps, driven and recorded."""
+
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cosim import Adaptive, Connection, FmuComponent, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from cosim.ssp import Given, read_ssp
+from cosim.system_file import read_case
+from eightpost.__main__ import main
+from eightpost.archive import write_archive
+from eightpost.errors import WiringError
+from eightpost.signals import Drivefile, TimeSeries, read_series
+
+SOURCE = Path(__file__).with_name("discrete_fmu.c")
+STEP, STOP = 1e-3, 0.05
+VARIABLES = (
+    ("count", 1, "output", "<Integer/>"),
+    ("mode", 2, "output", '<Enumeration declaredType="Mode"/>'),
+    ("is_odd", 1, "output", "<Boolean/>"),
+    ("wave", 1, "output", "<Real/>"),
+    ("seen", 2, "output", "<Real/>"),
+    ("integer", 10, "input", '<Integer start="0"/>'),
+    ("item", 11, "input", '<Enumeration declaredType="Mode" start="1"/>'),
+    ("boolean", 10, "input", '<Boolean start="false"/>'),
+    ("real", 10, "input", '<Real start="0"/>'),
+)
+CONTINUOUS = {"wave", "seen", "real"}
+SAME = {"count": "integer", "mode": "item", "is_odd": "boolean"}
+
+
+@pytest.fixture(scope="module")
+def fmu(foreign_compiler, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("discrete")
+    rows = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}" '
+        f'variability="{"continuous" if name in CONTINUOUS else "discrete"}">{kind}</ScalarVariable>'
+        for name, number, causality, kind in VARIABLES
+    )
+    items = "".join(f'<Item name="{name}" value="{k + 1}"/>' for k, name in enumerate(("soft", "normal", "hard")))
+    outputs = "".join(f'<Unknown index="{k + 1}" dependencies=""/>' for k in range(5))
+    xml = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="discrete" guid="{{discrete}}">
+  <CoSimulation modelIdentifier="discrete" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <TypeDefinitions><SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType></TypeDefinitions>
+  <ModelVariables>{rows}</ModelVariables>
+  <ModelStructure><Outputs>{outputs}</Outputs></ModelStructure>
+</fmiModelDescription>"""
+    library = foreign_compiler(folder / "discrete.so", source=SOURCE)
+    binary = f"binaries/{fmpy.platform}/discrete{fmpy.sharedLibraryExtension}"
+    write_archive(folder / "discrete.fmu", {"modelDescription.xml": xml.encode(), binary: library})
+    return folder / "discrete.fmu"
+
+
+@pytest.fixture
+def pair(fmu, kind):
+    """A source and a sink, connected as told."""
+
+    def build(connections, **options):
+        constants = {"source.real": 0.0, "sink.real": 0.0} | options.pop("constants", {})
+        fed = {connection.target for connection in connections} | set(options.pop("driven", ()))
+        return System(
+            {name: kind(fmu, name) for name in ("sink", "source")},
+            connections=connections,
+            constants={name: value for name, value in constants.items() if name not in fed},
+            **options,
+        )
+
+    return build
+
+
+def links(**changed):
+    return tuple(Connection(f"source.{output}", f"sink.{into}", **changed) for output, into in SAME.items())
+
+
+def counts(times):
+    return np.floor(250.0 * times + 1e-6)
+
+
+def seen_by_a_step(times):
+    """What the sink tells at the end of each step: the source's outputs at the step's start."""
+    count = counts(times[:-1])
+    return count + 10.0 * (count % 2) + 100.0 * (1.0 + count % 3)
+
+
+@pytest.mark.parametrize(
+    "algorithm", [Jacobi(), GaussSeidel(), GaussSeidel(values="parabolic"), Implicit()], ids=["j", "gs", "gs3", "im"]
+)
+def test_values_of_one_coupling_point_are_held_over_the_next_step(algorithm, pair):
+    """Whatever the algorithm and the order of the components."""
+    result = run(pair(links()), Scenario(stop=STOP), algorithm=algorithm, step=STEP, engine="python")
+    series = result.series
+    np.testing.assert_allclose(series["sink.seen"][1:], seen_by_a_step(series.time), atol=1e-9)
+    np.testing.assert_array_equal(series["source.count"], counts(series.time))
+    np.testing.assert_array_equal(series["source.is_odd"], counts(series.time) % 2)
+    np.testing.assert_array_equal(series["source.mode"], 1.0 + counts(series.time) % 3)
+    assert {"sink.count", "sink.is_odd", "sink.mode", "sink.wave"} < set(series.names)
+
+
+@pytest.mark.parametrize("kind", [FmuComponent])
+def test_an_adaptive_run_and_the_compiled_loop_hold_them_too(pair):
+    recorded = Scenario(stop=STOP, record_step=STEP)
+    for algorithm, engine in ((Adaptive(largest=STEP, least=STEP), "compiled"), (GaussSeidel(), "compiled")):
+        series = run(pair(links()), recorded, algorithm=algorithm, step=STEP, engine=engine).series
+        np.testing.assert_allclose(series["sink.seen"][1:], seen_by_a_step(series.time), atol=1e-9)
+        np.testing.assert_array_equal(series["source.count"], counts(series.time))
+
+
+def test_another_type_is_refused_unless_the_connection_converts_it(pair):
+    crossed = (("wave", "integer"), ("count", "real"), ("count", "boolean"), ("mode", "integer"))
+    for output, into in crossed:
+        with pytest.raises(
+            WiringError, match=rf"source.{output} -> sink.{into}: an? \w+ into an? \w+; .*convert = true"
+        ):
+            pair((Connection(f"source.{output}", f"sink.{into}"),))
+    with pytest.raises(WiringError, match=r"an Integer goes over as it is, without gain"):
+        pair((Connection("source.count", "sink.integer", 2.0),))
+    with pytest.raises(WiringError, match=r"values do not add up"):
+        pair((*links()[:1], Connection("sink.count", "sink.integer")))
+
+
+def test_what_a_connection_converts_is_rounded_and_held(pair):
+    """count -> real with a gain; wave -> integer, to the nearest; count -> boolean, true unless 0."""
+    converted = (
+        Connection("source.count", "sink.real", 0.5, 1.0, convert=True),
+        Connection("source.wave", "sink.integer", 9.0, convert=True),
+        Connection("source.count", "sink.boolean", convert=True),
+    )
+    series = run(pair(converted), Scenario(stop=STOP), step=STEP, engine="python").series
+    before = series.time[:-1]
+    expected = 1000.0 * (1.0 + 0.5 * counts(before)) + np.round(9.0 * np.sin(20.0 * before)) + 100.0
+    np.testing.assert_allclose(series["sink.seen"][1:], expected + 10.0 * (counts(before) != 0.0), atol=1e-9)
+
+
+def test_constants_parameters_and_a_drive_set_them(pair):
+    """The drive's last sample counts: between two values of an integer there is none."""
+    time = np.array([0.0, 0.0204, 0.0396, 0.06])
+    drive = Drivefile(TimeSeries.from_channels(time, {"gear": ("1", np.array([1.0, 4.0, 2.0, 7.0]))}))
+    system = pair((), driven=["sink.integer"], constants={"sink.boolean": True}, parameters={"sink": {"item": 3}})
+    scenario = Scenario(stop=STOP, drive=drive, targets={"gear": "sink.integer"}, record=("sink.seen",))
+    series = run(system, scenario, step=STEP, engine="python").series
+    gear = np.array([1.0, 4.0, 2.0])[np.searchsorted(time, series.time[:-1] + 1e-9, "right") - 1]
+    np.testing.assert_allclose(series["sink.seen"][1:], 310.0 + gear, atol=1e-9)
+
+
+def test_a_constant_of_the_wrong_type_is_refused(pair):
+    for name, value in (("integer", 1.5), ("boolean", 1), ("item", True)):
+        with pytest.raises(WiringError, match=rf"sink.{name} = {value}: it is an? \w+ variable and takes no"):
+            pair((), constants={f"sink.{name}": value})
+
+
+@pytest.mark.parametrize("kind", [FmuComponent])
+def test_what_is_recorded_is_written_and_read_back(pair, tmp_path):
+    result = run(pair(links()), Scenario(stop=STOP, record_step=5e-3), step=STEP, engine="python")
+    parquet, table, _ = result.write(tmp_path)
+    for path in (parquet, table):
+        np.testing.assert_array_equal(read_series(path)["source.mode"], 1.0 + counts(result.series.time) % 3)
+
+
+def test_a_run_without_links_reads_them_where_it_records(pair):
+    scenario = Scenario(stop=STOP, record=("source.count", "source.wave"), record_step=5e-3)
+    series = run(pair(()), scenario, step=STEP, engine="python").series
+    assert series.names == ("source.count", "source.wave")
+    np.testing.assert_array_equal(series["source.count"], counts(series.time))
+    np.testing.assert_allclose(series["source.wave"], np.sin(20.0 * series.time), atol=1e-12)
+
+
+CASE = """
+schema = 1
+[components.source]
+fmu = "{fmu}"
+inputs = {{ real = 0.0 }}
+[components.sink]
+fmu = "{fmu}"
+inputs = {{ integer = 3, boolean = true }}
+parameters = {{ item = 2 }}
+[[connection]]
+from = "source.count"
+to = "sink.real"
+gain = 2.0
+convert = true
+[scenario]
+stop = 0.05
+coupling_step = "1 ms"
+"""
+
+
+def test_a_system_file_says_it(fmu, tmp_path):
+    (tmp_path / "case.toml").write_text(CASE.format(fmu=fmu))
+    case = read_case(tmp_path / "case.toml")
+    series = run(case.system, case.scenario, algorithm=case.algorithm, step=case.step, engine="python").series
+    np.testing.assert_allclose(series["sink.seen"][1:], 213.0 + 2000.0 * counts(series.time[:-1]), atol=1e-9)
+
+
+def test_a_package_of_ours_carries_them(fmu, tmp_path):
+    """Values and conversions; an enumeration's connector would need its items, so a value of one is refused."""
+    text = CASE.replace("parameters = {{ item = 2 }}\n", "").format(fmu=fmu)
+    (tmp_path / "case.toml").write_text(text)
+    assert CliRunner().invoke(main, ["ssp", str(tmp_path / "case.toml"), "-o", str(tmp_path / "c.ssp")]).exit_code == 0
+    case = read_case(tmp_path / "c.ssp")
+    series = run(case.system, case.scenario, algorithm=case.algorithm, step=case.step, engine="python").series
+    np.testing.assert_allclose(series["sink.seen"][1:], 113.0 + 2000.0 * counts(series.time[:-1]), atol=1e-9)
+
+
+SSD = """<?xml version="1.0"?>
+<ssd:SystemStructureDescription name="d" version="1.0"
+ xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+ xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+ <ssd:System name="s"><ssd:Elements>
+  <ssd:Component name="source" source="discrete.fmu"/><ssd:Component name="sink" source="discrete.fmu"/>
+ </ssd:Elements><ssd:Connections>{links}</ssd:Connections></ssd:System>
+ <ssd:DefaultExperiment startTime="0" stopTime="0.05"/>
+</ssd:SystemStructureDescription>"""
+
+
+def package(folder, fmu, *links):
+    rows = (
+        f'<ssd:Connection startElement="source" startConnector="{a}" endElement="sink" endConnector="{b}">{inner}'
+        "</ssd:Connection>"
+        for a, b, inner in links
+    )
+    write_archive(
+        folder / "d.ssp",
+        {"SystemStructure.ssd": SSD.format(links="".join(rows)).encode(), "discrete.fmu": fmu.read_bytes()},
+    )
+    return folder / "d.ssp"
+
+
+def test_a_package_connects_them_and_its_open_ones_take_values(fmu, tmp_path):
+    linear = '<ssc:LinearTransformation factor="2"/>'
+    path = package(tmp_path, fmu, ("mode", "item", ""), ("count", "real", linear))
+    case = read_ssp(path, given=Given(inputs={"sink.integer": "3", "sink.boolean": "true"}))
+    series = run(case.system, case.scenario, step=STEP, engine="python").series
+    count = counts(series.time[:-1])
+    np.testing.assert_allclose(series["sink.seen"][1:], 13.0 + 100.0 * (1.0 + count % 3) + 2000.0 * count, atol=1e-9)
+    with pytest.raises(WiringError, match=r"an Integer into a Real"):
+        read_ssp(package(tmp_path, fmu, ("count", "real", "")))
+    with pytest.raises(WiringError, match=r"sink.boolean.*'2.5'"):
+        read_ssp(path, given=Given(inputs={"sink.boolean": "2.5"}))
