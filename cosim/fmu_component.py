@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import weakref
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,9 @@ from cosim.fmu_instance import FmuInstance, State
 from cosim.fmu_log import FmuLog
 from cosim.functions import FunctionTable
 from cosim.opened_fmu import OpenedFmu
+from cosim.surroundings import Surroundings
 from cosim.typed_buffer import TypedBuffer, typed_buffers
+from cosim.watch import calling
 from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
@@ -71,11 +73,23 @@ class FmuComponent(OpenedFmu):
         self._arrays: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = {}
         self._slave: Any = None
         self._steps = self._begun = False
+        # In a process of its own there is nothing that others share.
+        self._guarded = folder is None and not fmu.is_ours
+        self._surroundings = Surroundings.now()
 
     @property
     def usable(self) -> bool:
         """False after fmi2Fatal: then nothing of the FMU in this process may be called any more."""
         return not self._instance.dead
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether it is watched for ending this process or changing what it shares with others."""
+        return self._guarded
+
+    def blame(self, changed: str) -> None:
+        """Note that it changed what it shares with others, as `changed` says; that is undone."""
+        self._changed[f"it changed {changed}; that was undone"] = None
 
     def functions(self) -> FunctionTable:
         """Return the addresses of the running instance's functions, for the loop.
@@ -111,7 +125,10 @@ class FmuComponent(OpenedFmu):
         """
         self.finish()
         self._stand(start, {})
-        self._slave = self._ready()
+        self._changed.clear()
+        self._surroundings = Surroundings.now()
+        with self._guard():
+            self._slave = self._ready()
         self._log.messages.clear()
         for name, value in parameters.items():
             self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
@@ -227,7 +244,21 @@ class FmuComponent(OpenedFmu):
         slave, self._slave = self._slave, None
         steps, self._steps = self._steps, False
         if slave is not None:
-            self._instance.finish(terminate=steps)
+            with self._guard():
+                self._instance.finish(terminate=steps)
+
+    @contextmanager
+    def _guard(self) -> Iterator[None]:
+        """Say who is called, and undo what the call changes of what all share."""
+        if not self._guarded:
+            yield
+            return
+        try:
+            with calling(self._name):
+                yield
+        finally:
+            for changed in self._surroundings.restore():
+                self.blame(changed)
 
     def _known(self, state: object) -> State:
         if not isinstance(state, State) or state not in self._instance.states:
@@ -287,7 +318,8 @@ class FmuComponent(OpenedFmu):
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
         try:
-            function(*arguments, **options)
+            with self._guard():
+                function(*arguments, **options)
         except fmi1.FMICallException as error:
             raise self._refusal(what, error.status, error.function) from error
         except (OSError, AttributeError) as error:  # Windows raises OSError where an FMU touches memory it must not

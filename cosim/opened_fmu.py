@@ -24,6 +24,7 @@ class OpenedFmu:
         self._fmu, self._name, self._messages = fmu, name, messages
         self._inputs: dict[str, float] = {}
         self._time = 0.0
+        self._changed: dict[str, None] = {}
 
     @property
     def variables(self) -> Mapping[str, Variable]:
@@ -52,8 +53,8 @@ class OpenedFmu:
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What it logged as warnings or worse since it began, each once, and what its results hang on."""
-        return (*self._fmu.conditions, *self._messages.all)
+        """What it logged as warnings or worse since it began, each once; what its results hang on, what it changed."""
+        return (*self._fmu.conditions, *self._changed, *self._messages.all)
 
     def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
         """Note where the run stands: the time [s], and inputs in their own units."""

@@ -106,6 +106,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
     parts, at = plan.parts, m.at
     for c in range(parts.instance.size):
         if parts.extra_count[c] > 0:
+            m.failure[1] = c
             status = calls.exchange(
                 parts.get_real[c], parts.instance[c], at.extra_references[c], parts.extra_count[c], at.extras[c]
             )

@@ -287,7 +287,8 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
 
 @shared
 def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
-    """Step part c and read its signals; 1 where it refused."""
+    """Step part c and read its signals; 1 where it refused. Its number is written first: a call may never return."""
+    m.failure[1] = c
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
         if _follow(plan, m, c, drive, step, final):
             return 1

@@ -13,6 +13,7 @@ from cosim.functions import FunctionTable, free_states, function_table
 from cosim.planning import make_plan
 from cosim.recorder import blank_tape, real_names
 from cosim.session.setup import Setup
+from cosim.watch import loop_words
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,9 @@ def prepare(setup: Setup) -> Running:
         following=setup.following,
     )
     m = memory(plan)
+    if (words := loop_words()) is not None:
+        words.fill(0)
+        m = m._replace(failure=words)
     m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
     rows = int(setup.recorded.sum()) + 1
     return Running(plan, m, blank_tape(setup.layout, real_names(setup.system, setup.names), rows), tables)

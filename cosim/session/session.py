@@ -16,11 +16,13 @@ from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session.adaptive import march_adaptive
 from cosim.session.fixed import march_fixed
+from cosim.session.guard import CHUNK, guarded, undoing, watched
 from cosim.session.outcome import Outcome
 from cosim.session.repeats import check_repeat
 from cosim.session.running import Ending, Marching, Running, begin, prepare
 from cosim.session.setup import Setup
 from cosim.system import System
+from cosim.watch import calling_loop
 from eightpost.errors import InputError
 
 
@@ -61,11 +63,15 @@ class Session:
             StepError: A component failed, or the coupling diverged.
             RunInterrupted: Ctrl-C; it holds the result so far.
         """
+        with watched(self._setup):
+            return self._run(engine, progress or (lambda _: None))
+
+    def _run(self, engine: str, progress: Callable[[float], None]) -> Result:
         began = clock.perf_counter()
         try:
             equilibrium = begin(self._setup)
             running = prepare(self._setup)
-            ending = self._step(running, engine, progress or (lambda _: None))
+            ending = self._step(running, engine, undoing(self._setup, progress))
             seconds = (ending.began - began, clock.perf_counter() - ending.began)
             result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
             if ending.why == STOPPED:
@@ -78,7 +84,7 @@ class Session:
 
     def _step(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
         try:
-            with interrupts_deferred(running.stop):
+            with interrupts_deferred(running.stop), calling_loop():
                 return self._march(running, engine, progress)
         finally:
             running.free_states(self._setup)
@@ -108,4 +114,5 @@ class Session:
         )
         if engine == "compiled" and not can_compile():
             raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
+        chunk = min(chunk, CHUNK) if guarded(setup) else chunk
         return Marching(bind, chunk, mode, progress)

@@ -1,0 +1,205 @@
+"""Which FMU is being called, so that one that ends this process is named: by exit, by a signal, or at once (_exit).
+
+What is called stands in a file that a second process reads when this one has ended, and prints whom it names. Where an
+FMU calls exit() the C library tells this process first, which then ends with code 1. Only runs with FMUs that this
+project did not build, in this process, are watched.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import ctypes
+import mmap
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: The file: words of 64 bits, then names, one a line. The first word says who calls, the second whom.
+_SIZE, _NAMES = 1 << 16, 128
+_NOBODY, _PYTHON, _LOOP = 0, 1, 2
+#: The loop's own words (cosim.engine.plan.Memory.failure), of which the second is the part that it calls.
+_FAILURE, _FAILURE_SIZE = 4, 4
+
+_MESSAGE = (
+    "error: this process ended while component {} was called: the FMU crashed or called exit(), and there is no "
+    "result. Run it in a process of its own, where that is a failed step: --isolate, or IsolatedComponent "
+    "(docs/foreign_fmus.md)"
+)
+
+_WATCHER = f"""
+import os, signal, struct, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.stdin.buffer.read()
+with open(sys.argv[1], "rb") as file:
+    content = file.read()
+os.unlink(sys.argv[1])
+words = struct.unpack_from("8q", content)
+if words[0]:
+    names = content[{_NAMES}:].split(b"\\0")[0].decode("utf-8", "replace").splitlines()
+    place = words[1] if words[0] == {_PYTHON} else words[{_FAILURE + 1}]
+    print({_MESSAGE!r}.format(names[place] if 0 <= place < len(names) else "unknown"), file=sys.stderr)
+"""
+
+
+class _Record:
+    """The file, the process that reads it, and what the C library calls on exit()."""
+
+    def __init__(self) -> None:
+        number, name = tempfile.mkstemp(prefix="fmu_called_")
+        os.ftruncate(number, _SIZE)
+        self._memory = mmap.mmap(number, _SIZE)
+        os.close(number)
+        self.words: NDArray[np.int64] = np.frombuffer(self._memory, np.int64, _NAMES // 8)
+        self.owner = os.getpid()
+        self._watcher = subprocess.Popen(
+            [sys.executable, "-I", "-S", "-c", _WATCHER, name], stdin=subprocess.PIPE, start_new_session=True
+        )
+        self._exit = _ExitNotice(self)
+        atexit.register(self.close)
+
+    def name(self, names: Sequence[str]) -> None:
+        """Write who may be called; places in `words` count from the first."""
+        text = "\n".join(names).encode()[: _SIZE - _NAMES - 1] + b"\0"
+        self._memory[_NAMES : _NAMES + len(text)] = text
+
+    def called(self) -> str:
+        """Return who is being called; empty where nobody is."""
+        who = int(self.words[0])
+        if who == _NOBODY:
+            return ""
+        place = int(self.words[1] if who == _PYTHON else self.words[_FAILURE + 1])
+        names = self._memory[_NAMES:].split(b"\0")[0].decode("utf-8", "replace").splitlines()
+        return names[place] if 0 <= place < len(names) else "unknown"
+
+    def close(self) -> None:
+        """Let the other process end, which removes the file; the interpreter ends in order."""
+        if os.getpid() != self.owner:
+            return
+        self._exit.cancel()
+        if self._watcher.stdin is not None:
+            self._watcher.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._watcher.wait(3.0)
+
+
+class _ExitNotice:
+    """A function that the C library calls on exit(), until it is cancelled: Python's own end must come first.
+
+    Of the C++ ABI, by which a library that is unloaded takes back its own; elsewhere than in glibc and on macOS the
+    taking back is missing, and nothing is registered.
+    """
+
+    def __init__(self, record: _Record) -> None:
+        self._record, self._armed = record, True
+        self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._on_exit)
+        self._key = ctypes.create_string_buffer(1)
+        self._library: Any = None
+        if sys.platform == "darwin" or (sys.platform == "linux" and _is_glibc()):
+            self._library = ctypes.CDLL(None)
+            key = ctypes.cast(self._key, ctypes.c_void_p)
+            getattr(self._library, "__cxa_atexit")(self._call, None, key)
+
+    def cancel(self) -> None:
+        """Have the C library forget it."""
+        self._armed = False
+        if self._library is not None:
+            getattr(self._library, "__cxa_finalize")(ctypes.cast(self._key, ctypes.c_void_p))
+
+    def _on_exit(self, _nothing: Any) -> None:
+        if not self._armed or os.getpid() != self._record.owner or not (name := self._record.called()):
+            return
+        self._record.words[0] = _NOBODY
+        with contextlib.suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.write(f"{_MESSAGE.format(name)}\n")
+            sys.stderr.flush()
+        os._exit(1)
+
+
+class _Watching:
+    """The run that is watched, if one is: one at a time."""
+
+    def __init__(self) -> None:
+        self.record: _Record | None = None
+        self.places: dict[str, int] = {}
+        self.thread = 0
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this thread makes the run."""
+        return bool(self.places) and self.thread == threading.get_ident()
+
+
+_current = _Watching()
+
+
+@contextmanager
+def watching(names: Sequence[str], labels: Sequence[str]) -> Iterator[None]:
+    """Watch a run.
+
+    Args:
+        names: Its components, in the order of the loop's numbers.
+        labels: What to call each in a message.
+    """
+    if _current.record is None or _current.record.owner != os.getpid():
+        _current.record, _current.places = _Record(), {}
+    if _current.places:  # another thread's run is watched
+        yield
+        return
+    _current.record.name(labels)
+    _current.places, _current.thread = {name: place for place, name in enumerate(names)}, threading.get_ident()
+    try:
+        yield
+    finally:
+        _current.record.words[0], _current.places = _NOBODY, {}
+
+
+def loop_words() -> NDArray[np.int64] | None:
+    """Return where the loop writes which part it calls; None where no run is watched."""
+    if _current.record is None or not _current.is_here:
+        return None
+    return _current.record.words[_FAILURE : _FAILURE + _FAILURE_SIZE]
+
+
+@contextmanager
+def _written(who: int, place: int) -> Iterator[None]:
+    record = _current.record
+    if record is None or not _current.is_here:
+        yield
+        return
+    before = int(record.words[0]), int(record.words[1])
+    record.words[1], record.words[0] = place, who
+    try:
+        yield
+    finally:
+        record.words[1], record.words[0] = before[1], before[0]
+
+
+@contextmanager
+def calling(name: str) -> Iterator[None]:
+    """Note that a component is being called."""
+    if name not in _current.places:
+        yield
+        return
+    with _written(_PYTHON, _current.places[name]):
+        yield
+
+
+#: Note that the loop runs, which writes by itself whom it calls.
+calling_loop = partial(_written, _LOOP, 0)
+
+
+def _is_glibc() -> bool:
+    with contextlib.suppress(ValueError, OSError, AttributeError):
+        return bool(os.confstr("CS_GNU_LIBC_VERSION"))
+    return False
