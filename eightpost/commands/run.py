@@ -39,6 +39,7 @@ def run(
 ) -> None:
     """Run a system of coupled FMUs."""
     check_output_folder(output)
+    folder = output.absolute()  # an FMU may change the working directory
     case = _case(case_file, **options)
     console = Console()
     for note in case.notes:
@@ -51,7 +52,9 @@ def run(
     if verify and not result.partial:
         found = cosim.verify(case.system, case.scenario, case.algorithm, result)
         show_verification(console, found, result)
-    _write(console, case, result, output, report=report)
+    paths = _write(case, result, folder, report=report)
+    console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
+    _show_window(console, result)
     ctx.exit(0 if result.acceptable else 1)
 
 
@@ -92,18 +95,22 @@ def _with_tolerance(algorithm: cosim.Algorithm | cosim.Automatic, percent: float
     raise InputError(f"--tolerance: {algorithm.name} has none; it is for default and adaptive")
 
 
-def _write(console: Console, case: Case, result: cosim.Result, output: Path, *, report: bool) -> None:
-    """Write a run's files, and say so."""
+def _write(case: Case, result: cosim.Result, output: Path, *, report: bool) -> list[Path]:
+    """Write a run's files and return their paths."""
     paths = [*result.write(output), output / "traces.png"]
     shown, (first, last) = result.series.names[:_PANELS], _window(result.series)
     plot_traces({case.name: result.series}, shown, paths[-1], start=first, stop=last, title=case.name)
     if report:
         page = output / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
-    console.print(f"wrote {', '.join(map(str, paths))}", soft_wrap=True, highlight=False)
+    return paths
+
+
+def _show_window(console: Console, result: cosim.Result) -> None:
+    """Print which part of a run its picture shows."""
+    count, (first, last) = len(result.series.names), _window(result.series)
     console.print(
-        f"traces.png shows {len(shown)} of {len(result.series.names)} channels from {first:g} to {last:g} s",
-        highlight=False,
+        f"traces.png shows {min(count, _PANELS)} of {count} channels from {first:g} to {last:g} s", highlight=False
     )
 
 
