@@ -77,6 +77,34 @@ def test_fixed_parameters_are_locked_after_initialization_and_tunable_ones_live(
     assert fmu.step(0.0) == OK
 
 
+def test_a_refusal_says_in_full_which_function_refused_what_and_why(host):
+    fmu = host("lpnl2").start()
+    one = ctypes.c_size_t(1)
+
+    def told(status):
+        (message,) = (text for _, _, text in fmu.messages)
+        fmu.messages.clear()
+        return status, message
+
+    reference, flag = (ctypes.c_uint * 1)(4321), (ctypes.c_int * 1)()
+    assert told(fmu.call("GetReal", reference, one, (ctypes.c_double * 1)())) == (
+        ERROR, "fmi2GetReal: value reference 4321 is no Real variable of this FMU",
+    )  # fmt: skip
+    assert told(fmu.call("GetBoolean", reference, one, flag)) == (
+        ERROR, "fmi2GetBoolean: value reference 4321 is no Boolean variable of this FMU",
+    )  # fmt: skip
+    assert told(fmu.set(force=1.0)) == (ERROR, "fmi2SetReal: force is computed by the FMU and cannot be set")
+    assert told(fmu.set(time_constant=-1.0))[1].startswith("fmi2SetReal: time_constant = -1 s must be at least ")
+    assert told(fmu.set(velocity=math.nan)) == (
+        ERROR, "fmi2SetReal: velocity = not a number m/s must be finite; the old value stays",
+    )  # fmt: skip
+    car = fmu = host("seven_dof").start()
+    (fixed, *_) = (v.name for v in car.description.modelVariables if v.variability == "fixed" and v.type == "Boolean")
+    assert told(car.call("SetBoolean", (ctypes.c_uint * 1)(car.references[fixed]), one, flag)) == (
+        ERROR, f"fmi2SetBoolean: {fixed} is fixed: set it before initialization ends",
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_values_that_are_no_numbers_are_refused_by_name_and_the_next_good_step_is_fine(host, name):
     fmu = host(name).start()

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import fmi2
 
 from eightpost.shock import LAWS
 
@@ -86,6 +87,55 @@ def test_memory_does_not_grow_over_many_lives(host, name):
 
     before = lives(500)
     assert lives(5000) - before < 2000  # KiB; 5,000 instances of the smallest FMU would take 5,000 KiB
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_creation_that_runs_out_of_memory_gives_no_instance_and_keeps_nothing(host, name):
+    fmu, held, calls = host(name), set(), []
+
+    def allocate(count, size):
+        calls.append(size)
+        address = 0 if len(calls) == fails_at else libc.calloc(count, size)
+        held.update({address} - {0})
+        return address
+
+    def release(address):
+        held.discard(address)
+        libc.free(address)
+
+    libc = ctypes.CDLL(None)
+    libc.calloc.argtypes, libc.calloc.restype = [ctypes.c_size_t, ctypes.c_size_t], ctypes.c_void_p
+    libc.free.argtypes, libc.free.restype = [ctypes.c_void_p], None
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmu.callbacks.logger
+    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(allocate)
+    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(release)
+    for fails_at in range(1, 10):
+        calls.clear()
+        c = fmu.component(b"x", 1, fmu.description.guid.encode(), b"", ctypes.byref(callbacks), 0, 0)
+        if c:
+            break
+        assert len(calls) >= fails_at
+        assert not held
+    assert fails_at == 4  # the instance, its name and its work
+    fmu.slave.dll.fmi2FreeInstance.argtypes = [ctypes.c_void_p]
+    fmu.slave.dll.fmi2FreeInstance(c)
+    assert not held
+
+
+def test_a_name_is_read_from_where_it_begins_to_where_it_ends(host):
+    fmu = host("lpf1")
+    guid, free = fmu.description.guid.encode(), fmu.slave.dll.fmi2FreeInstance
+    free.argtypes = [ctypes.c_void_p]
+    for content, is_named in ((b"\0a\0", True), (b"a\0b\0", False)):
+        buffer = ctypes.create_string_buffer(content)
+        fmu.component.argtypes = None
+        c = fmu.component(
+            ctypes.c_void_p(ctypes.addressof(buffer) + 1), 1, guid, b"", ctypes.byref(fmu.callbacks), 0, 0
+        )
+        assert bool(c) == is_named
+        if c:
+            free(c)
 
 
 def test_errors_are_always_logged_and_the_rest_only_where_asked_for(host):
