@@ -14,6 +14,7 @@ from builder.check.catalogue.behaviour import CRASH_MISUSE, FREE_NULL
 from builder.check.groups import GROUPS
 from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import Finding
+from eightpost.errors import EightpostError
 from eightpost.interpreter import python_command
 
 _TIMEOUT, _MISUSE_TIMEOUT = 120.0, 30.0  # s
@@ -55,6 +56,9 @@ def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, mod
     """Run a probe on an unpacked FMU; `module` where it is not that of the group.
 
     The probe is no sandbox: a process of its own keeps a crash from this one, and nothing else.
+
+    Raises:
+        EightpostError: The probe ended before it loaded the FMU.
     """
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
         name = module or GROUPS[group].module
@@ -76,9 +80,20 @@ def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, mod
         said = _read(ran.stdout)
         if said.completed or said.stopped:
             return said
+        if ran.returncode > 0 and not _last_call(progress.name):
+            raise _not_started(group, ran.stderr)
         how = f"was killed by signal {-ran.returncode}" if ran.returncode < 0 else f"ended with code {ran.returncode}"
         last = ran.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
         return _failed(group, said, f"{how}{_last_call(progress.name)}{f'; it said: {last[0]}' if last else ''}")
+
+
+def _not_started(group: str, printed: bytes) -> EightpostError:
+    """Return the error of a probe that ended before it loaded the FMU: the FMU has no part in it."""
+    text = printed.decode("utf-8", "replace").strip()
+    return EightpostError(
+        f"the probe {group!r} could not be started, so the FMU was not checked: {text.rpartition(chr(10))[2]}; "
+        "install eightpost again"
+    )
 
 
 def _failed(group: str, said: Outcome, message: str) -> Outcome:

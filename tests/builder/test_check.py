@@ -24,7 +24,7 @@ from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
 from eightpost.archive import read_archive, write_archive
 from eightpost.commands.check import show_report
-from eightpost.errors import FmuError
+from eightpost.errors import EightpostError, FmuError
 from eightpost.units import SI_UNITS, si_exponents
 from eightpost.verbs.check import check as command
 
@@ -275,6 +275,12 @@ def test_what_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
     )
     assert rules(report) == {"crash"}
     assert [skipped.what for skipped in report.skipped] == ["reset, steps"]
+
+
+def test_a_probe_that_cannot_be_started_is_an_error_and_accuses_no_fmu(fmus, monkeypatch):
+    monkeypatch.setattr(process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"])
+    with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
+        check(fmus["lpf1"], groups=("simulation",))
 
 
 def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):

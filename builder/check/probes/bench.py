@@ -11,7 +11,7 @@ from pathlib import Path
 
 from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
-from builder.check.probes.library import DISCARD, Library
+from builder.check.probes.library import DISCARD, ERROR, Library
 from builder.check.rules import Finding
 
 #: Size of the sine on an input, by its SI unit: what a race car sees.
@@ -163,10 +163,12 @@ def step(instance: Instance, time: float, h: float) -> None:
 
     Raises:
         TerminatedError: The FMU has ended the simulation, which it may.
-        CallError: The step was refused.
+        CallError: The step was refused, or it failed: some FMUs call it an end of the simulation then and log an error.
     """
+    before = len(instance.messages)
     status = instance.step(time, h)
-    if status == DISCARD and instance.has_terminated():
+    is_fault = any(m.status >= ERROR for m in instance.messages[before:])
+    if status == DISCARD and not is_fault and instance.has_terminated():
         raise TerminatedError(f"the FMU ended the simulation by itself in the step from {time!r} s by {h!r} s")
     if refused(status):
         raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.said()}")

@@ -50,7 +50,9 @@ def _walk(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -
     for point in bench.all_points():
         try:
             bench.run(instance, signal, range(point, point + 1))
-        except TerminatedError:
+        except TerminatedError as error:
+            if point == 0:
+                raise CallError(str(error)) from None
             return point
     return bench.timing.count
 
