@@ -53,6 +53,11 @@ def test_a_python_source_is_changed_in_operators_signs_bounds_and_constants():
     assert all(text.endswith("# 1 + 2") for text in found)
 
 
+def test_what_is_no_python_any_more_is_no_mutant():
+    (site,) = python_sites("def f(*, a):\n    return a\n")
+    assert [change("def f(*, a):\n    return a\n") for change in site.changes] == [None] * len(site.changes)
+
+
 @pytest.mark.parametrize("area", read_areas(), ids=lambda area: area.name)
 def test_every_area_has_sources_places_to_change_and_tests(area):
     assert len(area.files()) > 0

@@ -48,7 +48,16 @@ def _positions(name: str, nodes: list[Any]) -> Iterator[tuple[int, int]]:
 
 def _changed(name: str, occurrence: int, source: str) -> str | None:
     changed: str | None = mutate_code(source, _operator(name), occurrence)
-    return changed
+    return changed if changed is not None and _is_python(changed) else None
+
+
+def _is_python(source: str) -> bool:
+    """Whether it compiles: the star before keyword-only arguments, too, is taken for an operator."""
+    try:
+        compile(source, "mutant", "exec")
+    except SyntaxError:
+        return False
+    return True
 
 
 @cache

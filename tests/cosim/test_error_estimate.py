@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, run
+from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, dense_runs, run
 from cosim.difference import difference, scales
 from cosim.error_estimate import Comparison, compare, stated_error
 from cosim.result import Coupled
@@ -46,11 +46,11 @@ def test_a_signal_at_rest_has_the_floor_of_its_unit_for_a_scale(unit: str, floor
 def test_a_signal_that_hardly_moves_is_judged_by_a_hundredth_of_the_largest_of_its_unit() -> None:
     found = scales(
         series(
-            [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 0.2]),
+            [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 1e-4]),
             b=("1", [0.0, 100.0]),
         )
     )  # fmt: skip
-    assert found == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 0.1, "b": 50.0})
+    assert found == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 5e-5, "b": 50.0})
 
 
 # ---- Stated errors ------------------------------------------------------------------------------
@@ -220,12 +220,32 @@ def test_the_default_halves_its_step_until_the_tolerance_is_met_and_no_further(m
         assert "does not meet the tolerance" in " ".join(before.notes)
 
 
-def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(make: Any) -> None:
-    request = Automatic(tolerance=1e-9, least=4e-4)
+@pytest.mark.parametrize(("least", "smallest"), [(6e-4, 1e-3), (5e-4, 5e-4), (4e-4, 5e-4)])
+def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(
+    make: Any, least: float, smallest: float
+) -> None:
+    request = Automatic(tolerance=1e-9, least=least)
     result = run(coupled(make, 60.0), Scenario(0.1), algorithm=request, engine="python")
-    assert result.step == pytest.approx(5e-4)
-    assert "does not meet the tolerance of 1e-09 %, and no step below 0.4 ms was tried" in " ".join(result.notes)
-    assert "2 ms not compared" in " ".join(result.notes)
+    assert result.step == pytest.approx(smallest)
+    told = " ".join(result.notes)
+    assert f"does not meet the tolerance of 1e-09 %, and no step below {1e3 * least:g} ms was tried" in told
+    assert "2 ms not compared" in told
+
+
+@pytest.mark.parametrize(
+    ("stop", "record_step", "first"),
+    [(0.12, 0.003, 1.5), (0.12, 0.002, 2.0), (0.12, 0.004, 2.0), (0.12, 0.0005, 0.5), (0.0012, None, 1.2)],
+)
+def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds(
+    make: Any, stop: float, record_step: float | None, first: float
+) -> None:
+    scenario = Scenario(stop, record_step=record_step)
+    result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=50.0), engine="python")
+    assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in " ".join(result.notes)
+
+
+def test_the_default_aims_at_two_thousandths_as_the_documents_say() -> None:
+    assert Automatic() == Automatic(tolerance=0.2, least=1e-5)
 
 
 @pytest.mark.parametrize("arguments", [{"tolerance": 0.0}, {"tolerance": -1.0}, {"least": 0.0}, {"tolerance": np.nan}])
@@ -251,3 +271,36 @@ def test_a_run_at_a_given_step_states_an_error_that_is_not_below_the_true_one(ma
     assert result.series.time.tolist() == pytest.approx([0.02 * k for k in range(21)])
     # One companion at twice the step.
     assert result.steps_of_all_runs == round(1.5 * 0.4 / step)
+
+
+@pytest.mark.parametrize(
+    ("stop", "variable", "steps"),
+    [(0.4, False, 100 + 50), (0.4, True, 100 + 50), (0.404, True, 101 + 51), (0.404, False, 101 + 202)],
+)
+def test_components_of_one_step_size_are_compared_at_half_the_step_where_twice_the_step_does_not_fit(
+    make: Any, stop: float, variable: bool, steps: int
+) -> None:
+    system = coupled(make, 60.0)
+    for component in system.components.values():
+        component.capabilities = replace(component.capabilities, variable_step=variable)
+    result = run(system, Scenario(stop), algorithm=GaussSeidel(), step=0.004, engine="python")
+    assert result.steps_of_all_runs == steps
+    assert result.steps == round(stop / 0.004)
+    assert result.series.time.tolist() == pytest.approx([0.004 * k for k in range(result.steps + 1)])
+    assert result.coupling_error is not None
+    assert 0.5 * true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("record_step", "fewest", "every"),
+    [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],
+)
+def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that_memory_takes(
+    make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
+) -> None:
+    system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
+    runs = dense_runs.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
+    # Two channels decide; at 1 ms there are 2400 values.
+    monkeypatch.setattr(dense_runs, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
+    time = runs.run(GaussSeidel(), 0.001).series.time
+    assert np.diff(time)[0] == pytest.approx(every)
