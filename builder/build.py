@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from builder.documents import Disclosure
+from builder.documents.validity import validity_of
 from builder.interface import Interface
 from builder.native.native_fmu import native_fmus
 from builder.native.toolchain import find_toolchain
@@ -17,6 +18,7 @@ from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
 from eightpost.shock import read_shock
+from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
 
 Progress = Callable[[int, int], None]
@@ -29,12 +31,13 @@ TARGETS = ("native", "python", "all")
 
 @dataclass(frozen=True)
 class Built:
-    """One FMU that was written: where, from what, for which target, and what its build could not do."""
+    """One FMU that was written: where, from what, for which target, how valid, and what its build could not do."""
 
     path: Path
     source: str
     interface: Interface
     target: str
+    validity: Validity
     limits: str = ""
 
 
@@ -86,16 +89,20 @@ def _native(
         [product for _, product in products], toolchain=toolchain, disclosure=disclosure, progress=progress
     )
     return [
-        (Built(folder / f"{product.identifier}.fmu", source, product.interface, "native", toolchain.limits), members)
+        (_built(product, folder / f"{product.identifier}.fmu", source, "native", toolchain.limits), members)
         for (source, product), members in zip(products, found, strict=True)
     ]
 
 
 def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) -> list[Members]:
     return [
-        (Built(folder / f"{product.identifier}{suffix}.fmu", source, product.interface, "python"), python_fmu(product))
+        (_built(product, folder / f"{product.identifier}{suffix}.fmu", source, "python"), python_fmu(product))
         for source, product in products
     ]
+
+
+def _built(product: Product, path: Path, source: str, target: str, limits: str = "") -> Built:
+    return Built(path, source, product.interface, target, validity_of(product.source), limits)
 
 
 def _product(source: Path) -> Product:

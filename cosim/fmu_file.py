@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
@@ -19,6 +20,7 @@ from cosim.component import Capabilities, UnitDefinition, Variable
 from cosim.rebuild import compile_sources
 from eightpost.archive import extract_archive
 from eightpost.errors import FmuError
+from eightpost.validity import MEMBER, Validity
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 #: The letter that stands for a type in "#r12#", by which a log message may name a variable (FMI 2.0.4, 2.1.5).
@@ -132,6 +134,14 @@ class FmuFile:
             variable_step=bool(flags.canHandleVariableCommunicationStepSize),
             state=bool(flags.canGetAndSetFMUstate),
         )
+
+    @cached_property
+    def validity(self) -> Validity | None:
+        """How far its model can be used, as eightpost writes it into FMUs; None where it does not say."""
+        try:
+            return Validity.from_json(json.loads((self.folder / MEMBER).read_text(encoding="utf-8")))
+        except (OSError, ValueError, RecursionError):  # of another maker, or damaged: then it says nothing
+            return None
 
     @property
     def has_binary(self) -> bool:

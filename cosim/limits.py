@@ -15,7 +15,10 @@ class LimitWatch:
 
     def __init__(self, system: System) -> None:
         self._flags = tuple(
-            f"{name}.beyond_fit" for name, c in system.components.items() if "beyond_fit" in c.variables
+            f"{name}.{variable}"
+            for name, component in system.components.items()
+            for variable in component.variables
+            if variable.rpartition(".")[2] == "beyond_fit"  # of an assembly: each of its shocks has one
         )
         self._tires = {
             f"{name}.{v.name}": _static_load(system, name, v.name) != 0.0
@@ -40,7 +43,9 @@ class LimitWatch:
         Args:
             times: Time beyond each limit, in the order of `watched`, and last the time that was watched [s].
         """
-        return {name.partition(".")[0]: _share(time, times[-1]) for name, time in zip(self._flags, times, strict=False)}
+        return {
+            name.rpartition(".")[0]: _share(time, times[-1]) for name, time in zip(self._flags, times, strict=False)
+        }
 
     def tire_off(self, times: Sequence[float]) -> dict[str, float | None]:
         """Return per tire force the share of time below zero load; None where no static load is given."""

@@ -9,6 +9,7 @@ from cosim.fmu_failure import Place, failure_text
 from cosim.fmu_file import FmuFile
 from cosim.fmu_log import Messages
 from eightpost.errors import StepError
+from eightpost.validity import Validity
 
 
 class OpenedFmu:
@@ -40,6 +41,11 @@ class OpenedFmu:
     def is_ours(self) -> bool:
         """Whether this project built the FMU: what it keeps from run to run is known."""
         return self._fmu.is_ours
+
+    @property
+    def validity(self) -> Validity | None:
+        """How far its model can be used; None where it does not say."""
+        return self._fmu.validity
 
     @property
     def identity(self) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cosim.energy import BondEnergy
 from cosim.system import System
+from cosim.validity import Model
 from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
@@ -79,6 +80,7 @@ class Result:
             of its scale (cosim.difference.scales) after settling; empty where only one run was made.
         scheme: Algorithm that the default chose; empty where one was given.
         decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
+        models: The components as the verdict sees them.
         tolerance: Coupling error that the default aimed at, in percent; 0 where the step was given.
         unsettled_steps: Number of implicit steps that did not converge.
         steps_of_all_runs: Number of coupling steps of this run and of those that it was compared with.
@@ -110,6 +112,7 @@ class Result:
     stated_error: Mapping[str, float] = field(default_factory=dict)
     scheme: str = ""
     decisive: frozenset[str] = frozenset()
+    models: Mapping[str, Model] = field(default_factory=dict)
     tolerance: float = 0.0
     ended_by: str = ""
     ended_at: float | None = None
@@ -164,7 +167,7 @@ class Result:
         document = {
             name: getattr(self, name)
             for name in self.__dataclass_fields__
-            if name not in ("series", "energy", "coupled", "decisive")
+            if name not in ("series", "energy", "coupled", "decisive", "models")
         }
         coupled = {name: asdict(c) | {"percent": c.percent} for name, c in self.coupled.items()}
         energy = {name: asdict(e) | {"relative": e.relative} for name, e in self.energy.items()}

@@ -7,19 +7,18 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from cosim.energy import DOUBTFUL, LIMIT
+from cosim.validity import LARGEST_SHARE, NOTABLE_SHARE, model_reasons
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
 if TYPE_CHECKING:
     from cosim.result import Result
+    from eightpost.signals import TimeSeries
 
 #: Largest coupling error of a result that can be used [% of the standard deviation].
 LARGEST_ERROR = 5.0
 
 #: Coupling error up to which a run without a tolerance of its own is good [% of the standard deviation].
 GOOD_ERROR = 1.0
-
-#: Shares of time or energy beyond a limit of a model: from the first on it is said, from the second on it is decisive.
-NOTABLE_SHARE, LARGEST_SHARE = 0.01, 0.20
 
 COUPLING_ERROR = Rule(
     "coupling error too large", "coupling", Grade.NOT_USABLE,
@@ -148,7 +147,16 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 
 def verdict_of(result: Result) -> Verdict:
     """Return the verdict on a run."""
-    return Verdict((*_coupling(result), *_energy(result), *_convergence(result), *_fitted(result), *_tires(result)))
+    return Verdict(
+        (
+            *_coupling(result),
+            *_energy(result),
+            *_convergence(result),
+            *_fitted(result),
+            *_tires(result),
+            *model_reasons(result.models, _settled(result)),
+        )
+    )
 
 
 def _coupling(result: Result) -> Iterator[Reason]:
@@ -249,10 +257,14 @@ def _energy_beyond(result: Result, shock: str) -> float | None:
     names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
     if not set(names) <= set(result.series.names):
         return None
-    settled = result.settled() if result.series.time[-1] > result.settling else result.series
+    settled = _settled(result)
     power, beyond = (abs(settled[name]) for name in names)
     total = float(power.sum())
     return float(power[beyond > 0.5].sum()) / total if total else 0.0
+
+
+def _settled(result: Result) -> TimeSeries:
+    return result.settled() if result.series.time[-1] > result.settling else result.series
 
 
 def _tires(result: Result) -> Iterator[Reason]:

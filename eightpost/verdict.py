@@ -186,13 +186,24 @@ class Verdict:
         return cls(map(_reason, reasons))
 
 
+def listed(names: Iterable[str], most: int = 4) -> str:
+    """Return names as a list for an origin: the first ones, and how many more there are.
+
+    >>> listed("abcdef")
+    'a, b, c, d and 2 more'
+    """
+    known = list(dict.fromkeys(names))
+    more = f" and {len(known) - most} more" if len(known) > most else ""
+    return ", ".join(known[:most]) + more
+
+
 def _merged(reasons: Iterable[Reason]) -> list[Reason]:
     origins: dict[Reason, list[str]] = {}
     for reason in reasons:
         found = origins.setdefault(replace(reason, origin="-"), [])
         if reason.origin not in found:
             found.append(reason.origin)
-    return [replace(reason, origin=", ".join(found)) for reason, found in origins.items()]
+    return [replace(reason, origin=listed(found, most=8)) for reason, found in origins.items()]
 
 
 def _reason(document: object) -> Reason:

@@ -12,6 +12,7 @@ from builder.documents.markup import Column, Section, folded, paragraph, table
 from builder.documents.page import Contents, Picture, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import reference_files
+from builder.documents.validity import combined_member
 from builder.interface import Interface
 from builder.sources import source_folder
 
@@ -36,6 +37,11 @@ def assembly_documents(assembly: Assembly, interface: Interface) -> dict[str, by
         "model.png": picture,
         "documentation/index.html": page(contents),
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
+        **combined_member(
+            {part.name: part.validity for part in assembly.parts},
+            {link.target: link.source for link in assembly.links if link.gain * link.factor == 1.0},
+            frozenset(v.name for v in interface.variables),
+        ),
         **(reference_files(reference, assembly.identifier) if reference else {}),
     }
 

@@ -16,6 +16,7 @@ from builder.sources import shock_kinds, source_folder
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
+from eightpost.validity import MEMBER
 
 VEHICLE = "vehicle_ss"
 
@@ -37,6 +38,7 @@ class Part:
         interface: The FMU's variables with its own start values.
         states: How many numbers its model keeps from step to step.
         data: vehicle_data.h of a vehicle; empty for a shock, whose numbers are all parameters.
+        validity: What the FMU says of how far its model can be used; None where it says nothing.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Part:
     interface: Interface
     states: int
     data: str
+    validity: bytes | None = None
 
     @property
     def kind(self) -> str:
@@ -98,6 +101,7 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
         interface=interface,
         states=states,
         data=members.get("sources/vehicle_data.h", b"").decode(),
+        validity=members.get(MEMBER),
     )
 
 

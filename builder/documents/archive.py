@@ -13,6 +13,7 @@ from builder.documents.picture import LOOP_FREQUENCY, shock_picture, vehicle_pic
 from builder.documents.reference import results
 from builder.documents.subject import SECRET, Disclosure, Subject
 from builder.documents.terminals import terminals_and_icons
+from builder.documents.validity import validity_member
 from builder.sources import source_folder
 from eightpost.shock import Response, Shock
 
@@ -43,6 +44,7 @@ def documents(subject: Subject, *, disclosure: Disclosure) -> dict[str, bytes]:
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(known.interface),
         "terminalsAndIcons/icon.png": icon(known.source),
+        **validity_member(subject.source, subject.identifier, disclosure),
         **reference,
     }
 

@@ -19,6 +19,7 @@ from cosim.result import Coupled, Result, held_direct_outputs
 from cosim.session.running import Ending, Running
 from cosim.session.setup import Setup
 from cosim.system import Connection
+from cosim.validity import models_of
 
 #: The two ways of a bond.
 _WAYS = ("velocity", "force")
@@ -87,6 +88,7 @@ class Outcome:
             share_beyond_fit=setup.limits.beyond_fit(watched),
             share_tire_off=setup.limits.tire_off(watched),
             decisive=setup.system.decisive,
+            models=models_of(setup.system, setup.names),
         )
 
     def _energy(self) -> dict[str, BondEnergy]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -15,9 +16,14 @@ from builder.build import Built
 from builder.build import build as build_fmus
 from builder.documents import Disclosure
 from eightpost.commands.assemble import assemble_with_progress, show_assembled
+from eightpost.commands.show_verdict import show_verdict
+from eightpost.verdict import Verdict
 
 
-def build(sources: tuple[Path, ...], output: Path, target: str, confidential: bool, system: Path | None) -> None:
+@click.pass_context
+def build(
+    ctx: click.Context, /, sources: tuple[Path, ...], output: Path, target: str, confidential: bool, system: Path | None
+) -> None:
     """Build an FMI 2.0 co-simulation FMU from each source."""
     console = Console()
     if system is not None:
@@ -30,7 +36,8 @@ def build(sources: tuple[Path, ...], output: Path, target: str, confidential: bo
     if not sources:
         raise click.UsageError("Missing argument 'SOURCES...'.")
     disclosure = Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL
-    show_built(console, build_with_progress(console, sources, output, target=target, disclosure=disclosure))
+    verdict = show_built(console, build_with_progress(console, sources, output, target=target, disclosure=disclosure))
+    ctx.exit(0 if verdict.is_acceptable else 1)
 
 
 def build_with_progress(
@@ -54,8 +61,8 @@ def build_with_progress(
         )
 
 
-def show_built(console: Console, built: list[Built]) -> None:
-    """Print a table of what was built."""
+def show_built(console: Console, built: list[Built]) -> Verdict:
+    """Print a table of what was built and the verdict that the FMUs carry; return the verdict."""
     table = Table(Column("FMU", overflow="fold"), "interface", "target", "inputs", "outputs", "parameters", "size")
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
@@ -64,3 +71,10 @@ def show_built(console: Console, built: list[Built]) -> None:
     console.print(table)
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")
+    verdict = Verdict(
+        replace(reason, origin=f"{item.path.name}: {reason.origin}")
+        for item in built
+        for reason in item.validity.verdict.reasons
+    )
+    show_verdict(console, verdict)
+    return verdict

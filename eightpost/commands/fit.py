@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from eightpost import units
 from eightpost.commands.fit_peaks import fit_peak_tables, peak_tables, refuse_dynamics
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.errors import InputError
 from eightpost.ident import ShockFit, fit_shock, fit_table, parameter_table, plot_force_velocity
 from eightpost.ident.shock.curve.shape import Shape
@@ -51,8 +52,8 @@ def fit(  # one parameter per option
     given = dict(_pair(word) for word in unit_words)
     if tables := peak_tables(dyno_files, given):
         refuse_dynamics(ctx, law)
-        fit_peak_tables(console, tables, output, name=name, build=build)
-        return
+        verdict = fit_peak_tables(console, tables, output, name=name, build=build)
+        ctx.exit(0 if verdict.is_acceptable else 1)
     channel_map = ChannelMap.read(map_file) if map_file else None
     tests = [
         test
@@ -90,7 +91,7 @@ def fit(  # one parameter per option
     write_shock(found.shock, output)
     plot_force_velocity(found, plot)
     console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if found.converged else 1)
+    ctx.exit(0 if found.verdict.is_acceptable else 1)
 
 
 def show_test(console: Console, test: DynoTest) -> None:
@@ -110,12 +111,9 @@ def show_fit(console: Console, found: ShockFit) -> None:
     """Print a fit's quality, its parameters, and what was decided on the way."""
     console.print(fit_table([found]))
     console.print(parameter_table(found))
-    for what in found.warnings:
-        console.print(f"[red]warning[/] {escape(what)}", highlight=False)
     for what in found.changes:
         console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
-    if not found.converged:
-        console.print(f"[red]not converged[/] {escape(found.status)}", highlight=False)
+    show_verdict(console, found.verdict)
 
 
 def _check_output(output: Path, dyno_file: Path) -> None:

@@ -11,12 +11,14 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.errors import InputError
 from eightpost.ident import fit_peak_velocity, plot_peak_velocity
 from eightpost.rig import PeakVelocityTable, read_peak_velocity
 from eightpost.rig.peak_velocity_file import is_peak_velocity
 from eightpost.shock import Shock, write_shock
 from eightpost.signals import read_records
+from eightpost.verdict import Verdict
 
 _TEXT = (".csv", ".txt", ".tsv")
 
@@ -35,11 +37,11 @@ def peak_tables(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVe
 
 def fit_peak_tables(
     console: Console, tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None, build: str | None
-) -> tuple[Path, ...]:
+) -> Verdict:
     """Fit and write a shock per table, say how well each curve meets its points, and draw them.
 
     Returns:
-        The shock files: `output`, or beside it one for each setting.
+        The verdict on all of them.
     """
     found, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
     for table in tables:
@@ -53,7 +55,7 @@ def fit_peak_tables(
     picture = output.with_suffix(".png")
     plot_peak_velocity(found, picture)
     console.print(f"wrote {', '.join(map(str, [*paths, picture]))}", soft_wrap=True, highlight=False)
-    return tuple(paths)
+    return Verdict.combined(shock.validity.verdict for _, shock in found if shock.validity)
 
 
 def refuse_dynamics(ctx: click.Context, law: str) -> None:
@@ -83,7 +85,7 @@ def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
         soft_wrap=True,
         highlight=False,
     )
-    for what in fit["warnings"]:
-        console.print(f"[red]warning[/] {escape(what)}", highlight=False)
     for what in fit["changes"]:
         console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
+    if shock.validity is not None:
+        show_verdict(console, shock.validity.verdict)

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from eightpost import units
 from eightpost.commands.identify_static import with_static_state
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
 from eightpost.ident.vehicle.baseline import Baseline, find_baseline
@@ -23,6 +24,7 @@ from eightpost.ident.vehicle.fit_plots import plot_fits
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.summary import damping_sentence, friction_table, residual_table, trust_table
 from eightpost.ident.vehicle.vehicle_fit import write_fit
+from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap
 
@@ -38,8 +40,6 @@ Plots = Literal["none", "main", "all"]
 
 #: What `--plots main` draws: the channels that shocks act by, and those that a setup is judged by.
 _MAIN = ("velocity", "tire_force", "ride_height")
-#: From this misfit of an output on, the command says that the model is not acceptable [1].
-_NOT_ACCEPTABLE = 0.3
 
 
 @click.pass_context
@@ -75,11 +75,11 @@ def identify(  # one parameter per option
         experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
     with console.status(f"identifying {len(experiment.outputs)} outputs of {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in found.order], experiment)
+    fit = with_validity(fit)
     _show(console, fit)
     written = [*write_fit(output, fit), *_draw(fit, output, plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
-    acceptable = fit.stable and max(fit.residual.values()) < _NOT_ACCEPTABLE
-    ctx.exit(0 if acceptable else 1)
+    ctx.exit(0 if fit_verdict(fit).is_acceptable else 1)
 
 
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
@@ -143,8 +143,7 @@ def _show(console: Console, fit: VehicleFit) -> None:
     console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor", highlight=False)
     for note in fit.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    if not fit.stable:
-        console.print("[red]not stable[/] with all dampers that were tried", highlight=False)
+    show_verdict(console, fit_verdict(fit))
 
 
 def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:

@@ -29,6 +29,7 @@ def validate(  # one parameter per option
     against: Path | None,
     settling: float | None,
     report: Path | None,
+    keep: bool,
     cutoff: float | None,
     unit_words: tuple[str, ...],
     map_file: Path | None,
@@ -47,13 +48,13 @@ def validate(  # one parameter per option
 
         limits = vehicles.limits_of(level, limit)
         wait = SETTLING if settling is None else settling
-        car = vehicles.VehicleOptions(kinds, shock_words, against, limits, wait, units, channel_map, flip)
-        ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report) else 1)
+        car = vehicles.VehicleOptions(kinds, shock_words, against, limits, wait, units, channel_map, flip, keep)
+        ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report).is_acceptable else 1)
     _refuse("shock", {"--level": level, "--shock": shock_words, "--against": against, "--settling": settling})
     from eightpost.commands import validate_shock as shocks  # noqa: PLC0415 - a vehicle needs none of it
 
-    options = shocks.ShockOptions(kinds, configurations, limit, cutoff, units, channel_map, flip)
-    ctx.exit(0 if shocks.validate_shocks(console, models, records, options, report) else 1)
+    options = shocks.ShockOptions(kinds, configurations, limit, cutoff, units, channel_map, flip, keep)
+    ctx.exit(0 if shocks.validate_shocks(console, models, records, options, report).is_acceptable else 1)
 
 
 def _refuse(what: str, given: Mapping[str, object]) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, get_args
 
 import click
 from rich.markup import escape
 from rich.progress import track
 
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.validate_paths import RecordChoices, show_table
-from eightpost.ident.validation import Kind, notes_on, record_of, validate
+from eightpost.ident.validation import Kind, notes_on, record_of, validate, validation_verdict
 from eightpost.ident.validation.tables import (
     beside_printed,
     bump_table,
@@ -20,15 +21,18 @@ from eightpost.ident.validation.tables import (
     static_table,
 )
 from eightpost.rig import read_dyno_test
-from eightpost.shock import read_shock
+from eightpost.shock import read_shock, write_shock
+from eightpost.validity import Validity
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from rich.console import Console
 
     from eightpost.ident.validation import ValidationStudy
     from eightpost.signals import ChannelMap
+    from eightpost.verdict import Verdict
 
 _KINDS = get_args(Kind)
 
@@ -45,6 +49,7 @@ class ShockOptions:
         units: By channel.
         channel_map: Of all records.
         flip: Channels whose sign is turned.
+        keep: Whether to write the verdict into the shock files.
     """
 
     kinds: tuple[str, ...]
@@ -54,12 +59,13 @@ class ShockOptions:
     units: dict[str, str]
     channel_map: ChannelMap | None
     flip: tuple[str, ...]
+    keep: bool = False
 
 
 def validate_shocks(
     console: Console, shocks: list[Path], records: list[Path], options: ShockOptions, report: Path | None
-) -> bool:
-    """Validate, print, write the report; say whether all is acceptable."""
+) -> Verdict:
+    """Validate, print, write the report; return the verdict."""
     chosen = RecordChoices(records)
     kind_of, number_of = chosen.of(options.kinds, "--kind"), chosen.of(options.configurations, "--configuration")
     laws = [read_shock(path) for path in shocks]
@@ -77,7 +83,19 @@ def validate_shocks(
         title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in laws))}"
         written = write_validation_report(report, study, limit=options.limit, title=title)
         console.print(f"wrote {written}", soft_wrap=True, highlight=False)
-    return study.is_acceptable(options.limit)
+    if options.keep:
+        _keep(console, dict(zip(study.shocks, shocks, strict=True)), study, options.limit)
+    return validation_verdict(study, options.limit)
+
+
+def _keep(console: Console, paths: Mapping[str, Path], study: ValidationStudy, limit: float | None) -> None:
+    """Write into each shock file what its validation found; a file that was held against no record stays as it is."""
+    for label, path in paths.items():
+        shock, part = study.shocks[label], study.of_shock(label)
+        if part.cases:
+            validity = Validity.with_verdict(shock.validity, validation_verdict(part, limit))
+            write_shock(replace(shock, validity=validity), path)
+            console.print(f"wrote the verdict into {path}", soft_wrap=True, highlight=False)
 
 
 def show_study(console: Console, study: ValidationStudy, limit: float | None) -> None:
@@ -88,8 +106,9 @@ def show_study(console: Console, study: ValidationStudy, limit: float | None) ->
     tables += [static_table(study), bump_table(study), beside_printed(study)]
     for table in tables:
         show_table(console, table)
-    for note in notes_on(study, limit):
+    for note in notes_on(study):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_verdict(console, validation_verdict(study, limit))
 
 
 def _kind(word: str | None) -> Kind | None:

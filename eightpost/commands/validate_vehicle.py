@@ -10,14 +10,16 @@ import click
 from rich.markup import escape
 from rich.progress import track
 
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.validate_paths import RecordChoices, pair, show_table
-from eightpost.ident.vehicle import read_fit
+from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.summary import trust_table
-from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, verdict
+from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, validation_verdict
 from eightpost.ident.vehicle_validation.fit_tables import port_table
 from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, trend_table
 from eightpost.rig.post import read_rig_test
 from eightpost.shock import read_shock
+from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
 
 if TYPE_CHECKING:
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
 
     from eightpost.ident.vehicle_validation import VehicleValidation
     from eightpost.signals import ChannelMap
+    from eightpost.verdict import Verdict
 
 _KINDS = get_args(Kind)
-_COLORS = {"good": "green", "open": "yellow", "bad": "red"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +40,12 @@ class VehicleOptions:
         kinds: `KIND` or `FILE=KIND`.
         shocks: `CORNER=FILE` or `WORD=FILE`.
         against: Another car, for the modes.
-        limits: What is acceptable.
+        limits: From where on the vehicle is not usable.
         settling: Left out at the start of records [s].
         units: By channel.
         channel_map: Of all records.
         flip: Channels whose sign is turned.
+        keep: Whether to write the verdict into the vehicle file.
     """
 
     kinds: tuple[str, ...]
@@ -53,6 +56,7 @@ class VehicleOptions:
     units: dict[str, str]
     channel_map: ChannelMap | None
     flip: tuple[str, ...]
+    keep: bool = False
 
 
 def limits_of(level: float | None, error: float | None) -> Limits:
@@ -64,8 +68,8 @@ def limits_of(level: float | None, error: float | None) -> Limits:
 
 def validate_one(
     console: Console, path: Path, records: list[Path], options: VehicleOptions, report: Path | None
-) -> bool:
-    """Validate, print, write the report; say whether the vehicle is acceptable."""
+) -> Verdict:
+    """Validate, print, write the report; return the verdict."""
     fit = read_fit(path)
     kind_of = RecordChoices(records).of(options.kinds, "--kind")
     shocks = {name: read_shock(file).law for name, file in (pair(word, "--shock") for word in options.shocks)}
@@ -83,7 +87,12 @@ def validate_one(
         title = f"Validation of {fit.vehicle.name}"
         written = write_vehicle_report(report, study, limits=options.limits, title=title)
         console.print(f"wrote {written}", soft_wrap=True, highlight=False)
-    return verdict(study, options.limits).is_acceptable
+    verdict = validation_verdict(study, options.limits)
+    if options.keep:
+        validity = Validity.with_verdict(fit.vehicle.validity, verdict)
+        write_fit(path, replace(fit, vehicle=replace(fit.vehicle, validity=validity)))
+        console.print(f"wrote the verdict into {path}", soft_wrap=True, highlight=False)
+    return verdict
 
 
 def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
@@ -96,11 +105,7 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
         console.print(trust_table(study.fit.trust))
     for note in (note for case in study.cases for note in case.beyond + case.notes):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    found = verdict(study, limits)
-    color = _COLORS[found.kind]
-    console.print(f"[{color}]{found.answer}[/]", highlight=False)
-    for reason in found.reasons:
-        console.print(f"  {escape(reason)}", highlight=False, soft_wrap=True)
+    show_verdict(console, validation_verdict(study, limits))
     console.print(limits.said(), highlight=False, soft_wrap=True)
 
 

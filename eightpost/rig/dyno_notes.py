@@ -6,7 +6,7 @@ that says what, where, how much and what to do, or nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -78,8 +78,7 @@ def notes_of(
         if name != "force":
             found.append(_held(name, values, origin))
     found += [_repeated(series, moving, origin), *_motion(series, names, origin), *_force(series)]
-    if "temperature" in series:
-        found.append(_warming(series))
+    found.append(warming_note(series))
     return tuple(note for note in found if note)
 
 
@@ -291,16 +290,37 @@ def _force(series: TimeSeries) -> Iterator[str]:
             f"force: it correlates with velocity at {correlation:.2f} only; a wrong column, a spring on the "
             "dynamometer, or channels far apart in time"
         )
-    even = series if series.is_uniform else series.resample(series.sample_rate)
-    lag = lag_between(even["force"], even["velocity"], even.sample_rate)
-    frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
-    if lag < -max(LEAD, 1.5 / even.sample_rate) or lag > max(LAG, PHASE / frequency):
-        yield (
-            f"force: it {_follows(lag)} velocity by {1e3 * abs(lag):.3g} ms, more than a shock's own lag (under "
-            f"{1e3 * LAG:.0f} ms): channels sampled apart, a filter on one of them, or a spring beside the damper; a "
-            "fitted lag holds it"
-        )
+    if lag := lag_note(series):
+        yield lag.note
     yield from _rest_force(velocity, force)
+
+
+class LagNote(NamedTuple):
+    """A force that follows velocity, or leads it, otherwise than a shock's."""
+
+    delay: float
+    """By which force follows velocity [s]; negative where it leads."""
+    lead: float
+    allowed: float
+    """What force may lead and follow velocity by [s]."""
+    note: str
+    """In words."""
+
+
+def lag_note(series: TimeSeries) -> LagNote | None:
+    """Return by how much force follows or leads velocity where that is no shock's own lag."""
+    even = series if series.is_uniform else series.resample(series.sample_rate)
+    delay = lag_between(even["force"], even["velocity"], even.sample_rate)
+    frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
+    lead, allowed = max(LEAD, 1.5 / even.sample_rate), max(LAG, PHASE / frequency)
+    if -lead <= delay <= allowed:
+        return None
+    note = (
+        f"force: it {_follows(delay)} velocity by {1e3 * abs(delay):.3g} ms, more than a shock's own lag (under "
+        f"{1e3 * LAG:.0f} ms): channels sampled apart, a filter on one of them, or a spring beside the damper; a "
+        "fitted lag holds it"
+    )
+    return LagNote(delay, lead, allowed, note)
 
 
 def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
@@ -321,7 +341,10 @@ def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
         )
 
 
-def _warming(series: TimeSeries) -> str | None:
+def warming_note(series: TimeSeries) -> str | None:
+    """Return a note where the temperature changes; None where it does not, or is not known."""
+    if "temperature" not in series:
+        return None
     drift = temperature_drift(series)
     if abs(drift) <= DRIFT:
         return None

@@ -16,6 +16,7 @@ from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import LAWS, law_name, own_parameters
 from eightpost.shock.port import Port
+from eightpost.validity import Validity
 
 SCHEMA = 1
 
@@ -31,6 +32,7 @@ class Shock:
             fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
         fit: What the fit said: RMS, bounds, recipe. Free-form, JSON values.
         inputs: The files it was made from: name and SHA-256 each.
+        validity: The verdict on the fit and the ranges that it covers; None where nobody stated them.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Shock:
     conditions: Mapping[str, Any] = field(default_factory=dict)
     fit: Mapping[str, Any] = field(default_factory=dict)
     inputs: tuple[Mapping[str, str], ...] = ()
+    validity: Validity | None = None
 
     @property
     def law_name(self) -> str:
@@ -60,6 +63,8 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         "fit": dict(shock.fit),
         "inputs": [dict(entry) for entry in shock.inputs],
     }
+    if shock.validity is not None:
+        document["validity"] = shock.validity.to_json()
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -80,6 +85,7 @@ def read_shock(path: str | Path) -> Shock:
         port = _build(Port, "port", document)
         parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
         law = _construct(law_class, "parameters", parameters)
+        validity = Validity.from_json(document["validity"]) if "validity" in document else None
     except (ValueError, TypeError) as error:
         raise ParameterError(f"{path}: {error}") from error
     return Shock(
@@ -88,6 +94,7 @@ def read_shock(path: str | Path) -> Shock:
         conditions=document.get("conditions", {}),
         fit=document.get("fit", {}),
         inputs=tuple(document.get("inputs", ())),
+        validity=validity,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import eightpost
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.files import atomic_path
+from eightpost.validity import Validity
 from eightpost.vehicle.parameters import check_schema
 from eightpost.vehicle.statespace import Channel, StateSpace
 from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle
@@ -19,7 +20,7 @@ from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle
 SCHEMA = 1
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
-_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction")
+_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction", "validity")
 
 
 def read_json(path: str | Path) -> IdentifiedVehicle:
@@ -79,6 +80,7 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
         "baseline_damping": dict(vehicle.baseline_damping),
         "static": dict(vehicle.static),
         **_friction(vehicle),
+        **({} if vehicle.validity is None else {"validity": vehicle.validity.to_json()}),
         **{field: getattr(model, field).tolist() for field in ("A", "B", "C", "D")},
     }
 
@@ -147,6 +149,7 @@ def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
         content.get("static", {}),
         content.get("sources", {}),
         {port: Friction(law["force"], law["velocity"]) for port, law in content.get("friction", {}).items()},
+        Validity.from_json(content["validity"]) if "validity" in content else None,
     )
 
 

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Literal, NamedTuple
 
 from eightpost.errors import ParameterError
+from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
 from eightpost.vehicle.port_damping import add_port_damping
 from eightpost.vehicle.quantities import check_static
@@ -80,6 +81,7 @@ class IdentifiedVehicle:
         static: As in `StructuralVehicle`.
         sources: SHA-256 digests of the files it was identified from, by name.
         friction: By port; the model was identified with it in its shock forces. A port that is missing has none.
+        validity: The verdict on the model and the ranges that it covers; None where nobody stated them.
     """
 
     name: str
@@ -88,6 +90,7 @@ class IdentifiedVehicle:
     static: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
     friction: Mapping[str, Friction] = field(default_factory=dict)
+    validity: Validity | None = None
 
     def __post_init__(self) -> None:
         """Check the static state and the ports against the model's channels."""

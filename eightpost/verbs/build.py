@@ -29,7 +29,8 @@ def build() -> None:
     """Build an FMI 2.0 co-simulation FMU from each source.
 
     SOURCES are shock files (eightpost fit) and vehicle files: parameters (.toml) or an identified state space (.json).
-    An FMU is named after its source; the same source gives the same bytes.
+    An FMU is named after its source; the same source gives the same bytes. It carries the verdict on its model, which
+    every run repeats. Exits 1 if one is not usable (docs/verdict.md): the FMUs are written all the same.
 
     \b
     Example:

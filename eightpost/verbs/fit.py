@@ -54,7 +54,8 @@ def fit() -> None:
 
     DYNO is a .csv, .txt, .parquet, .mat or .mf4 file with time, force, and velocity or displacement; units in its
     header, in a channel map, or by --units. Several tables in a file are several runs. A table of forces over peak
-    speeds gives a polylinear shock for each setting of the adjusters. Exits 1 if the fit did not converge.
+    speeds gives a polylinear shock for each setting of the adjusters. Exits 1 if the shock is not
+    usable (docs/verdict.md).
 
     \b
     Examples:

@@ -44,7 +44,8 @@ def identify() -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/rig.md, or with a channel map. The vehicle is
-    built into an FMU by `eightpost build`. Exits 1 if the model is not stable with other shocks, or far from the data.
+    built into an FMU by `eightpost build`. Exits 1 if the vehicle is not usable (docs/verdict.md):
+    not stable with other shocks, or far from the data.
 
     \b
     Examples:

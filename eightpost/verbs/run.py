@@ -52,8 +52,9 @@ def run() -> None:
     an SSP package of any maker (.ssp), or its description (.ssd) in a folder: what a package lacks comes from
     --drive, --input, --stop and --record-step.
 
-    Exits 1 if the coupled start did not converge, the coupling error is too large, the coupling makes or loses energy,
-    or the run ended early. Ctrl-C ends a run between two steps: what was computed is written and marked partial.
+    Exits 1 if the result is not usable (docs/verdict.md): the coupled start did not converge, the coupling error is too
+    large, the coupling makes or loses energy, a model is used far outside its range, or the run ended early. Ctrl-C
+    ends a run between two steps: what was computed is written and marked partial.
 
     \b
     Example:

@@ -20,7 +20,7 @@ SETTLING = 4.0
               help="Shocks: configuration 1 to 12 of Table 3.1, of one file or of all.")  # fmt: skip
 @click.option("--limit", metavar="PERCENT", type=click.FloatRange(min=0.0, min_open=True),
               help="Highest error, in percent of the measured standard deviation; more exits 1. "
-              "Default: of vehicles 25.")  # fmt: skip
+              "Default: of vehicles 25, of shocks 30.")  # fmt: skip
 @click.option("--level", metavar="PERCENT", type=click.FloatRange(min=0.0, min_open=True),
               help="Vehicles: largest error of an RMS on random records; more exits 1. Default: 5.")  # fmt: skip
 @click.option("--shock", "shock_words", metavar="CORNER|NAME=SHOCK.JSON", multiple=True,
@@ -32,6 +32,9 @@ SETTLING = 4.0
               help=f"Vehicles: left out at the start of records, at most 1/4; default {SETTLING:g}.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.HTML",
               help="Write one interactive, printable page (docs/validation.md).")  # fmt: skip
+@click.option("--keep", is_flag=True,
+              help="Write the verdict into the shock or vehicle files, in place of an earlier one: FMUs that are built "
+              "from them carry it into every run.")  # fmt: skip
 @click.option("--cutoff", type=float, metavar="HZ", help="Shocks: low-pass [Hz]; default 50, of bumps 200.")
 @click.option("--units", "unit_words", metavar="CHANNEL=UNIT", multiple=True, help="Unit of a channel without one.")
 @click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (.toml) of all records.")
@@ -43,8 +46,9 @@ def validate() -> None:
     Files that end in .json are shocks, or one vehicle; all others are dynamometer or rig records. A folder stands for
     the records in it.
 
-    Each shock is held against each record, unless both say a condition and they differ. Exits 1 if more than half of a
-    record is outside the fitted velocities, if a record has no shock, or if an error is over --limit.
+    Each shock is held against each record, unless both say a condition and they differ. Exits 1 if the verdict is "not
+    usable" (docs/verdict.md): more than a fifth of a record is outside the fitted velocities, a record has no shock, or
+    an error is over --limit.
 
     A vehicle is driven by each record's roads and loads. Exits 1 if an RMS is off by more than --level, an error over
     --limit, setups are ranked otherwise than by the rig, or all records are the fit's own.

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.shock import Lpf1
+from eightpost.verdict import Grade, Verdict
 
 HEADER = "time [s],velocity [m/s],force [N],temperature [degC]\n"
 
@@ -42,10 +43,14 @@ def fit(tmp_path, monkeypatch):
     return call
 
 
-def test_what_is_suspicious_in_the_record_is_a_warning_on_the_screen_and_in_the_file(fit, record):
+def test_what_is_suspicious_in_the_record_is_a_reason_on_the_screen_and_in_the_file(fit, record):
     shown, shock = fit(table(record, duration=3.0, warming=20.0))
     assert any("temperature" in warning for warning in shock["fit"]["warnings"])
-    assert "temperature" in shown.split("warning", 1)[1]
+    verdict = Verdict.from_json(shock["validity"]["verdict"])
+    (reason,) = [reason for reason in verdict.reasons if reason.rule == "temperature changed"]
+    assert verdict.grade is Grade.LIMITED
+    assert "+18" in reason.figure
+    assert f"{reason.statement}: {reason.figure} ({reason.origin}). To do: {reason.remedy}" in shown
 
 
 def test_a_clean_record_gives_no_such_warning(fit, record):

@@ -47,7 +47,8 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
 def test_an_error_over_the_limit_exits_1_and_is_named(run):
     done = run("static.json", "data/random.csv", "--limit", "1")
     assert done.exit_code == 1
-    assert "over the limit of 1 %" in done.output
+    assert done.output.count("Not usable: ") == 1
+    assert "limit 1 %" in done.output
     assert run("lpf1.json", "data/random.csv", "--limit", "1").exit_code == 0
 
 

@@ -80,12 +80,14 @@ def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test
     html = page(named, limit=0.0001, title="a < b")
     assert "<b>x" not in html
     assert "</script><i>" not in html
-    assert "Not acceptable." in html
-    assert "over the limit of 0.0001" in html
+    assert 'class="verdict not-usable"' in html
+    assert "limit 0.0001 %" in html
     assert "No record of this validation does" in html
 
 
 def test_a_good_validation_is_said_to_be_good(lagged, random_test):
     study = validate([lagged], [record_of(random_test(1))])
-    assert "Every error is within 1 %" in page(study, limit=1.0, title="t")
-    assert "No limit was given" in page(study, limit=None, title="t")
+    for limit in (1.0, None):
+        html = page(study, limit=limit, title="t")
+        assert 'class="verdict usable"' in html
+        assert f"limit{'s 10 and 30' if limit is None else ' 1'} %" in html

@@ -7,10 +7,11 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.report.description import digest_of
-from eightpost.ident.validation import notes_on, record_of, validate
+from eightpost.ident.validation import notes_on, record_of, validate, validation_verdict
 from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4
 from eightpost.ident.validation.tables import Amount, beside_printed, random_table, static_table, table_3_4, table_3_5
 from eightpost.rig.dyno_test import DynoConditions
+from eightpost.verdict import Grade
 
 from .conftest import POUND, shock_of
 
@@ -48,35 +49,39 @@ def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
 def test_what_was_measured_under_other_conditions_is_left_out_and_said(truth, random_test, said, conditions, together):
     study = validate([shock_of(truth, **said)], [record_of(random_test(1, conditions))])
     assert len(study.cases) == together
-    assert study.is_acceptable() is together
+    assert validation_verdict(study).is_acceptable is together
     assert bool(study.unpaired) is not together
+    assert bool(notes_on(study)) is not together
 
 
 def test_the_record_of_the_fit_is_recognised(lagged, random_test):
     own = replace(lagged, inputs=({"name": "fit.csv", "sha256": digest_of(random_test(1))},))
     study = validate([own], [record_of(random_test(1)), record_of(random_test(2))])
     assert [case.is_fit_record for case in study.cases] == [True, False]
-    assert any("validates nothing" in note for note in notes_on(study))
+    (reason,) = [reason for reason in validation_verdict(study).reasons if "validates nothing" in reason.statement]
+    assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 2 predictions")
+    alone = validation_verdict(validate([own], [record_of(random_test(1))]))
+    assert alone.grade is Grade.UNKNOWN  # an error of the fit is no validation
 
 
 def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_test):
     narrow = replace(truth, curve=replace(truth.curve, compression_speed=0.1, rebound_speed=0.1))
     study = validate([shock_of(narrow)], [record_of(random_test(1))])
     assert study.cases[0].outcome.beyond > 0.5
-    assert not study.is_acceptable()
-    assert any("extrapolation" in note for note in notes_on(study))
+    assert validation_verdict(study).grade is Grade.NOT_USABLE
+    assert "record mostly outside the fitted velocities" in {r.rule for r in validation_verdict(study).decisive}
 
 
 def test_a_limit_is_kept_or_not(lagged, static_curve, random_test):
     record = record_of(random_test(1))
-    assert validate([lagged], [record]).is_acceptable(1.0)
-    assert not validate([static_curve], [record]).is_acceptable(1.0)
+    assert validation_verdict(validate([lagged], [record]), 1.0).grade is Grade.USABLE
+    assert validation_verdict(validate([static_curve], [record]), 1.0).grade is Grade.NOT_USABLE
 
 
 def test_another_zero_of_the_load_cell_is_said(truth, random_test):
     shifted = shock_of(replace(truth, port=replace(truth.port, gas_preload=0.0)))
     study = validate([shifted], [record_of(random_test(1))])
-    assert any("offset" in note for note in notes_on(study))
+    assert "offset of a prediction" in {reason.rule for reason in validation_verdict(study).reasons}
     assert study.cases[0].outcome.prediction.offset == pytest.approx(truth.port.gas_preload, abs=0.5)
 
 

@@ -11,6 +11,7 @@ from eightpost.ident.validation.residual import Residual, residual_of
 from eightpost.ident.validation.sine import Loop, SineValidation, validate_sine
 from eightpost.ident.validation.static import Hold, StaticValidation, validate_static
 from eightpost.ident.validation.study import Case, ValidationStudy, validate
+from eightpost.ident.validation.verdict import validation_verdict
 
 __all__ = [
     "BumpEvent",
@@ -38,4 +39,5 @@ __all__ = [
     "validate_random",
     "validate_sine",
     "validate_static",
+    "validation_verdict",
 ]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from eightpost.ident.validation.bump import BumpValidation
-from eightpost.ident.validation.notes import prediction_of
 from eightpost.ident.validation.printed import (
     CONFIGURATIONS,
     TABLE_3_4,
@@ -17,6 +16,7 @@ from eightpost.ident.validation.random import RandomValidation
 from eightpost.ident.validation.sine import SineValidation
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.ident.validation.study import law_title, names_of
+from eightpost.ident.validation.verdict import prediction_of
 from eightpost.units import convert
 
 if TYPE_CHECKING:

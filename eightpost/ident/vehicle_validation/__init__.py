@@ -1,7 +1,7 @@
 """Validation of identified vehicles on rig records that they were not fitted to (6.5)."""
 
 from eightpost.ident.vehicle_validation.comparison import Comparison, Judging
-from eightpost.ident.vehicle_validation.findings import Limits, Verdict, verdict
+from eightpost.ident.vehicle_validation.findings import Limits, validation_verdict
 from eightpost.ident.vehicle_validation.kinds import Kind, Recognition, recognise
 from eightpost.ident.vehicle_validation.modes import VehicleMode, modes_of
 from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports
@@ -22,7 +22,6 @@ __all__ = [
     "Trend",
     "VehicleMode",
     "VehicleValidation",
-    "Verdict",
     "closed_at_ports",
     "main_paths",
     "modes_of",
@@ -30,5 +29,5 @@ __all__ = [
     "recognise",
     "record_of",
     "validate_vehicle",
-    "verdict",
+    "validation_verdict",
 ]

@@ -1,16 +1,19 @@
-"""Whether a vehicle can be trusted: limits, what is over them, what is doubtful, and the sentence that comes first."""
+"""The verdict on a vehicle that was held against records: what is over a limit, and what is doubtful."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from eightpost.errors import ParameterError
+from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
 
 if TYPE_CHECKING:
     from eightpost.ident.vehicle_validation.comparison import Comparison
     from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
+
+ABOUT = "validation of the vehicle"
 
 #: Share of an error's power that is linear in the prediction from which the model lacks a linear part, and the error
 #: [1] from which that matters.
@@ -26,13 +29,10 @@ _FLAGS = {
     "misfit": "a misfit beyond noise",
 }
 
-#: Records that a sentence names.
-_LISTED = 4
-
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """From where on a vehicle is not acceptable.
+    """From where on a vehicle is not usable.
 
     Attributes:
         level: Error of the RMS of an output that setups are judged by, on random records [1].
@@ -52,127 +52,175 @@ class Limits:
     def said(self) -> str:
         """Return the limits as a sentence."""
         return (
-            f"Acceptable: RMS within {100 * self.level:g} % on random records, errors within {100 * self.error:g} % of "
+            f"Usable: RMS within {100 * self.level:g} % on random records, errors within {100 * self.error:g} % of "
             f"the measured RMS, rank correlation over {_RANKED} records or more at least {self.rank:g}."
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What comes first.
+UNSTABLE = Rule(
+    "validated vehicle not stable", ABOUT, Grade.NOT_USABLE,
+    condition="the fit says that the car does not settle with each damper that was tried",
+    why="a run with such shocks goes to infinity, or near it",
+    remedy="identify with more tests of other shocks",
+)  # fmt: skip
+WRONG_LEVEL = Rule(
+    "level of an output wrong", ABOUT, Grade.NOT_USABLE,
+    condition="on a random record, the RMS of a judged output is off by more than --level (5 %)",
+    why="setups differ by a few percent in these outputs",
+    remedy="look at the output's response in the report; identify again with more tests",
+)  # fmt: skip
+LARGE_ERROR = Rule(
+    "large error of an output", ABOUT, Grade.NOT_USABLE,
+    condition="the error of a judged output is above --limit (25 % of the measured RMS)",
+    why="above, phase or gain are off by so much that measures of several outputs together mean little",
+    remedy="look at the output's response in the report; identify again with more tests",
+)  # fmt: skip
+WRONG_RANK = Rule(
+    "setups ranked otherwise than by the rig", ABOUT, Grade.NOT_USABLE,
+    condition=f"over {_RANKED} random records or more, the rank correlation of an output's RMS is below 0.9",
+    why="the order of setups is what a study is for",
+    remedy="do not choose setups by this output; identify again with more tests",
+)  # fmt: skip
+NOT_VALIDATED = Rule(
+    "vehicle not validated", ABOUT, Grade.NOT_USABLE,
+    condition="all records are the fit's own, static or too gentle",
+    why="errors there say nothing of other records, and the command was asked to validate",
+    remedy="give a record that the car was not identified from",
+)  # fmt: skip
+PREDICTS = Rule(
+    "the vehicle predicts its records", ABOUT, Grade.USABLE,
+    condition="nothing is over a limit on records that the car was not fitted to",
+    why="the limits above",
+    remedy="nothing",
+)  # fmt: skip
+OWN_RECORD = Rule(
+    "the fit's own records among them", ABOUT, Grade.LIMITED,
+    condition="a record is one that the car was fitted to",
+    why="errors there validate nothing",
+    remedy="leave these records out",
+)  # fmt: skip
+GENTLE = Rule(
+    "shocks hardly move", ABOUT, Grade.LIMITED,
+    condition="no shock gets beyond 5 % of the velocities of the fit's tests",
+    why="friction holds the car: such a record is shown and not judged",
+    remedy="validate on records with larger motions",
+)  # fmt: skip
+LIFTED = Rule(
+    "tires leave the road", ABOUT, Grade.LIMITED,
+    condition="a tire is at 1 % of its mean load or less",
+    why="no linear car does that",
+    remedy="do not use the car for drives in which tires lift off",
+)  # fmt: skip
+LINEAR_ERROR = Rule(
+    "error linear in the prediction", ABOUT, Grade.LIMITED,
+    condition=f"more than {100 * _LINEAR:g} % of an error above {100 * _MATTERS:g} % is linear in the prediction",
+    why="gain or phase of the model is off, which a linear model could have right",
+    remedy="identify again with more tests, or with another recipe",
+)  # fmt: skip
+BEYOND = Rule(
+    "records beyond the fit's tests", ABOUT, Grade.LIMITED,
+    condition="a record leaves the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
+    "above the fit's band",
+    why="what is judged there is an extrapolation",
+    remedy="identify from tests with the amplitudes of these records",
+)  # fmt: skip
+DOUBT = Rule(
+    "doubt of a record", ABOUT, Grade.LIMITED,
+    condition="anything else that a record makes doubtful",
+    why="it may be harmless; the reason says what it is",
+    remedy="look at the record",
+)  # fmt: skip
+FLAGGED = Rule(
+    "flag of the fit", ABOUT, Grade.LIMITED,
+    condition="the fit found in the car what its model has not",
+    why="the model is right near the tests' amplitudes only",
+    remedy="see what the fit says of itself, in the report",
+)  # fmt: skip
+NO_LEVELS = Rule(
+    "levels not validated", ABOUT, Grade.LIMITED,
+    condition="there is no random or track record",
+    why="levels of setups are of such drives",
+    remedy="validate on a random or track record",
+)  # fmt: skip
 
-    Attributes:
-        kind: `good`, `open` or `bad`.
-        answer: In a few words.
-        reasons: A sentence each, the gravest first.
-    """
-
-    kind: Literal["good", "open", "bad"]
-    answer: str
-    reasons: tuple[str, ...]
-
-    @property
-    def is_acceptable(self) -> bool:
-        """Whether nothing is over a limit."""
-        return self.kind != "bad"
+RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
-def verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
-    """Return whether a vehicle can be trusted.
-
-    `bad`: something is over a limit, or nothing was validated. `open`: nothing is, but a reason to doubt is there.
-    """
+def validation_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
+    """Return the verdict on a vehicle that was held against records."""
     limits = limits or Limits()
-    found, doubtful = faults(study, limits), doubts(study)
-    best = _best(study)
-    if found:
-        return Verdict("bad", "Do not trust this car.", (*found, *best))
-    if doubtful:
-        return Verdict("open", "Trust this car within what is said here.", (*best, *doubtful))
-    return Verdict("good", "This car can be trusted.", best)
+    reasons = [*_faults(study, limits), *_doubts(study)]
+    if study.independent and not any(reason.grade is Grade.NOT_USABLE for reason in reasons):
+        places = listed(case.record.name for case in study.independent)
+        reasons.append(PREDICTS.reason("the car predicts its records", figure=_best(study), origin=places))
+    return Verdict(reasons)
 
 
-def faults(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
-    """Return what makes a vehicle not acceptable, a sentence each."""
+def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
+    if not study.fit.stable:
+        yield UNSTABLE.reason("the car does not settle", figure="with 1 damper or more", origin=study.fit.vehicle.name)
     if not study.independent:
-        return ("No record validates it: all are the fit's own, static or too gentle.", *_unstable(study))
-    return (*_unstable(study), *_levels(study, limits), *_errors(study, limits), *_ranks(study, limits))
-
-
-def doubts(study: VehicleValidation) -> tuple[str, ...]:
-    """Return what else a person must know, a sentence each."""
-    cases = study.cases
-    own = [case.record.name for case in cases if case.is_fit_record]
-    said = [f"The vehicle was fitted to {', '.join(own)}: errors there validate nothing."] if own else []
-    said += [*_gentle(study), *_lifted(study), *_linear(study)]
-    said += _beyond(study)
-    said += [note for case in cases for note in case.notes]
-    said += _flagged(study)
-    if not study.of_kind("random"):
-        said.append("No random or track record: levels of setups were not validated.")
-    return tuple(dict.fromkeys(said))
-
-
-def _unstable(study: VehicleValidation) -> tuple[str, ...]:
-    return () if study.fit.stable else ("The fit says that it does not settle with every damper that was tried.",)
-
-
-def _levels(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
-    over = [(c, o) for c, o in _judged(study) if c.record.kind == "random" and abs(o.level) > limits.level]
-    if not over:
-        return ()
-    case, worst = max(over, key=lambda pair: abs(pair[1].level))
-    return (
-        f"RMS is wrong by more than {100 * limits.level:g} % for {_counted(over)}; worst {worst.name} on "
-        f"{case.record.name}, {100 * worst.level:+.1f} %.",
-    )
-
-
-def _errors(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
-    over = [(c, o) for c, o in _judged(study) if o.error > limits.error]
-    if not over:
-        return ()
-    case, worst = max(over, key=lambda pair: pair[1].error)
-    return (
-        f"The error is over {100 * limits.error:g} % of the measured RMS for {_counted(over)}; worst {worst.name} on "
-        f"{case.record.name}, {100 * worst.error:.0f} %.",
-    )
-
-
-def _ranks(study: VehicleValidation, limits: Limits) -> tuple[str, ...]:
+        said = "no record validates the car: all are the fit's own, static or too gentle"
+        names = listed(case.record.name for case in study.cases)
+        yield NOT_VALIDATED.reason(said, figure=f"0 of {len(study.cases)} records are judged", origin=names)
+        return
+    yield from _levels(study, limits)
+    yield from _errors(study, limits)
     wrong = [t for t in study.trends if len(t.measured) >= _RANKED and not t.is_flat and t.rank < limits.rank]
-    listed = ", ".join(f"{trend.name} {trend.rank:.2f}" for trend in wrong)
-    said = f"It ranks setups otherwise than the rig (rank correlation below {limits.rank:g}): {listed}."
-    return (said,) if wrong else ()
+    if wrong:
+        figure = f"rank correlation {min(t.rank for t in wrong):.2f}; limit {limits.rank:g}"
+        said = "the car ranks setups otherwise than the rig"
+        yield WRONG_RANK.reason(said, figure=figure, origin=listed(trend.name for trend in wrong))
 
 
-def _gentle(study: VehicleValidation) -> list[str]:
-    names = [case.record.name for case in study.cases if case.is_gentle]
-    return [f"The shocks hardly move on {', '.join(names)}: friction holds them; shown, not judged."] if names else []
+def _levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
+    over = [(c, o) for c, o in _judged(study) if c.record.kind == "random" and abs(o.level) > limits.level]
+    if over:
+        case, worst = max(over, key=lambda pair: abs(pair[1].level))
+        figure = f"{100 * worst.level:+.1f} %; limit {100 * limits.level:g} %; {_counted(over)}"
+        origin = f"{worst.name} on {case.record.name}"
+        yield WRONG_LEVEL.reason("the RMS of an output is wrong", figure=figure, origin=origin)
 
 
-def _lifted(study: VehicleValidation) -> list[str]:
-    names = [f"{case.record.name} ({', '.join(case.lifted)})" for case in study.cases if case.lifted]
-    return [f"Tires leave the road on {'; '.join(names)}: no linear car does."] if names else []
+def _errors(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
+    over = [(c, o) for c, o in _judged(study) if o.error > limits.error]
+    if over:
+        case, worst = max(over, key=lambda pair: pair[1].error)
+        figure = f"{100 * worst.error:.0f} % of the measured RMS; limit {100 * limits.error:g} %; {_counted(over)}"
+        origin = f"{worst.name} on {case.record.name}"
+        yield LARGE_ERROR.reason("the error of an output is too large", figure=figure, origin=origin)
 
 
-def _beyond(study: VehicleValidation) -> list[str]:
-    """Return one sentence on all records that leave what the fit's tests covered; the notes name the channels."""
-    names = [case.record.name for case in study.cases if case.beyond]
-    if not names:
-        return []
-    listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-    return [f"Amplitudes or frequencies on {listed} are beyond what it was fitted to; the notes say which."]
+def _doubts(study: VehicleValidation) -> Iterator[Reason]:
+    """Yield what else a person must know."""
+    cases = study.cases
+    groups = (
+        (
+            OWN_RECORD,
+            "the car was fitted to a record: errors there validate nothing",
+            [c for c in cases if c.is_fit_record],
+        ),
+        (GENTLE, "the shocks hardly move: friction holds them", [c for c in cases if c.is_gentle]),
+        (LIFTED, "tires leave the road", [c for c in cases if c.lifted]),
+        (BEYOND, "a record leaves the amplitudes or frequencies of the fit's tests", [c for c in cases if c.beyond]),
+    )
+    for rule, said, found in groups:
+        if found:
+            figure = f"{len(found)} of {len(cases)} records"
+            yield rule.reason(said, figure=figure, origin=listed(case.record.name for case in found))
+    yield from _linear(study)
+    for case in cases:
+        for note in case.notes:
+            yield DOUBT.reason("a record is doubtful", figure=note.rstrip("."), origin=case.record.name)
+    for name in {} if study.fit.trust is None else study.fit.trust.flags:
+        if name in _FLAGS:
+            yield FLAGGED.reason(f"the fit flags {_FLAGS[name]}", figure="1 flag", origin=study.fit.vehicle.name)
+    if not study.of_kind("random"):
+        figure = f"0 of {len(cases)} records are random"
+        yield NO_LEVELS.reason("levels of setups were not validated", figure=figure, origin="the records")
 
 
-def _flagged(study: VehicleValidation) -> list[str]:
-    """Return one sentence on what the fit found in the car and its model has not."""
-    flags = {} if study.fit.trust is None else study.fit.trust.flags
-    found = [_FLAGS[name] for name in flags if name in _FLAGS]
-    return [f"The fit itself flags {', '.join(found)}; see what it says of itself."] if found else []
-
-
-def _linear(study: VehicleValidation) -> list[str]:
+def _linear(study: VehicleValidation) -> Iterator[Reason]:
     """Say where the errors are of a kind that a linear model could have had right."""
     found: dict[str, float] = {}
     for case in study.independent:
@@ -180,28 +228,22 @@ def _linear(study: VehicleValidation) -> list[str]:
             spectrum = case.spectra.get(output.name)
             if spectrum is not None and spectrum.linear > _LINEAR and output.error > _MATTERS:
                 found[output.name] = max(found.get(output.name, 0.0), spectrum.linear)
-    if not found:
-        return []
-    listed = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found.items())
-    return [
-        f"Much of the error is linear in the prediction ({listed} of its power): gain or phase of the model is off."
-    ]
+    if found:
+        figure = f"{100 * max(found.values()):.0f} % of its power; limit {100 * _LINEAR:g} %"
+        yield LINEAR_ERROR.reason("an error is linear in the prediction", figure=figure, origin=listed(found))
 
 
-def _best(study: VehicleValidation) -> tuple[str, ...]:
-    """Return the figures that sum the validation up, as a sentence."""
+def _best(study: VehicleValidation) -> str:
+    """Return the figures that sum the validation up."""
     random = [o for c, o in _judged(study) if c.record.kind == "random"]
     judged = [o for _, o in _judged(study)]
-    if not judged:
-        return ()
-    said = [f"errors up to {100 * max(o.error for o in judged):.3g} % of the measured RMS"]
-    if random:
-        said.insert(0, f"RMS within {100 * max(abs(o.level) for o in random):.3g} %")
+    said = [f"RMS within {100 * max(abs(o.level) for o in random):.3g} %"] if random else []
+    said += [f"errors up to {100 * max(o.error for o in judged):.3g} % of the measured RMS"] if judged else []
     ranked = [trend.rank for trend in study.trends if not trend.is_flat]
     if ranked:
         count = len(study.trends[0].measured)
         said.append(f"rank correlation of setups at least {min(ranked):.2f} over {count} records")
-    return (f"On {len(study.independent)} records that it was not fitted to: {', '.join(said)}.",)
+    return f"{len(study.independent)} records that it was not fitted to: {', '.join(said)}"
 
 
 def _judged(study: VehicleValidation) -> Iterator[tuple[Case, Comparison]]:

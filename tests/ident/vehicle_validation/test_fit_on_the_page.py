@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from eightpost.ident.vehicle.trust import FoundForce, Orders, OutputTrust, PlacedPole, TriedOrder, Trust
-from eightpost.ident.vehicle_validation import validate_vehicle, verdict
+from eightpost.ident.vehicle_validation import validate_vehicle, validation_verdict
 from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
 from eightpost.ident.vehicle_validation.report import write_vehicle_report
+from eightpost.verdict import Grade
 
 from .conftest import records_of
 
@@ -46,9 +47,10 @@ def test_a_flag_of_the_fit_is_a_reason_to_look_and_stands_on_the_page(
     plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
     fit = replace(corner, trust=TRUST)
     study = validate_vehicle(fit, records_of(fit, *setups[:1]))
-    assert not any("flags" in reason for reason in verdict(plain).reasons)
-    assert any("springs that are not straight" in reason for reason in verdict(study).reasons)
-    assert verdict(study).kind == "open"
+    assert not any("flags" in reason.statement for reason in validation_verdict(plain).reasons)
+    found = validation_verdict(study)
+    assert any("springs that are not straight" in reason.statement for reason in found.reasons)
+    assert found.grade is Grade.LIMITED
     page = write_vehicle_report(tmp_path / "car.html", study).read_text(encoding="utf-8")
     for said in ("The fit of itself", "Springs are not straight.", "Stabilisation diagram", "4 states are taken"):
         assert said in page

@@ -59,7 +59,7 @@ def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
 def test_a_good_car_exits_0_and_says_so_with_its_figures(done: tuple[Result, Path]) -> None:
     result, _ = done
     assert result.exit_code == 0, result.output
-    for said in ("Each record and its worst outputs", "Trends of RMS", "MAC", "On 7 records that it was not fitted to"):
+    for said in ("Each record and its worst outputs", "Trends of RMS", "MAC", "7 records that it was not fitted to"):
         assert said in result.output, said
 
 
@@ -74,8 +74,8 @@ def test_the_page_says_the_verdict_first_and_loads_nothing(done: tuple[Result, P
 def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     result = run("slow.json")
     assert result.exit_code == 1, result.output
-    assert "Do not trust this car." in result.output
-    assert "RMS is wrong by more than 5 %" in result.output
+    assert "Not usable: " in result.output
+    assert "the RMS of an output is wrong" in result.output
 
 
 def test_limits_are_the_users(run: Run) -> None:
@@ -85,7 +85,7 @@ def test_limits_are_the_users(run: Run) -> None:
 
 def test_a_record_of_the_fit_is_known_by_its_digest(run: Run) -> None:
     result = run("own.json")
-    assert "The vehicle was fitted to soft.parquet" in result.output
+    assert re.search(r"the car was fitted to a record.*\(soft[.)]", result.output)
     assert run("own.json", records=("soft",)).exit_code == 1
 
 

@@ -9,11 +9,12 @@ import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle_validation import Limits, closed_at_ports, validate_vehicle, verdict
+from eightpost.ident.vehicle_validation import Limits, closed_at_ports, validate_vehicle, validation_verdict
 from eightpost.ident.vehicle_validation.prediction import port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
+from eightpost.verdict import Grade
 
 from .conftest import (
     COULOMB,
@@ -46,10 +47,12 @@ def test_the_exact_car_predicts_the_rig_to_its_noise(good) -> None:  # type: ign
 
 
 def test_the_exact_car_can_be_trusted(good) -> None:  # type: ignore[no-untyped-def]
-    found = verdict(good)
+    found = validation_verdict(good)
     assert found.is_acceptable, found.reasons
-    assert "7 records" in found.reasons[0]
-    assert "rank correlation of setups at least 1.00 over 4 records" in found.reasons[0]
+    (predicts,) = [reason for reason in found.reasons if reason.grade is Grade.USABLE]
+    assert {reason.rule for reason in found.decisive} == {"records beyond the fit's tests"}
+    assert "7 records" in predicts.figure
+    assert "rank correlation of setups at least 1.00 over 4 records" in predicts.figure
 
 
 def test_gain_and_phase_of_sines_are_those_of_the_rig(good) -> None:  # type: ignore[no-untyped-def]
@@ -75,10 +78,10 @@ def test_the_band_of_the_estimate_holds_the_true_response_as_often_as_it_says(go
 def test_a_car_that_answers_too_slowly_is_not_to_be_trusted(corner: VehicleFit, setups: list[RigTest]) -> None:
     wrong = softer(corner)
     study = validate_vehicle(wrong, records_of(wrong, *setups))
-    found = verdict(study)
-    assert found.kind == "bad"
-    assert not found.is_acceptable
-    assert "RMS is wrong by more than 5 %" in found.reasons[0]
+    found = validation_verdict(study)
+    assert found.grade is Grade.NOT_USABLE
+    assert found.reasons[0].rule == "level of an output wrong"
+    assert "limit 5 %" in found.reasons[0].figure
 
 
 def test_a_gain_that_is_off_alike_spoils_levels_and_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
@@ -94,8 +97,8 @@ def test_a_gain_that_is_off_alike_spoils_levels_and_not_trends(corner: VehicleFi
     assert trend.rank == 1.0
     assert trend.left < 0.003
     assert study.cases[0].spectra["tire_force"].linear > 0.9
-    assert verdict(study, Limits(level=0.12)).is_acceptable
-    assert not verdict(study).is_acceptable
+    assert validation_verdict(study, Limits(level=0.12)).is_acceptable
+    assert not validation_verdict(study).is_acceptable
 
 
 def test_friction_at_the_port_explains_what_the_linear_car_does_not() -> None:
@@ -154,9 +157,9 @@ def test_a_record_of_another_car_is_refused(corner: VehicleFit, setups: list[Rig
 def test_the_fits_own_records_validate_nothing(corner: VehicleFit, setups: list[RigTest]) -> None:
     own = replace(corner, vehicle=replace(corner.vehicle, sources={"run.csv": "abc"}))
     study = validate_vehicle(own, records_of(own, replace(setups[1], sha256="abc")))
-    found = verdict(study)
-    assert found.kind == "bad"
-    assert found.reasons[0].startswith("No record validates it")
+    found = validation_verdict(study)
+    assert found.grade is Grade.NOT_USABLE
+    assert found.reasons[0].statement.startswith("no record validates the car")
 
 
 def test_a_record_on_which_friction_holds_the_car_is_shown_and_not_judged() -> None:
@@ -164,16 +167,16 @@ def test_a_record_on_which_friction_holds_the_car_is_shown_and_not_judged() -> N
     gentle = quarter_test(kind="sine", frequency=1.0, amplitude=0.02 * INCH, friction=COULOMB)
     study = validate_vehicle(fit, records_of(fit, gentle, quarter_test()))
     assert [case.is_gentle for case in study.cases] == [True, False]
-    found = verdict(study)
+    found = validation_verdict(study)
     assert found.is_acceptable
-    assert any("hardly move on r1" in reason for reason in found.reasons)
+    assert any("hardly move" in reason.statement and reason.origin == "r1" for reason in found.reasons)
 
 
 def test_what_the_tests_did_not_cover_is_said_and_opens_the_verdict(corner: VehicleFit, setups: list[RigTest]) -> None:
     small = replace(corner, ranges={"frequency": (0.1, 20.0), "velocity": (-0.1, 0.1)})
     study = validate_vehicle(small, records_of(small, *setups[:1]))
     assert any("amplitudes beyond the tests of the fit: velocity" in said for said in study.cases[0].beyond)
-    assert verdict(study).kind == "open"
+    assert validation_verdict(study).grade is Grade.LIMITED
 
 
 def test_setups_ranked_the_other_way_are_a_fault(corner: VehicleFit, setups: list[RigTest]) -> None:
@@ -185,7 +188,7 @@ def test_setups_ranked_the_other_way_are_a_fault(corner: VehicleFit, setups: lis
         replace(corner.vehicle, state_space=StateSpace(model.A, turned, model.C, model.D, model.inputs, model.outputs))
     )
     study = validate_vehicle(fit, records_of(fit, *setups))
-    assert any("ranks setups otherwise than the rig" in reason for reason in verdict(study).reasons)
+    assert any("ranks setups otherwise" in reason.statement for reason in validation_verdict(study).reasons)
 
 
 @pytest.mark.parametrize("limits", [{"level": 0.0}, {"error": -1.0}, {"rank": 2.0}])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from eightpost.ident.shock.curve.basis import CurveBasis, split_coefficients
 from eightpost.ident.shock.record.preparation import TRANSITION_SPEED, TRANSITION_WIDTH
+from eightpost.ident.shock.report.verdict import peak_velocity_validity
 from eightpost.shock import Polylinear, Port, Shock, StaticCurve
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> S
     at_points = np.array([curve.force(v) for v in velocity.tolist()]) - force
     grid = np.linspace(velocity[0], velocity[-1], _POINTS)
     between = basis.design(grid) @ coefficients - joined(grid)
-    fit = {
+    fit: dict[str, Any] = {
         "recipe": "peak velocity",
         "points": int(force.size),
         "rms [N]": float(np.sqrt(np.mean(at_points**2))),
@@ -61,15 +62,23 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> S
         "changes": [_why(table)],
         "warnings": _warnings(table, at_points, force),
     }
+    conditions = {
+        **({"clicks": table.clicks} if table.clicks else {}),
+        "velocity_range [m/s]": [-float(table.speed[-1]), float(table.speed[-1])],
+    }
     return Shock(
         name=name or (table.source.stem if table.source else table.clicks or "shock"),
         law=Polylinear(curve, port=Port()),
-        conditions={
-            **({"clicks": table.clicks} if table.clicks else {}),
-            "velocity_range [m/s]": [-float(table.speed[-1]), float(table.speed[-1])],
-        },
+        conditions=conditions,
         fit=fit,
         inputs=({"name": table.source.name, "sha256": table.sha256},) if table.source else (),
+        validity=peak_velocity_validity(
+            percent=100.0 * fit["rms [N]"] / fit["standard_deviation [N]"],
+            points=force.size,
+            doubts=fit["warnings"],
+            conditions=conditions,
+            origin=table.source.name if table.source else "a table in memory",
+        ),
     )
 
 

@@ -50,18 +50,22 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
     found = [] if solution.converged else [f"the fit did not converge: {solution.status}"]
     found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
-    found += _unused_fading(solution)
-    found += _stiff_with_lag(solution, recipe)
+    found += doubts(solution, own, recipe=recipe, gas=gas)
     deviation = solution.model.runs.deviation
-    notable = _NOTABLE_OFFSET * deviation
-    found += [_pulling(p) for p in own if p.name == "gas_preload" and p.value < -notable]
-    found += _offset(solution) if gas == "subtracted" else []
     if rms > _POOR * deviation:
         found.append(
             f"the residual is {100.0 * rms / deviation:.1f} % of the force's standard deviation: this law does not "
             "describe this record well"
         )
     return found
+
+
+def doubts(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
+    """Return a sentence for what is doubtful beside convergence, bounds and residual; arguments as of `findings`."""
+    notable = _NOTABLE_OFFSET * solution.model.runs.deviation
+    pulling = [_pulling(p) for p in parameters if p.name == "gas_preload" and p.value < -notable]
+    offset = _offset(solution) if gas == "subtracted" else []
+    return [*_unused_fading(solution), *_stiff_with_lag(solution, recipe), *pulling, *offset]
 
 
 def _at_bound(parameter: Parameter) -> str:

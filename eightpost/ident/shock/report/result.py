@@ -10,11 +10,13 @@ import numpy as np
 from eightpost.ident.shock.curve.fitted_curve import fitted_curve
 from eightpost.ident.shock.laws.simulation import simulate
 from eightpost.ident.shock.report.description import conditions_of, digest_of, fit_of, inputs_of, notes_of
-from eightpost.ident.shock.report.findings import findings
+from eightpost.ident.shock.report.findings import doubts, findings
 from eightpost.ident.shock.report.parameters import parameters_of
+from eightpost.ident.shock.report.verdict import shock_validity
 from eightpost.ident.shock.solvers.uncertainty import CurveBand, curve_band, quantile
 from eightpost.shock import Port, Shock
 from eightpost.signals import TimeSeries
+from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -73,6 +75,12 @@ class ShockFit:
     digest: str
 
     @property
+    def verdict(self) -> Verdict:
+        """Whether the shock can be used, and why (docs/verdict.md)."""
+        assert self.shock.validity is not None  # `result_of` gives it one
+        return self.shock.validity.verdict
+
+    @property
     def percent(self) -> float:
         """The residual's RMS in percent of the standard deviation."""
         return 100.0 * self.rms / self.deviation
@@ -118,15 +126,24 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
     parameters = parameters_of(solution)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
-    doubts = (*notes_of(tests), *found, *ends)
+    warnings = (*notes_of(tests), *found, *ends)
+    conditions = conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
-    said = {"changes": list(story.changes), "warnings": list(doubts), "weighed_down": story.weighed_down}
+    said = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.weighed_down}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
-        conditions=conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness)),
+        conditions=conditions,
         fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | said,
         inputs=inputs_of(tests),
+        validity=shock_validity(
+            tests,
+            percent=100.0 * rms / runs.deviation,
+            trouble="" if solution.converged else solution.status or "no minimum was found",
+            parameters=parameters,
+            doubts=(*doubts(solution, parameters, recipe=story.recipe, gas=story.gas), *ends),
+            conditions=conditions,
+        ),
     )
     return ShockFit(
         shock=shock,
@@ -140,7 +157,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         status=solution.status,
         seconds=seconds,
         changes=story.changes,
-        warnings=doubts,
+        warnings=warnings,
         measured=measured,
         predicted=predicted,
         digest=digest_of(tests[0]),

@@ -18,7 +18,6 @@ from eightpost.ident.validation.report.bump_figures import bump_figure
 from eightpost.ident.validation.report.random_figures import random_figure
 from eightpost.ident.validation.report.sine_figures import sine_figures
 from eightpost.ident.validation.report.static_figures import overlay, static_figure
-from eightpost.ident.validation.report.verdict import verdict
 from eightpost.ident.validation.tables import (
     Amount,
     bump_table,
@@ -31,6 +30,7 @@ from eightpost.ident.validation.tables import (
     table_3_4,
     table_3_5,
 )
+from eightpost.ident.validation.verdict import validation_verdict
 from eightpost.page import compressed, insert, plotly, template
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def page(study: ValidationStudy, *, limit: float | None, title: str) -> str:
     content = {"figures": figures, "units": {unit: [field_factor(unit), field_unit(unit)] for unit in _UNITS}}
     return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
         title=title,
-        verdict=verdict(study, limit),
-        notes=notes_on(study, limit),
+        verdict=validation_verdict(study, limit),
+        notes=notes_on(study),
         sections=sections,
         tables=(table_3_5(study), table_3_4(study)),
         named=any(record.configuration for record in study.records),

@@ -12,7 +12,7 @@ from eightpost.files import atomic_path
 from eightpost.ident.validation.field_units import field_factor, field_unit
 from eightpost.ident.validation.report.page import caption, cell, unit
 from eightpost.ident.vehicle_validation import tables
-from eightpost.ident.vehicle_validation.findings import Limits, verdict
+from eightpost.ident.vehicle_validation.findings import Limits, validation_verdict
 from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
 from eightpost.ident.vehicle_validation.report.level_figures import (
     correlation_figure,
@@ -74,7 +74,7 @@ def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
     content = {"figures": figures, "units": {name: [field_factor(name), field_unit(name)] for name in _UNITS}}
     return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
         title=title,
-        verdict=verdict(study, limits),
+        verdict=validation_verdict(study, limits),
         limits=limits.said(),
         sections=sections,
         study=study,

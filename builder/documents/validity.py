@@ -1,0 +1,97 @@
+"""resources/eightpost.json: how far an FMU's model can be used, for the run that it becomes part of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+from builder.documents.subject import Disclosure
+from eightpost.errors import InputError
+from eightpost.shock import Shock
+from eightpost.validity import MEMBER, Range, Validity
+from eightpost.vehicle import StructuralVehicle, Vehicle
+from eightpost.verdict import Grade, Rule, Verdict
+
+SHOCK_UNKNOWN = Rule(
+    "fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
+    condition="the shock file states no verdict: it is of an older version, or was not fitted",
+    why="how well it describes a shock was not recorded",
+    remedy="fit the record again (eightpost fit), and build again",
+)  # fmt: skip
+VEHICLE_UNKNOWN = Rule(
+    "fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
+    condition="the vehicle file states no verdict: it is of an older version, or was not identified",
+    why="how well it describes a car was not recorded",
+    remedy="identify it again (eightpost identify), and build again",
+)  # fmt: skip
+PARAMETERS_STATED = Rule(
+    "vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
+    condition="the vehicle is given by masses, springs and dampers",
+    why="it is the car of these parameters; whether that is the car on the track was not examined",
+    remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
+)  # fmt: skip
+
+RULES: tuple[Rule, ...] = (SHOCK_UNKNOWN, VEHICLE_UNKNOWN, PARAMETERS_STATED)
+
+
+def validity_of(source: Shock | Vehicle) -> Validity:
+    """Return what is known of a source."""
+    if isinstance(source, StructuralVehicle):
+        figure, said = (
+            f"{len(fields(source.parameters))} parameters",
+            "the car's parameters were stated, not identified",
+        )
+        return Validity(Verdict([PARAMETERS_STATED.reason(said, figure=figure, origin=source.name)]))
+    if source.validity is not None:
+        return source.validity
+    return _unknown(SHOCK_UNKNOWN if isinstance(source, Shock) else VEHICLE_UNKNOWN, source.name)
+
+
+def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:
+    """Return the archive's member; a confidential one has the FMU's name in place of files' names."""
+    known = validity_of(source)
+    if disclosure is Disclosure.CONFIDENTIAL:
+        known = _with_origin(known, identifier)
+    return _member(known)
+
+
+def combined_member(
+    parts: Mapping[str, bytes | None], fed: Mapping[str, str], variables: frozenset[str]
+) -> dict[str, bytes]:
+    """Return the member of an FMU that is made of others.
+
+    Args:
+        parts: The same member of each part, by component name; None where a part has none.
+        fed: Variable that feeds each connected input without a factor, both as `component.variable`.
+        variables: Names of the whole's variables: of a part's, `component.variable`.
+    """
+    verdicts, ranges = [], list[Range]()
+    for name, content in parts.items():
+        known = read_validity(content) or _unknown(SHOCK_UNKNOWN, name)
+        verdicts.append(Verdict(replace(r, origin=f"{name}: {r.origin}") for r in known.verdict.reasons))
+        places = [f"{name}.{covered.variable}" for covered in known.ranges]
+        named = [replace(c, variable=fed.get(place, place)) for c, place in zip(known.ranges, places, strict=True)]
+        ranges += [covered for covered in named if covered.variable in variables or covered.kind == "condition"]
+    return _member(Validity(Verdict.combined(verdicts), tuple(dict.fromkeys(ranges))))
+
+
+def read_validity(content: bytes | None) -> Validity | None:
+    """Return what a member says; None where there is none that can be read."""
+    try:
+        return None if content is None else Validity.from_json(json.loads(content))
+    except (ValueError, InputError):
+        return None
+
+
+def _unknown(rule: Rule, origin: str) -> Validity:
+    reason = rule.reason("how good the fit is was not recorded", figure="0 findings stated", origin=origin)
+    return Validity(Verdict([reason]))
+
+
+def _with_origin(known: Validity, origin: str) -> Validity:
+    return replace(known, verdict=Verdict(replace(reason, origin=origin) for reason in known.verdict.reasons))
+
+
+def _member(known: Validity) -> dict[str, bytes]:
+    return {MEMBER: (json.dumps(known.to_json(), indent=1, allow_nan=False) + "\n").encode()}

@@ -1,0 +1,95 @@
+"""The verdict on an identified vehicle: how well it meets its tests, what they hint at, what ranges they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from eightpost.validity import Range, Validity
+from eightpost.verdict import Grade, Reason, Rule, Verdict
+
+if TYPE_CHECKING:
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+    from eightpost.vehicle.statespace import StateSpace
+
+ABOUT = "fit of the vehicle"
+
+#: Misfit of an output, weighted by frequency as the fit was [1].
+GOOD_FIT, POOR_FIT = 0.1, 0.3
+
+UNSTABLE = Rule(
+    "vehicle not stable", ABOUT, Grade.NOT_USABLE,
+    condition="the car does not settle with each linear damper that was tried",
+    why="a run with such shocks goes to infinity, or near it",
+    remedy="identify with more tests of other shocks, or without the channels that fit worst",
+)  # fmt: skip
+MISFIT = Rule(
+    "large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
+    condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
+    why="a third of the output's response is not in the model",
+    remedy="look at the plots of the fit; leave the output out (--output-channels), or repeat the tests",
+)  # fmt: skip
+DOUBTFUL_FIT = Rule(
+    "notable misfit of the vehicle", ABOUT, Grade.LIMITED,
+    condition=f"misfit of an output above {100 * GOOD_FIT:g} %",
+    why="differences between setups are of this size",
+    remedy="compare setups by the other outputs, and validate on other records (eightpost validate)",
+)  # fmt: skip
+GOOD = Rule(
+    "small misfit of the vehicle", ABOUT, Grade.USABLE,
+    condition=f"misfit of every output at most {100 * GOOD_FIT:g} %",
+    why="differences between setups are larger",
+    remedy="nothing",
+)  # fmt: skip
+FLAG = Rule(
+    "flag of the identification", ABOUT, Grade.LIMITED,
+    condition="the tests show what no linear model has: friction, springs that are not straight, tires that lift off, "
+    "a misfit beyond noise, an output that no input explains",
+    why="the model is right near the tests' amplitudes only",
+    remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
+)  # fmt: skip
+
+RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
+
+#: Friction is in the model where it was found.
+_MODELLED = ("friction",)
+
+
+def with_validity(fit: VehicleFit) -> VehicleFit:
+    """Return a fit whose vehicle carries the verdict on it and the ranges that it covers."""
+    validity = Validity(fit_verdict(fit), tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
+    return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
+
+
+def fit_verdict(fit: VehicleFit) -> Verdict:
+    """Return the verdict on a fit."""
+    return Verdict(_reasons(fit))
+
+
+def _reasons(fit: VehicleFit) -> Iterator[Reason]:
+    origin = f"{fit.recipe} fit to {', '.join(fit.sources) or 'records in memory'}"
+    if not fit.stable:
+        yield UNSTABLE.reason("the car does not settle with every damper", figure="1 damper or more", origin=origin)
+    worst = max(fit.residual, key=lambda name: fit.residual[name])
+    value = fit.residual[worst]
+    rule = GOOD if value <= GOOD_FIT else DOUBTFUL_FIT if value < POOR_FIT else MISFIT
+    said = "the model meets its tests" if rule is GOOD else "the model does not meet its tests well"
+    figure = f"{worst} {100 * value:.1f} %; limits {100 * GOOD_FIT:g} and {100 * POOR_FIT:g} %"
+    yield rule.reason(said, figure=figure, origin=origin)
+    for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
+        if name not in _MODELLED:
+            yield FLAG.reason("the car is not quite linear", figure=sentence.rstrip("."), origin=origin)
+
+
+def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
+    """Yield the ranges of a fit that are of the model's channels, and its band for every shock velocity."""
+    units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
+    for name, (low, high) in ranges.items():
+        if name in units:
+            yield Range(name, "amplitude", low, high, units[name])
+    if "frequency" in ranges:
+        low, high = ranges["frequency"]
+        for channel in model.outputs:
+            if channel.name.rpartition(".")[2] == "velocity":
+                yield Range(channel.name, "frequency", low, high, "Hz")

@@ -1,0 +1,211 @@
+"""What a fit knows of a shock comes with it into its FMU, and is said again by every run (docs/verdict.md)."""
+
+from __future__ import annotations
+
+import html
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from builder.documents import Disclosure
+from builder.documents.validity import combined_member, validity_of
+from builder.native.native_fmu import _source
+from builder.product import shock_product, vehicle_product
+from builder.python_fmu import python_fmu
+from cosim import FmuComponent
+from eightpost.__main__ import main
+from eightpost.archive import read_archive, write_archive
+from eightpost.ident import fit_shock
+from eightpost.rig import DynoTest, read_dyno_test
+from eightpost.rig.dyno_notes import notes_of
+from eightpost.shock import Shock, read_shock, write_shock
+from eightpost.signals import TimeSeries
+from eightpost.validity import MEMBER, Range, Validity
+from eightpost.vehicle import IdentifiedVehicle, read_vehicle, shipped, write_vehicle
+from eightpost.verdict import Grade, Reason, Verdict
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+QUARTER = """
+schema = 1
+name = "quarter car"
+
+[components.corner]
+fmu = "corner.fmu"
+inputs = {{ aero_force = 0.0 }}
+
+[components.shock]
+fmu = "{shock}"
+
+[[bond]]
+between = ["corner", "shock"]
+
+[scenario]
+drivefile = "{track}"
+stop = "4 s"
+settling = "1 s"
+record_step = "4 ms"
+record = {record}
+
+[scenario.targets]
+"lf.road" = "corner.road"
+"""
+
+
+def late_and_slow(delay: float, size: float) -> DynoTest:
+    """The demo's record with its force late by `delay` [s] and all of it `size` times as large."""
+    test = read_dyno_test(EXAMPLES / "data" / "dyno_A.csv")
+    series, late = test.series.select(["velocity", "displacement", "force"]), round(delay * test.series.sample_rate)
+    values = size * series.values
+    values[2] = np.roll(values[2], late)
+    moved = TimeSeries(series.time, values, series.names, series.units).window(1.0, 12.0)
+    return replace(test, series=moved, notes=notes_of(moved))
+
+
+@pytest.fixture(scope="module")
+def bad() -> Shock:
+    """A shock whose record has a lag of 40 ms, and motions too small for a track."""
+    return fit_shock(late_and_slow(0.040, 0.1), "lpf1", name="late").shock
+
+
+@pytest.fixture(scope="module")
+def folder(bad: Shock, one_platform, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shock's file, and FMUs of it and of a quarter car, built by the command."""
+    folder = tmp_path_factory.mktemp("carried")
+    write_shock(bad, folder / "late.json")
+    with one_platform():
+        car = CliRunner().invoke(main, ["build", str(EXAMPLES / "corner.toml"), "-o", str(folder)])
+        shock = CliRunner().invoke(main, ["build", str(folder / "late.json"), "-o", str(folder)])
+    assert car.exit_code == 0, car.output
+    assert "Usable within limits: the car's parameters were stated" in car.output
+    assert shock.exit_code == 1, shock.output
+    assert shock.output.count("Not usable: ") == 1
+    assert "the force does not follow the velocity" in shock.output
+    return folder
+
+
+def run(folder: Path, shock: str, record: str = '["corner.velocity", "corner.displacement", "shock.force"]'):
+    track = EXAMPLES / "data" / "track.parquet"
+    (folder / "system.toml").write_text(QUARTER.format(shock=shock, track=track.as_posix(), record=record))
+    out = folder / "out"
+    words = ["run", str(folder / "system.toml"), "-o", str(out), "--algorithm", "gauss-seidel", "--step", "2 ms"]
+    done = CliRunner().invoke(main, [*words, "--report"])
+    return done, json.loads((out / "result.json").read_text()), (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_lag_of_the_instrument_and_a_range_that_is_left_are_said_from_the_fit_to_the_run(folder: Path) -> None:
+    """The shock of the audit: a lag of 40 ms, and most of the time outside the fitted velocities, under green."""
+    done, document, page = run(folder, "late.fmu")
+    assert done.exit_code == 1, done.output
+    verdict = Verdict.from_json(document["verdict"])
+    found = {reason.rule: reason for reason in verdict.reasons}
+    assert verdict.grade is Grade.NOT_USABLE
+    assert found["lag of the instrument"].figure.startswith(("38", "39", "40", "41"))
+    assert found["lag of the instrument"].origin == "late.fmu: record dyno_A.csv"
+    assert found["mostly outside the fitted velocities"].origin == "component shock"
+    assert found["energy residual small"].grade is Grade.USABLE  # the coupling is not to blame, and it says so
+    assert 'class="verdict not-usable"' in page
+    for reason in verdict.reasons:
+        assert reason.statement in done.output
+        assert reason.statement in html.unescape(page)
+
+
+def test_an_fmu_that_says_nothing_of_its_model_is_unknown_and_its_coupling_is_judged_all_the_same(
+    folder: Path,
+) -> None:
+    members = read_archive(folder / "late.fmu")
+    del members[MEMBER]
+    write_archive(folder / "silent.fmu", members)
+    _, document, _ = run(folder, "silent.fmu")
+    verdict = Verdict.from_json(document["verdict"])
+    unknown = [reason for reason in verdict.reasons if reason.rule == "validity of a model unknown"]
+    assert [reason.origin for reason in unknown] == ["component shock (silent.fmu)"]
+    assert verdict.grades["energy"] is Grade.USABLE
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b'{"schema": 9}', b'{"schema": 1, "verdict": 3}', b"\xff", b"[" * 9000]
+)
+def test_a_damaged_member_is_no_error_but_unknown(folder: Path, content: bytes) -> None:
+    members = read_archive(folder / "late.fmu")
+    write_archive(folder / "damaged.fmu", members | {MEMBER: content})
+    assert FmuComponent(folder / "late.fmu", "shock").validity is not None
+    assert FmuComponent(folder / "damaged.fmu", "shock").validity is None
+
+
+def test_the_fit_itself_says_so_and_its_file_keeps_it(bad: Shock, tmp_path: Path) -> None:
+    assert bad.validity is not None
+    rules = {reason.rule for reason in bad.validity.verdict.reasons}
+    assert {"lag of the instrument", "parameter at its bound"} <= rules
+    write_shock(bad, tmp_path / "shock.json")
+    assert read_shock(tmp_path / "shock.json").validity == bad.validity
+    kinds = {(covered.variable, covered.kind) for covered in bad.validity.ranges}
+    assert {("displacement", "amplitude"), ("velocity", "frequency")} <= kinds
+
+
+def test_a_shock_file_without_a_verdict_is_read_and_says_that_its_fit_is_unknown(bad: Shock, tmp_path: Path) -> None:
+    write_shock(replace(bad, validity=None), tmp_path / "old.json")
+    old = read_shock(tmp_path / "old.json")
+    assert old.validity is None
+    verdict = validity_of(old).verdict
+    assert verdict.grade is Grade.UNKNOWN
+    assert "fit the record again" in verdict.reasons[0].remedy
+
+
+def test_every_kind_of_fmu_carries_it(bad: Shock) -> None:
+    product = shock_product(bad, "late")
+    python, native = python_fmu(product), _source(product, Disclosure.FULL).members
+    assert python[MEMBER] == native[MEMBER]
+    assert Validity.from_json(json.loads(native[MEMBER])) == bad.validity
+
+
+def test_a_confidential_fmu_carries_the_verdict_without_names_of_files(bad: Shock) -> None:
+    members = _source(shock_product(bad, "late"), Disclosure.CONFIDENTIAL).members
+    carried = Validity.from_json(json.loads(members[MEMBER]))
+    assert carried.verdict.grade is Grade.NOT_USABLE
+    assert b"dyno_A" not in members[MEMBER]
+
+
+def test_an_assembly_has_the_verdicts_of_its_parts_and_the_ranges_of_its_own_variables(bad: Shock) -> None:
+    parts = {"car": None, "lf": _source(shock_product(bad, "late"), Disclosure.FULL).members[MEMBER]}
+    fed = {"lf.displacement": "car.lf.displacement", "lf.velocity": "car.lf.velocity"}
+    (content,) = combined_member(parts, fed, frozenset({"car.lf.displacement"})).values()
+    whole = Validity.from_json(json.loads(content))
+    assert whole.verdict.grade is Grade.NOT_USABLE
+    assert any(reason.grade is Grade.UNKNOWN and "car" in reason.origin for reason in whole.verdict.reasons)
+    assert all(reason.origin.startswith(("lf: ", "car")) for reason in whole.verdict.reasons)
+    assert [covered.variable for covered in whole.ranges if covered.kind != "condition"] == ["car.lf.displacement"]
+
+
+def test_a_vehicle_file_keeps_its_verdict(tmp_path: Path) -> None:
+    car = read_vehicle(shipped("quarter_car"))
+    reason = Reason("r", "fit of the vehicle", Grade.LIMITED, "s", "7 %", "run.csv", "do it")
+    known = Validity(Verdict([reason]), (Range("velocity", "frequency", 0.1, 16.0, "Hz"),))
+    vehicle = IdentifiedVehicle("car", car.coupled(), validity=known)
+    write_vehicle(tmp_path / "car.json", vehicle)
+    found = read_vehicle(tmp_path / "car.json")
+    assert isinstance(found, IdentifiedVehicle)
+    assert found.validity == known
+    members = _source(vehicle_product(found, "car"), Disclosure.FULL).members
+    assert Validity.from_json(json.loads(members[MEMBER])) == known
+
+
+def test_validation_writes_its_verdict_into_the_shock_when_asked(tmp_path: Path) -> None:
+    fitted = fit_shock(read_dyno_test(EXAMPLES / "data" / "dyno_A.csv"), "polylinear", name="A").shock
+    write_shock(fitted, tmp_path / "A.json")
+    words = ["validate", str(tmp_path / "A.json"), str(EXAMPLES / "data" / "dyno_C.csv"), "--limit", "10"]
+    before = (tmp_path / "A.json").read_bytes()
+    assert CliRunner().invoke(main, words).exit_code == 1  # C is another shock
+    assert (tmp_path / "A.json").read_bytes() == before
+    done = CliRunner().invoke(main, [*words, "--keep"])
+    assert done.exit_code == 1, done.output
+    kept = read_shock(tmp_path / "A.json")
+    assert kept.validity is not None
+    assert kept.validity.verdict.grade is Grade.NOT_USABLE
+    assert kept.validity.ranges == fitted.validity.ranges
+    CliRunner().invoke(main, [*words[:-1], "1000", "--keep"])
+    again = read_shock(tmp_path / "A.json").validity.verdict
+    assert again.grade is not Grade.NOT_USABLE  # it took the place of the earlier one
