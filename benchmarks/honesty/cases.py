@@ -135,7 +135,8 @@ class Case:
             parts.append(f"seal {seal:.0f} N")
         parts.append(self._driven())
         if self.held:
-            parts.append(f"holds: {', '.join(sorted(self.held))}")
+            named = ", ".join(sorted(self.held)) if len(self.held) < 6 else f"{len(self.held)} components"
+            parts.append(f"holds: {named}")
         if self.python:
             parts.append(f"python: {', '.join(sorted(self.python))}")
         return "; ".join(parts)
