@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.study.measures import DISPLAY, Measure
+from cosim.display import DISPLAY
 from eightpost import units
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
+
+if TYPE_CHECKING:
+    from cosim.study.measures import Measure
 
 _COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 
@@ -28,8 +32,13 @@ def plot_traces(
     title: str = "Time traces",
 ) -> None:
     """Draw channels over time between `start` and `stop` [s], one panel each, one line per run."""
-    figure = Figure(figsize=(11, 1.9 * len(channels) + 0.8), layout="constrained")
-    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    # Margins in inches. A layout that is computed would draw all panels once more: most of a short run's time.
+    width, height = 11.0, 1.9 * len(channels) + 0.8
+    margins = {"left": 1.0 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.45 / height}
+    figure = Figure(figsize=(width, height))
+    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False, gridspec_kw={**margins, "hspace": 0.12})[
+        :, 0
+    ]
     for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), _COLORS, strict=False):
             shown = series.window(start, stop)
@@ -37,8 +46,7 @@ def plot_traces(
         _label(panel, runs, channel)
     panels[-1].set_xlabel("time [s]")
     panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
-    figure.align_ylabels()
-    figure.suptitle(title)
+    figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
     _save(figure, path)
 
 
@@ -108,6 +116,7 @@ def _displayed(series: TimeSeries, channel: str) -> np.ndarray[tuple[int], np.dt
 
 def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
     panel.set_ylabel(f"{channel}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.yaxis.set_label_coords(-0.055, 0.5)
     panel.grid(alpha=0.3)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cosim.display import DISPLAY
 from cosim.study.band import Filtered
 from cosim.study.own_measure import own_function
 from cosim.study.statistics import Array, Response, options_for, rms, statistic
@@ -14,9 +15,6 @@ from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
 __all__ = ["DISPLAY", "Measure", "available", "channel_measures", "ride_measures", "rms"]
-
-#: SI unit -> what a race engineer reads on an axis.
-DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
 
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 

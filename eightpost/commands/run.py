@@ -13,7 +13,6 @@ from rich.progress import Progress
 
 import cosim
 from cosim.plots import plot_traces
-from cosim.report import write_report
 from cosim.ssp import Given
 from cosim.system_file import Case, read_case
 from eightpost import units
@@ -101,6 +100,8 @@ def _write(case: Case, result: cosim.Result, output: Path, *, report: bool) -> l
     shown, (first, last) = result.series.names[:_PANELS], _window(result.series)
     plot_traces({case.name: result.series}, shown, paths[-1], start=first, stop=last, title=case.name)
     if report:
+        from cosim.report import write_report  # noqa: PLC0415 -- most runs write none
+
         page = output / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
     return paths

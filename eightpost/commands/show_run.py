@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 import cosim
-from cosim.study.measures import DISPLAY
+from cosim.display import DISPLAY
 from eightpost import units
 from eightpost.commands.show_verdict import show_verdict
 

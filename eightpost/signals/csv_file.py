@@ -12,6 +12,7 @@ import pyarrow.csv
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
+from eightpost.signals.arrow_columns import to_arrow, to_numpy
 from eightpost.signals.csv_blocks import Block, find_blocks
 from eightpost.signals.csv_dialect import Layout, find_layout, split_cells
 from eightpost.signals.origin import Origin
@@ -99,7 +100,7 @@ def _vector(column: Any) -> NDArray[Any]:
     if pa.types.is_null(column.type):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        return np.asarray(column.to_numpy(), dtype=np.float64)
+        return to_numpy(column)
     return np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
 
 
@@ -143,7 +144,7 @@ def write_csv(
         header.append(_quoted(f"{titles.get(name, name)} [{written}]"))
         # Adding zero turns the minus zeros of rounding into plain ones.
         vectors.append(converted if name not in decimals else np.round(converted, decimals[name]) + 0.0)
-    table = pa.table(vectors, names=[str(i) for i in range(len(vectors))])
+    table = pa.table([to_arrow(vector) for vector in vectors], names=[str(i) for i in range(len(vectors))])
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         stream.write("".join(f"{line}\n" for line in (*preamble, ",".join(header))).encode())
         pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False))

@@ -11,6 +11,7 @@ import pyarrow.parquet
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
+from eightpost.signals.arrow_columns import to_arrow, to_numpy
 from eightpost.signals.header import split_header
 from eightpost.signals.origin import Origin
 from eightpost.signals.provenance import parse_header, time_series_header
@@ -34,7 +35,7 @@ def read_parquet(path: str | Path) -> RawRecord:
     """
     path = Path(path)
     try:
-        table = pa.parquet.read_table(path, use_threads=False)
+        table = pa.parquet.ParquetFile(path).read(use_threads=False)
     except pa.ArrowInvalid as error:
         raise FileFormatError(f"not a Parquet file: {error}", path=path) from error
     header = parquet_header(path)
@@ -56,7 +57,7 @@ def _named(name: str, header: Mapping[str, Any]) -> tuple[str, str | None]:
 
 def _vector(column: Any) -> NDArray[Any]:
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        return np.asarray(column.to_numpy(), dtype=np.float64)
+        return to_numpy(column)
     return np.array([str(cell) for cell in column.to_pylist()], dtype=object)
 
 
@@ -78,7 +79,7 @@ def write_parquet(
         storage: Number type of the channels; time is always float64.
     """
     units = {"time": "s", **dict(zip(series.names, series.units, strict=True))}
-    columns = [series.time, *(row.astype(storage) for row in series.values)]
+    columns = [to_arrow(series.time), *(to_arrow(row.astype(storage)) for row in series.values)]
     table = pa.table(columns, names=list(units))
     table = table.replace_schema_metadata({_KEY: time_series_header(units, sources=sources, note=note)})
     with atomic_path(path) as temporary:
