@@ -13,15 +13,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fmpy
-import platformdirs
 
+from eightpost.cache import keep, recall
 from eightpost.errors import FmuError
-from eightpost.files import atomic_path, sha256_of
+from eightpost.files import sha256_of, writing
 
 #: Doubles as written, no fused operations; a foreign source's warnings are not ours to judge.
 #: The definition keeps the functions' plain names (FMI 2.0.2 and later).
 _FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX")
 _TIMEOUT = 600.0  # s
+#: Folder of the cache that the libraries are kept in.
+_KEPT_IN = "rebuilt"
 _CPP = {".cc", ".cpp", ".cxx"}
 
 
@@ -45,12 +47,14 @@ def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[s
     if not files:
         return  # the caller says that there is neither a binary nor a source
     command = [*find_compiler(), *_options(files)]
-    library = _cache_folder() / f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
-    if not library.is_file():
-        _compile(path, folder / "sources", [*command, *files], library)
+    key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
+    if (library := recall(_KEPT_IN, key)) is None:
+        library = _compile(path, folder / "sources", [*command, *files])
+        keep(_KEPT_IN, key, library)
     target = folder / "binaries" / fmpy.platform / f"{identifier}{fmpy.sharedLibraryExtension}"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(library, target)
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(library)
 
 
 def find_compiler() -> list[str]:
@@ -78,19 +82,15 @@ def _has_cpp(files: Sequence[str]) -> bool:
     return any(Path(name).suffix in _CPP for name in files)
 
 
-def _cache_folder() -> Path:
-    return Path(os.environ.get("EIGHTPOST_CACHE") or platformdirs.user_cache_path("eightpost")) / "rebuilt"
-
-
 def _key(path: Path, command: Sequence[str]) -> str:
     version = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
     parts = (sha256_of(path).encode(), fmpy.platform.encode(), version, "\0".join(command).encode())
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
-def _compile(path: Path, sources: Path, command: Sequence[str], library: Path) -> None:
+def _compile(path: Path, sources: Path, command: Sequence[str]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="fmu_build_") as build:
-        made = Path(build) / library.name
+        made = Path(build) / f"library{fmpy.sharedLibraryExtension}"
         # The mathematics library last: what needs it comes before it.
         said = _run([*command, "-o", str(made), *([] if os.name == "nt" else ["-lm"])], sources)
         if said or not made.is_file():
@@ -98,8 +98,7 @@ def _compile(path: Path, sources: Path, command: Sequence[str], library: Path) -
                 f"{path}: its sources do not compile with {Path(command[0]).name}: {said or 'it made no library'}; ask "
                 f"for a binary for this platform ({fmpy.platform})"
             )
-        with atomic_path(library) as kept:
-            shutil.copyfile(made, kept)
+        return made.read_bytes()
 
 
 def _run(command: Sequence[str], folder: Path) -> str:

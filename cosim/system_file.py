@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +20,7 @@ from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.system import Bond, Connection, System, find_variable
 from eightpost import units
 from eightpost.errors import InputError, UnknownUnitError, WiringError
+from eightpost.files import toml_content
 from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
@@ -49,7 +49,7 @@ _PERCENT = 0.01
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class _Component(_Strict):
@@ -188,12 +188,7 @@ def _package(
 
 
 def _read(path: Path) -> _File:
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: is not a readable TOML file: {error}") from error
+    content = toml_content(path)
     if content.get("schema", SCHEMA) != SCHEMA:
         raise InputError(f"{path}: has schema {content['schema']!r}, this version reads {SCHEMA}; update eightpost")
     try:

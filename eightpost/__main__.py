@@ -58,6 +58,9 @@ class _Verbs(click.Group):
         except OSError as error:  # a full disk, a folder that may not be written
             _complain(f"{error.filename or 'file system'}: {error.strerror or error}")
             ctx.exit(2)
+        except MemoryError:
+            _complain("there is not enough memory for this: give smaller files, or close other programs")
+            ctx.exit(2)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the verbs in the order of the work."""
@@ -76,7 +79,14 @@ class _Verbs(click.Group):
             formatter.write_dl(list(VERBS.items()))
 
 
+#: Characters of a message that are shown: a damaged file may have a name of megabytes in it.
+_SHOWN = 4000
+
+
 def _complain(text: str) -> None:
+    if len(text) > _SHOWN:
+        text = f"{text[: _SHOWN // 2]} ... {text[-_SHOWN // 2 :]}"
+    text = "".join(letter if letter.isprintable() or letter in "\n\t" else repr(letter)[1:-1] for letter in text)
     Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}", highlight=False)
 
 

@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+import lzma
 import stat
+import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
+from typing import IO
 
-from eightpost.errors import FmuError
-from eightpost.files import atomic_path
+from eightpost.errors import EightpostError, FmuError
+from eightpost.files import atomic_path, writing
 
 #: The earliest date a zip entry can carry: a real one would make every build differ.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+
+#: Limits of an archive that is opened: entries, and bytes unpacked of one entry and of all. FMUs with the libraries of
+#: six platforms and their tables have some hundred MB.
+MOST_ENTRIES, LARGEST_ENTRY, LARGEST_TOTAL = 20_000, 2 * 2**30, 4 * 2**30
+#: Bytes unpacked over bytes stored that an archive and each of its entries may reach once they are larger than
+#: `_SMALL` [bytes]: libraries reach 5, tables of text 20, and a bomb 1000.
+LARGEST_RATIO, _SMALL = 200, 64 * 2**20
+
+_PIECE = 2**20  # bytes
+
+#: What zipfile and its decompressors raise for damaged archives.
+_DAMAGE = (
+    zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, LookupError,
+    NotImplementedError, RuntimeError, ValueError, OverflowError, MemoryError,
+)  # fmt: skip
 
 
 def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
@@ -29,39 +48,128 @@ def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
             archive.writestr(entry, members[name])
 
 
-def read_archive(path: str | Path) -> dict[str, bytes]:
-    """Return every file of a zip: name -> content.
+@contextmanager
+def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
+    """Open a zip to read it. Every zip is opened here, so that the limits hold for all.
+
+    Args:
+        path: The archive.
+
+    Yields:
+        The archive, its entries within the limits of this module; names and kinds of entries are not checked.
 
     Raises:
-        FmuError: Missing, not a zip, damaged, or with an entry that would land outside a folder; the message says
-            which.
+        FmuError: Missing, not a zip, damaged, or beyond a limit; what the block reads from it counts too.
     """
     path = Path(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            for entry in archive.infolist():
-                _refuse_unsafe(path, entry)
-            return {entry.filename: archive.read(entry) for entry in archive.infolist() if not entry.is_dir()}
+            _refuse_bomb(path, archive.infolist())
+            yield archive
+    except EightpostError:
+        raise
     except FileNotFoundError:
-        raise FmuError(f"{path}: there is no such file; mend the path, or make it first (eightpost build)") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-        raise FmuError(f"{path}: is not a readable zip archive ({error}); copy or build it again") from error
+        what = "there is no such file; correct the path, or make it first (eightpost build)"
+        raise FmuError(f"{path}: {what}") from None
+    except _DAMAGE as error:
+        why = str(error) or type(error).__name__
+        raise FmuError(f"{path}: is not a readable zip archive ({why}); copy or build it again") from error
+
+
+def read_archive(path: str | Path) -> dict[str, bytes]:
+    """Return every file of a zip: name -> content.
+
+    Raises:
+        FmuError: As `open_archive`, or with an entry that would land outside a folder or twice at one place; the
+            message says which.
+    """
+    with open_archive(path) as archive:
+        return {entry.filename: archive.read(entry) for entry in _safe_files(Path(path), archive)}
 
 
 def extract_archive(path: str | Path, folder: str | Path) -> None:
-    """Unpack a zip into `folder`, refusing what `read_archive` refuses before anything is written."""
-    for name, content in read_archive(path).items():
-        target = Path(folder) / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
+    """Unpack a zip into `folder`, refusing what `read_archive` refuses before anything is written.
+
+    Raises:
+        FmuError: As `read_archive`.
+        OutputError: The folder cannot be written.
+    """
+    path, folder = Path(path), Path(folder)
+    with open_archive(path) as archive:
+        for entry in _safe_files(path, archive):
+            target = folder / entry.filename
+            with writing(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(entry) as source:
+                _copy(source, target)
 
 
-def _refuse_unsafe(path: Path, entry: zipfile.ZipInfo) -> None:
-    name = PurePosixPath(entry.filename)
-    if name.is_absolute() or ".." in name.parts or "\\" in entry.orig_filename or ":" in name.parts[0]:
+def _copy(source: IO[bytes], target: Path) -> None:
+    """Copy in pieces: an archive's content need not fit into memory. Errors of the target are not the archive's."""
+    with writing(target):
+        stream = target.open("wb")
+    with stream:
+        while piece := source.read(_PIECE):
+            with writing(target):
+                stream.write(piece)
+        with writing(target):
+            stream.flush()
+
+
+def unsafe_reason(entry: zipfile.ZipInfo) -> str:
+    """Return what is wrong with the path or the kind of an entry, nothing where it is fine."""
+    name = entry.orig_filename
+    parts = PurePosixPath(name).parts
+    if "\\" in name:
+        return "has a backslash"
+    if name.startswith("/") or (parts and ":" in parts[0]):
+        return "is absolute"
+    if ".." in parts:
+        return "leaves the archive"
+    if not parts or "\0" in name:
+        return "has no name or a NUL in it"
+    return "is a symbolic link" if stat.S_ISLNK(entry.external_attr >> 16) else ""
+
+
+def _refuse_bomb(path: Path, entries: list[zipfile.ZipInfo]) -> None:
+    """Refuse an archive that would fill memory or disk; zipfile never unpacks more of an entry than it declares."""
+    if len(entries) > MOST_ENTRIES:
+        raise FmuError(f"{path}: has {len(entries)} entries, the limit is {MOST_ENTRIES}; ask its maker for another")
+    for entry in entries:
+        _refuse_size(f"{path}: the entry {entry.filename!r}", entry.file_size, entry.compress_size, LARGEST_ENTRY)
+    unpacked, packed = sum(e.file_size for e in entries), sum(e.compress_size for e in entries)
+    _refuse_size(f"{path}: the whole archive", unpacked, packed, LARGEST_TOTAL)
+
+
+def _refuse_size(what: str, unpacked: int, packed: int, limit: int) -> None:
+    advice = "it may be a zip bomb; ask its maker for a smaller one"
+    if unpacked > limit:
+        raise FmuError(f"{what} has {_mb(unpacked)} unpacked, the limit is {_mb(limit)}; {advice}")
+    if unpacked > max(_SMALL, LARGEST_RATIO * packed):
         raise FmuError(
-            f"{path}: the entry {entry.orig_filename!r} would be written outside its folder or has a backslash or a "
-            "drive letter; do not open this file, ask its maker for a clean one"
+            f"{what} has {_mb(unpacked)} unpacked from {packed} bytes, and more than {LARGEST_RATIO} times its stored "
+            f"size is not unpacked; {advice}"
         )
-    if stat.S_ISLNK(entry.external_attr >> 16):
-        raise FmuError(f"{path}: the entry {entry.filename!r} is a symbolic link; ask its maker for a clean file")
+
+
+def _mb(size: int) -> str:
+    return f"{size / 2**20:.0f} MiB"
+
+
+def _safe_files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+    """Return the entries that are files, refusing those that cannot be unpacked side by side."""
+    for entry in archive.infolist():
+        if reason := unsafe_reason(entry):
+            raise FmuError(
+                f"{path}: the entry {entry.orig_filename!r} {reason}: it would be written outside its folder, or not "
+                "as a file of its own; do not open this archive, ask its maker for a clean one"
+            )
+    files = [entry for entry in archive.infolist() if not entry.is_dir()]
+    places = [PurePosixPath(entry.filename) for entry in files]
+    folders = {parent for place in places for parent in place.parents}
+    taken: set[PurePosixPath] = set()
+    for place in places:
+        if place in taken or place in folders:
+            raise FmuError(f"{path}: has two entries at {str(place)!r}; ask its maker for a clean archive")
+        taken.add(place)
+    return files

@@ -49,6 +49,10 @@ class FileFormatError(DataError):
     """The file cannot be read as what its name says."""
 
 
+class OutputError(InputError):
+    """A file or folder that cannot be written."""
+
+
 class MissingChannelError(DataError):
     """A channel that is needed is not there."""
 

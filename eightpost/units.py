@@ -8,6 +8,7 @@ commands take; `python -m eightpost.unit_table` writes the table anew.
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,6 +17,8 @@ from eightpost.unit_symbols import expression
 from eightpost.unit_table import Table, read_table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -45,6 +48,11 @@ SI_UNITS = (
 
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 
+#: Letters that a unit may have, and powers that pint would compute to the end of time or of the numbers: of a number,
+#: or to one of three digits, with an exponent of its own, or in parentheses.
+_LONGEST = 60
+_ENDLESS = re.compile(r"\d\s*\*\*|\*\*\s*(?![-+]?\d{1,2}(?:\.\d{1,3})?(?![\d.eE]))")
+
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 _EXAMPLES = "m, mm, in, m/s, in/s, N, lbf, lbf/in, kg, lbm, psi, s, ms, degC"
@@ -58,9 +66,12 @@ def _table() -> Table:
 @lru_cache(maxsize=1024)
 def _known(unit: str) -> str:
     """Return the expression of a unit that can be read."""
-    text = expression(unit)
+    text = expression(unit[: _LONGEST + 1])
     if text in _table().exponents:
         return text
+    if len(unit) > _LONGEST or _ENDLESS.search(text):
+        shown = unit if len(unit) <= _LONGEST else f"{unit[:_LONGEST]}..."
+        raise UnknownUnitError(f"unknown unit {shown!r}; write it as for example {_EXAMPLES}")
     from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
 
     try:
@@ -80,7 +91,19 @@ def _converted(source: str, target: str) -> tuple[float, float] | None:
         return table.conversions.get(pair)
     from eightpost import pint_units  # noqa: PLC0415
 
-    return pint_units.conversion(*pair)
+    with _refusing(f"cannot convert {source!r} to {target!r}"):
+        return pint_units.conversion(*pair)
+
+
+@contextmanager
+def _refusing(what: str) -> Iterator[None]:
+    """Turn what pint raises over a unit beyond all numbers, or a power of a temperature, into an UnknownUnitError."""
+    try:
+        yield
+    except UnknownUnitError:
+        raise
+    except Exception as error:  # pint raises several kinds
+        raise UnknownUnitError(f"{what}: {error}") from error
 
 
 def is_unit(text: str) -> bool:
@@ -150,7 +173,8 @@ def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
     if powers is None:
         from eightpost import pint_units  # noqa: PLC0415
 
-        powers = pint_units.exponents(text)
+        with _refusing(f"no SI unit for {unit!r}"):
+            powers = pint_units.exponents(text)
     if unknown := sorted(set(powers) - set(_BASE)):
         raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is no quantity of this field")
     return tuple((name, powers[name]) for name in _BASE if powers.get(name))
@@ -167,7 +191,8 @@ def si_factor(unit: str) -> float:
     if factor is None:
         from eightpost import pint_units  # noqa: PLC0415
 
-        factor = pint_units.factor(text)
+        with _refusing(f"no SI unit for {unit!r}"):
+            factor = pint_units.factor(text)
     return factor
 
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from builder.native.cache import cache_folder
 
 from benchmarks.case import ROOT
 from benchmarks.honesty.shocks import LAWS, log_uniform
 from builder.build import build
-from builder.native.cache import cache_folder
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import Zig
 from eightpost.shock import LAWS as CLASSES

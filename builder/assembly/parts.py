@@ -16,6 +16,7 @@ from builder.sources import shock_kinds, source_folder
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
+from eightpost.files import MALFORMED
 from eightpost.validity import MEMBER
 
 VEHICLE = "vehicle_ss"
@@ -77,6 +78,10 @@ def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
             parts.append(_part(name, file, read_archive(file)))
         except _CannotBeError as reason:
             refused.append(f"{name} ({file}) {reason}")
+        except (ET.ParseError, *MALFORMED) as error:
+            if isinstance(error, FmuError):
+                raise
+            refused.append(f"{name} ({file}) cannot be read ({error}): build or copy it again")
     if refused:
         raise FmuError("; ".join(refused))
     return tuple(parts)

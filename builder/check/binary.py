@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import warnings
@@ -46,6 +47,10 @@ _MACHINES = {
 }
 
 
+#: Bytes that say what a file is.
+_HEAD = 4096
+
+
 def read_binary(name: str, platform: str, content: bytes) -> Binary:
     """Read a shared library; whatever is wrong with it is its `fault`."""
     try:
@@ -56,12 +61,13 @@ def read_binary(name: str, platform: str, content: bytes) -> Binary:
 
 
 def _read(name: str, platform: str, content: bytes) -> Binary:
-    if lief.is_macho(list(content)):
-        fat = lief.MachO.parse(list(content))
+    # From a stream: a list of its bytes would take eight times its size.
+    if lief.is_macho(list(content[:_HEAD])):
+        fat = lief.MachO.parse(io.BytesIO(content))
         if fat is None or fat.size == 0:
             return Binary(name, platform, fault="it begins like a Mach-O file and cannot be read")
         return _mach_o(name, platform, list(fat), content)
-    parsed: Any = lief.parse(list(content))
+    parsed: Any = lief.parse(io.BytesIO(content))
     if isinstance(parsed, lief.ELF.Binary):
         return _elf(name, platform, parsed, len(content))
     if isinstance(parsed, lief.PE.Binary):

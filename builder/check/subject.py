@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from builder.check.binary import Binary, read_binary
 from builder.check.description import Description, read_description
+from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
 
 XML = "modelDescription.xml"
@@ -76,24 +76,6 @@ def read_subject(path: str | Path) -> Subject:
 
 
 def _read(path: Path) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = tuple(archive.infolist())
-            return entries, {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}
-    except FileNotFoundError:
-        raise FmuError(f"{path}: there is no such file; mend the path, or make it first (eightpost build)") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-        raise FmuError(f"{path}: is not a readable zip archive ({error}); copy or build it again") from error
-
-
-def unsafe_reason(entry: zipfile.ZipInfo) -> str:
-    """Say what is wrong with the path of an entry, nothing where it is fine."""
-    name = entry.orig_filename
-    parts = PurePosixPath(name).parts
-    if "\\" in name:
-        return "has a backslash"
-    if name.startswith("/") or (parts and ":" in parts[0]):
-        return "is absolute"
-    if ".." in parts:
-        return "leaves the archive"
-    return "is a symbolic link" if entry.external_attr >> 16 & 0o170000 == 0o120000 else ""
+    with open_archive(path) as archive:
+        entries = tuple(archive.infolist())
+        return entries, {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}

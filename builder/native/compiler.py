@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.native.cache import cache_folder, digest, keep, recall
 from builder.native.headers import NAMES, fmi_headers
 from builder.native.platforms import Platform
 from builder.native.toolchain import Toolchain
 from builder.native.universal import universal
+from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 
 #: A C file that includes all others, and one that does so for processors with AVX (fmus/common/wide.h).
@@ -112,10 +112,10 @@ def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes
 def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
     command = toolchain.command(library.identifier, platform, target, library.units)
     key = _key(toolchain, library, target or platform.name, command)
-    content = recall(key)
+    content = recall("binaries", key)
     if content is None:
         content = _compile(toolchain, library, platform, command)
-        keep(key, content)
+        keep("binaries", key, content)
     return content
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +13,8 @@ import platformdirs
 
 #: Files that are kept; the ones not used for longest go first.
 KEPT = 40
+
+_LOG = logging.getLogger(__name__)
 
 
 def recall(key: str) -> bytes | None:
@@ -23,7 +26,10 @@ def recall(key: str) -> bytes | None:
     except OSError:
         return None
     checksum, body = content[:32], content[32:]
-    return body if hashlib.sha256(body).digest() == checksum else None
+    if hashlib.sha256(body).digest() == checksum:
+        return body
+    _LOG.warning("kept machine code is damaged and is compiled again: %s", path)
+    return None
 
 
 def keep(key: str, content: bytes) -> None:

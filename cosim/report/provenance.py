@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import platform
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -13,6 +12,8 @@ from xml.etree import ElementTree
 
 from cosim.result import Result
 from eightpost import __version__
+from eightpost.archive import open_archive
+from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.signals import Drivefile
 
@@ -98,9 +99,10 @@ def _digest(path: Path) -> str:
 def _made_by(path: Path) -> str:
     """Return what modelDescription.xml says of the tool and the model's version; a file that is gone says nothing."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    except (OSError, KeyError, zipfile.BadZipFile, ElementTree.ParseError):
+        with open_archive(path) as archive:
+            content = archive.read("modelDescription.xml")
+        root = ElementTree.fromstring(content)
+    except (FmuError, ElementTree.ParseError, ValueError, LookupError):
         return ""
     model = f"version {root.get('version')}" if root.get("version") else ""
     return ", ".join(filter(None, (root.get("generationTool"), model, f"FMI {root.get('fmiVersion', '')}")))

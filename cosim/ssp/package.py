@@ -15,6 +15,7 @@ from urllib.request import url2pathname
 
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
+from eightpost.files import is_file
 
 DEFAULT = "SystemStructure.ssd"
 
@@ -69,7 +70,7 @@ class Place:
         else:
             found = self._relative(source, what)
         for path, fragment in found.items():
-            if path.is_file():
+            if is_file(path):
                 return path, fragment
         raise InputError(
             f"{what}there is no file {source!r}; add it, or correct the source (upper and lower case count)"
@@ -109,7 +110,7 @@ def open_package(path: Path, label: str, description: str = "") -> Place:
         InputError: It is missing, is no archive, is unsafe, or holds no such description.
     """
     if path.suffix.lower() == ".ssd":
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"{label}: there is no such file")
         file = Path(os.path.normpath(path.absolute()))
         return Place(file, None, label, label)
@@ -117,7 +118,7 @@ def open_package(path: Path, label: str, description: str = "") -> Place:
         unpacked = Unpacked(path)
     name = description or DEFAULT
     file = Path(os.path.normpath(unpacked.folder / name))
-    if not (file.is_file() and file.is_relative_to(unpacked.folder)):
+    if not (is_file(file) and file.is_relative_to(unpacked.folder)):
         held = sorted(str(p.relative_to(unpacked.folder)) for p in unpacked.folder.rglob("*.ssd"))
         advice = f"it holds {', '.join(held)}: unpack it and run one of these" if held else "it is no SSP package"
         raise InputError(f"{label}: there is no {name} in the archive; {advice}")

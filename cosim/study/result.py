@@ -12,13 +12,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, parse_json
+from eightpost.signals.parquet_table import read_table
 
 #: Version of the file that is written, and the newest that is read.
 SCHEMA = 1
@@ -51,6 +53,9 @@ class Provenance:
     settings: Mapping[str, Any]
     measure_units: Mapping[str, str]
     tool_version: str = __version__
+
+
+_PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,16 +191,26 @@ class StudyResult:
             FileFormatError: The file is not there, is no study's result, or a newer version wrote it.
         """
         path = Path(path)
-        if not path.is_file():
-            raise FileFormatError("there is no such file: name the results.parquet of a study", path=path)
-        try:
-            table = pyarrow.parquet.read_table(path, use_threads=False)
-        except pa.ArrowInvalid as error:
-            raise FileFormatError(f"is not a Parquet file: {error}", path=path) from error
+        table = read_table(path, advice="name the results.parquet of a study")
         header = _header(path, table)
-        study = Study.from_json(json.dumps(header["study"]))
-        names = Provenance.__dataclass_fields__
-        return cls(study, table, Provenance(**{k: header[k] for k in names}), bool(header["partial"]))
+        try:
+            study = Study.from_json(json.dumps(header["study"]))
+            made_by = _PROVENANCE.validate_python({name: header[name] for name in Provenance.__dataclass_fields__})
+            _check_columns(table, study_schema(study, made_by.measure_units))
+            return cls(study, table, made_by, bool(header["partial"]))
+        except (pa.ArrowException, *MALFORMED) as error:
+            what = f"does not hold the result of a study as this version writes it ({error})"
+            raise FileFormatError(what, path=path) from error
+
+
+def _check_columns(table: pa.Table, schema: pa.Schema) -> None:
+    for column in schema:
+        if column.name not in table.column_names:
+            raise ValueError(f"the column {column.name!r} is missing")
+        if not table.schema.field(column.name).type.equals(column.type):
+            raise ValueError(f"the column {column.name!r} is not of {column.type}")
+    if table["setup"].null_count:
+        raise ValueError("a row has no setup")
 
 
 def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
@@ -238,13 +253,16 @@ def _words(measure: Measure, unit: str) -> dict[str, str]:
 
 
 def _header(path: Path, table: pa.Table) -> dict[str, Any]:
-    try:
-        header: dict[str, Any] = json.loads((table.schema.metadata or {})[_KEY])
-    except (KeyError, ValueError) as error:
-        raise FileFormatError("is no result of a study: it has no header of ours", path=path) from error
-    if header.get("schema") != "eightpost.study":
-        raise FileFormatError(f"is {header.get('schema')!r}, no result of a study", path=path)
-    if int(header["schema_version"]) > SCHEMA:
+    metadata = table.schema.metadata or {}
+    if _KEY not in metadata:
+        raise FileFormatError("is no result of a study: it has no header of ours", path=path)
+    header: dict[str, Any] = parse_json(metadata[_KEY], path, finite=False)
+    if not isinstance(header, dict) or header.get("schema") != "eightpost.study":
+        said = header.get("schema") if isinstance(header, dict) else header
+        raise FileFormatError(f"is {said!r}, no result of a study", path=path)
+    if type(header.get("schema_version")) is not int:
+        raise FileFormatError(f"has schema version {header.get('schema_version')!r}, no number", path=path)
+    if header["schema_version"] > SCHEMA:
         raise FileFormatError(
             f"has schema version {header['schema_version']} (eightpost {header.get('tool_version')}), this eightpost "
             f"{__version__} reads up to {SCHEMA}; update eightpost",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf
@@ -21,6 +20,7 @@ from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
 from cosim.study.toml_place import line_of, line_with
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, WiringError
+from eightpost.files import parse_toml, read_text
 from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
@@ -139,19 +139,11 @@ def source_files(path: str | Path) -> tuple[Path, ...]:
 
 
 def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+    return read_text(path)
 
 
 def _content(path: Path, text: str) -> _File:
-    try:
-        found = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not a readable TOML file: {error}") from error
+    found = parse_toml(text, path)
     if found.get("schema", SCHEMA) != SCHEMA:
         raise InputError(f"{path}: has schema {found['schema']!r}, this version reads {SCHEMA}; update eightpost")
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from cosim.study.measures import DISPLAY, Measure, available, channel_measures, 
 from eightpost import units
 from eightpost.commands.compare_study import Wanted, compare_study
 from eightpost.errors import FileFormatError, InputError
+from eightpost.files import json_content
 from eightpost.signals import TimeSeries, read_series
 
 
@@ -69,27 +69,30 @@ def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) ->
 
 def _read(folder: Path) -> TimeSeries:
     series = read_series(folder / "series.parquet")
-    settling = float(_result(folder).get("settling", 0.0))
+    settling = _result(folder).get("settling", 0.0)
+    if type(settling) not in (int, float) or not 0.0 <= settling < series.duration:
+        what = f"settling is {settling!r}, and must be a time [s] within the run of {series.duration:g} s"
+        raise FileFormatError(what, path=folder / "result.json")
     return series.window(settling, float(series.time[-1])) if settling else series
 
 
 def _what(folder: Path) -> str:
     """Say which FMUs and parameters a run had."""
     result = _result(folder)
-    parts = [f"{name} = {source}" for name, source in result.get("sources", {}).items()]
-    for name, values in result.get("parameters", {}).items():
+    sources, parameters = result.get("sources", {}), result.get("parameters", {})
+    if not isinstance(sources, dict) or not isinstance(parameters, dict):
+        raise FileFormatError("sources and parameters must be objects", path=folder / "result.json")
+    parts = [f"{name} = {source}" for name, source in sources.items()]
+    for name, values in parameters.items():
+        if not isinstance(values, dict):
+            raise FileFormatError(f"parameters.{name} must be an object", path=folder / "result.json")
         parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
     return ", ".join(parts)
 
 
 def _result(folder: Path) -> dict[str, Any]:
     path = folder / "result.json"
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file: name a folder that `eightpost run` wrote", path=path) from None
-    except ValueError as error:
-        raise FileFormatError(f"is no result of a run ({error})", path=path) from error
+    document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
     if not isinstance(document, dict) or document.get("kind") != "result":
         raise FileFormatError("is no result of a run", path=path)
     return document

@@ -206,7 +206,11 @@ class _Columns:
         if si == "N" and "force" in given:
             given.setdefault(channel, given["force"])
         unit = self.record.unit(i, channel=channel, given=given, mapped=None)
-        if not compatible(unit, si):
+        try:
+            fits = compatible(unit, si)
+        except UnknownUnitError as error:
+            raise self.record.origin.header_fault(UnknownUnitError, str(error), channel=channel) from error
+        if not fits:
             what = f"the unit {unit!r} cannot be converted to {si!r}; is it the right column?"
             raise self.record.origin.header_fault(UnknownUnitError, what, channel=channel)
         raw = self.record.numbers(i, channel=channel)

@@ -11,7 +11,7 @@ from typing import Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError, ParameterError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import LAWS, law_name, own_parameters
@@ -86,27 +86,38 @@ def read_shock(path: str | Path) -> Shock:
         parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
         law = _construct(law_class, "parameters", parameters)
         validity = Validity.from_json(document["validity"]) if "validity" in document else None
-    except (ValueError, TypeError) as error:
+    except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
     return Shock(
         name=str(document.get("name") or Path(path).stem),
         law=law,
-        conditions=document.get("conditions", {}),
-        fit=document.get("fit", {}),
-        inputs=tuple(document.get("inputs", ())),
+        conditions=_table(document, "conditions", Path(path)),
+        fit=_table(document, "fit", Path(path)),
+        inputs=_inputs(document, Path(path)),
         validity=validity,
     )
 
 
+def _table(document: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
+    table = document.get(name, {})
+    if not isinstance(table, dict):
+        raise FileFormatError(f"{name} must be an object, not {table!r}", path=path)
+    return table
+
+
+def _inputs(document: dict[str, Any], path: Path) -> tuple[Mapping[str, str], ...]:
+    found = document.get("inputs", [])
+    if not isinstance(found, list) or not all(
+        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in found
+    ):
+        raise FileFormatError(
+            "inputs must be a list of objects of texts: the files that the shock was made from", path=path
+        )
+    return tuple(found)
+
+
 def _read_document(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"cannot be read ({error})", path=path) from error
-    except json.JSONDecodeError as error:
-        raise FileFormatError(f"is not JSON ({error.msg})", path=path, line=error.lineno) from error
+    document = json_content(path)
     if not isinstance(document, dict) or document.get("kind") != "shock":
         raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
     if document.get("schema") != SCHEMA:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eightpost.errors import FileFormatError, MissingChannelError
+from eightpost.files import toml_content
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -69,12 +70,7 @@ class ChannelMap:
             FileFormatError: No such file, not TOML, an unknown key, or a value of the wrong kind.
         """
         path = Path(path)
-        if not path.is_file():
-            raise FileFormatError("there is no such file", path=path)
-        try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise FileFormatError(f"not a TOML file: {error}", path=path) from error
+        tables = toml_content(path)
         _check_keys(tables, ("channels", "time"), "", path)
         channels = _table(tables.get("channels", {}), "channels", path)
         if "time" in channels:
@@ -116,7 +112,8 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
     if "source" not in table:
         raise FileFormatError(f"{where!r} has no 'source', the column that it is read from", path=path)
     for key, value in table.items():
-        if not isinstance(value, kinds[key]) or isinstance(value, bool):  # type: ignore[arg-type]
+        wrong = not isinstance(value, kinds[key]) or isinstance(value, bool)  # type: ignore[arg-type]
+        if wrong or (not isinstance(value, str) and not math.isfinite(value)):
             raise FileFormatError(f"'{where}.{key}' must not be {value!r}", path=path)
     return MappedChannel(**table)
 

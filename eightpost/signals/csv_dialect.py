@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from eightpost.cells import plain_cell
 from eightpost.errors import FileFormatError
 from eightpost.signals.header import is_number, split_header, units_row
 
@@ -84,7 +85,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
 
 def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) -> list[str]:
     """Return the column names of a header line, at most `width`, without the empty ones at the end."""
-    cells = split_cells(text, delimiter)
+    cells = [plain_cell(cell) for cell in split_cells(text, delimiter)]
     while cells and not cells[-1]:
         cells.pop()
     if not 1 < len(cells) <= width:
@@ -109,8 +110,11 @@ def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
-    """Split a line into stripped cells, quotes respected."""
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    """Split a line into stripped cells, quotes respected; a line that is no CSV is one cell."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:  # a cell of more than 131,072 characters
+        return [line.strip()]
 
 
 def _numbers_in(line: str, delimiter: str) -> int:

@@ -10,8 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from eightpost.cells import quoted_cell, safe_line
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path
+from eightpost.files import atomic_path, reading
 from eightpost.signals.arrow_columns import to_arrow, to_numpy
 from eightpost.signals.csv_blocks import Block, find_blocks
 from eightpost.signals.csv_dialect import Layout, find_layout, split_cells
@@ -51,7 +52,12 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
         FileFormatError: As for read_csv, in any of the tables.
     """
     path = Path(path)
-    lines = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    with reading(path):
+        content = path.read_bytes()
+    lines = _text(content).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if b"\0" in content:
+        number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
+        raise FileFormatError("it has a zero byte: it is no text, or was not copied whole", path=path, line=number)
     return tuple(_record(lines, block, path) for block in find_blocks(lines))
 
 
@@ -86,7 +92,7 @@ def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) 
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter),
             convert_options=pa.csv.ConvertOptions(decimal_point=decimal),
         )
-    except pa.ArrowInvalid as error:
+    except pa.ArrowException as error:
         raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
     named = len(layout.names)
     if any(column.null_count < len(column) for column in table.columns[named:]):
@@ -141,17 +147,10 @@ def write_csv(
     for name, (unit, values) in columns.items():
         written = units.get(name, unit)
         converted = convert(values, unit, written)
-        header.append(_quoted(f"{titles.get(name, name)} [{written}]"))
+        header.append(quoted_cell(f"{titles.get(name, name)} [{written}]"))
         # Adding zero turns the minus zeros of rounding into plain ones.
         vectors.append(converted if name not in decimals else np.round(converted, decimals[name]) + 0.0)
     table = pa.table([to_arrow(vector) for vector in vectors], names=[str(i) for i in range(len(vectors))])
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        stream.write("".join(f"{line}\n" for line in (*preamble, ",".join(header))).encode())
+        stream.write("".join(f"{line}\n" for line in (*map(safe_line, preamble), ",".join(header))).encode())
         pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False))
-
-
-def _quoted(cell: str) -> str:
-    """Quote a header cell that holds a delimiter or a quote."""
-    if any(mark in cell for mark in ',;"\t'):
-        return '"' + cell.replace('"', '""') + '"'
-    return cell

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy
 
+from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 from eightpost.signals.channel_map import TIME_NAMES
@@ -36,38 +36,49 @@ def read_mat(path: str | Path) -> RawRecord:
         FileFormatError: Not a .mat file that scipy reads (7.3 is HDF5), or vectors of several lengths.
     """
     path = Path(path)
-    content = _load(path)
+    content: dict[str, Any] = read_confined("eightpost.confined.matlab:load", path, True, kind="a MATLAB file")
     header = parse_header(str(content.pop("eightpost")), path) if "eightpost" in content else {}
-    titles = content.pop("channel_names", {})
+    titles = _texts(content.pop("channel_names", {}), "channel_names", path)
     units = content.pop("units", {})
     if len(content) == 1 and isinstance(next(iter(content.values())), dict):
         content = next(iter(content.values()))
         units = units or content.pop("units", {})
     vectors = {name: column for name, value in content.items() if (column := _vector(value)) is not None}
     _check_lengths(vectors, path)
-    units = header.get("units") or units
+    units = header.get("units") or _texts(units, "units", path)
     split = [_named(titles.get(name, name), units) for name in vectors]
     names, said = tuple(name for name, _ in split), tuple(unit for _, unit in split)
     return RawRecord(Origin(path), names, said, tuple(vectors.values()))
 
 
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        content = scipy.io.loadmat(path, simplify_cells=True)
-    except NotImplementedError as error:
-        what = "it is a MATLAB 7.3 (HDF5) file, which is not read; save it again with `save(..., '-v7')`"
-        raise FileFormatError(what, path=path) from error
-    except (scipy.io.matlab.MatReadError, ValueError, TypeError, EOFError) as error:
-        raise FileFormatError(f"not a MATLAB file: {error}", path=path) from error
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+def _texts(struct: object, name: str, path: Path) -> dict[str, str]:
+    """Return the texts of a struct by field; an empty one (no struct, an empty cell) has none.
+
+    Raises:
+        FileFormatError: It is no struct, or a field is no text.
+    """
+    if not isinstance(struct, dict):
+        if isinstance(struct, np.ndarray) and struct.size == 0:
+            return {}
+        raise FileFormatError(f"it must be a struct with a text per variable, not {_shown(struct)}", path=path,
+                              channel=name)  # fmt: skip
+    given = {key: text for key, text in struct.items() if not isinstance(text, np.ndarray) or text.size > 0}
+    for key, text in given.items():
+        if not isinstance(text, str):
+            what = f"it must be a text, such as 'mm/s', not {_shown(text)}"
+            raise FileFormatError(what, path=path, channel=f"{name}.{key}")
+    return given
+
+
+def _shown(value: object) -> str:
+    return repr(value) if isinstance(value, (int, float)) else f"a {type(value).__name__}"
 
 
 def _vector(value: object) -> NDArray[np.float64] | None:
     """Return a numeric vector (N,), None for anything else."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "iuf" or array.ndim != 1:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.ndim != 1:
         return None
-    return array.astype(np.float64)
+    return value.astype(np.float64)
 
 
 def _check_lengths(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> None:
@@ -85,7 +96,7 @@ def _check_lengths(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> No
 
 
 def _named(name: str, units: Mapping[str, str]) -> tuple[str, str | None]:
-    return (name, str(units[name])) if name in units else split_header(name)
+    return (name, units[name]) if name in units else split_header(name)
 
 
 def write_mat(
@@ -111,6 +122,8 @@ def write_mat(
         "channel_names": dict(zip(variables, units, strict=True)),
         "eightpost": time_series_header(units, sources=sources, note=note),
     }
+    import scipy.io  # noqa: PLC0415  # for a writer that few runs need
+
     with atomic_path(path) as temporary:
         scipy.io.savemat(temporary, content, long_field_names=True, oned_as="column")
 

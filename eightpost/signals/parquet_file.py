@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 from eightpost.signals.arrow_columns import to_arrow, to_numpy
 from eightpost.signals.header import split_header
 from eightpost.signals.origin import Origin
+from eightpost.signals.parquet_table import read_metadata, read_table
 from eightpost.signals.provenance import parse_header, time_series_header
 from eightpost.signals.raw_record import RawRecord
 
@@ -34,20 +34,24 @@ def read_parquet(path: str | Path) -> RawRecord:
         FileFormatError: Not a Parquet file, or written by a newer schema version.
     """
     path = Path(path)
-    try:
-        table = pa.parquet.ParquetFile(path).read(use_threads=False)
-    except pa.ArrowInvalid as error:
-        raise FileFormatError(f"not a Parquet file: {error}", path=path) from error
-    header = parquet_header(path)
+    table = read_table(path)
+    header = _header(dict(table.schema.metadata or {}), path)
     split = [_named(name, header) for name in table.column_names]
     names, units = tuple(name for name, _ in split), tuple(unit for _, unit in split)
     return RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns))
 
 
 def parquet_header(path: str | Path) -> dict[str, Any]:
-    """Return our header of a Parquet file (tool version, sources, note), empty when it is not ours."""
-    metadata = pa.parquet.read_schema(path).metadata or {}
-    return parse_header(metadata[_KEY], Path(path)) if _KEY in metadata else {}
+    """Return our header of a Parquet file (tool version, sources, note), empty when it is not ours.
+
+    Raises:
+        FileFormatError: Not a Parquet file, or written by a newer schema version.
+    """
+    return _header(read_metadata(path), Path(path))
+
+
+def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
+    return parse_header(metadata[_KEY], path) if _KEY in metadata else {}
 
 
 def _named(name: str, header: Mapping[str, Any]) -> tuple[str, str | None]:

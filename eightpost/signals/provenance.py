@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
+from eightpost.files import parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,11 +42,11 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: Not a header of ours, or of a newer schema version.
     """
-    try:
-        header = json.loads(text)
-        version = int(header["schema_version"])
-    except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(f"its eightpost header cannot be read: {error!r}", path=path) from error
+    header = parse_json(text, path)
+    version = header.get("schema_version") if isinstance(header, dict) else None
+    if type(version) is not int or not _is_texts(header.get("units", {})) or type(header.get("note", "")) is not str:
+        what = "its eightpost header cannot be read: it must have a schema_version, units by channel and a note"
+        raise FileFormatError(what, path=path)
     if version > SCHEMA_VERSION:
         raise FileFormatError(
             f"it has schema version {version} (written by eightpost {header.get('tool_version', '?')}), this "
@@ -53,3 +54,7 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
             path=path,
         )
     return dict(header)
+
+
+def _is_texts(units: object) -> bool:
+    return isinstance(units, dict) and all(isinstance(unit, str) for unit in units.values())

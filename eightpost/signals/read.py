@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
+from eightpost.files import reading
 from eightpost.signals.channel_map import find_time, identity_map
 from eightpost.signals.csv_file import read_csv, read_csv_blocks
 from eightpost.signals.mapped_series import mapped_series
@@ -38,8 +39,10 @@ def read_record(path: str | Path) -> RawRecord:
     if reader is None:
         what = f"files that end in {path.suffix!r} are not read; known: {', '.join(_READERS)}"
         raise FileFormatError(what, path=path)
+    with reading(path):
+        path.stat()
     if not path.is_file():
-        raise FileFormatError("there is no such file", path=path)
+        raise FileFormatError("is a folder, no record", path=path)
     return reader(path)
 
 

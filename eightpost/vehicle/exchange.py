@@ -10,7 +10,7 @@ import numpy as np
 
 import eightpost
 from eightpost.errors import FileFormatError, InputError, ParameterError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.validity import Validity
 from eightpost.vehicle.parameters import check_schema
 from eightpost.vehicle.statespace import Channel, StateSpace
@@ -53,7 +53,7 @@ def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
         return _vehicle(content)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
-    except (TypeError, ValueError, KeyError, AttributeError) as error:
+    except MALFORMED as error:
         raise FileFormatError(f"does not hold a vehicle as this version writes it ({error})", path=path) from error
 
 
@@ -104,12 +104,7 @@ def _rows_on_lines(content: dict[str, Any]) -> str:
 
 
 def _load(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise FileFormatError(f"cannot be read as JSON: {error}", path=path) from error
+    content = json_content(path)
     if not isinstance(content, dict):
         raise FileFormatError("is JSON, but not a vehicle: it must be an object in braces", path=path)
     return content

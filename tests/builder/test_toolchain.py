@@ -12,13 +12,14 @@ from pathlib import Path
 import lief
 import pytest
 
-from builder.native import cache, compiler
+from builder.native import compiler
 from builder.native.compiler import Library, compile_libraries
 from builder.native.headers import fmi_headers
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
 from builder.native.universal import universal
 from builder.sources import source_folder
+from eightpost import cache
 from eightpost.errors import FmuError
 
 #: Sizes and contents are known at run time only, so that the calls are not optimized away. quick_exit is there because
@@ -209,10 +210,10 @@ def test_the_cache_drops_what_was_not_used_for_longest(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
     monkeypatch.setattr(cache, "KEPT", 3)
     for age, key in enumerate("abc"):
-        cache.keep(key, key.encode())
+        cache.keep("binaries", key, key.encode())
         os.utime(tmp_path / "binaries" / key, (1e9 + age, 1e9 + age))
-    assert cache.recall("a") == b"a"  # used now, so that b is the oldest
-    cache.keep("d", b"d")
+    assert cache.recall("binaries", "a") == b"a"  # used now, so that b is the oldest
+    cache.keep("binaries", "d", b"d")
     assert {path.name for path in (tmp_path / "binaries").iterdir()} == {"a", "c", "d"}
 
 

@@ -79,7 +79,7 @@ def test_a_shock_is_swapped_without_touching_the_file(folder, fmus):
     ("old", "new", "error", "said"),
     [
         ("schema = 1", "schema = 9", InputError, "schema 9"),
-        ("schema = 1", "schema = ", InputError, "not a readable TOML file"),
+        ("schema = 1", "schema = ", InputError, "cannot be read as TOML"),
         ("[scenario]", "[scenery]", InputError, "scenario: is missing"),
         ('name = "quarter car"', 'nome = "x"', InputError, "nome: is no entry"),
         ('stop = "0.2 s"', 'stop = "0.2 m"', InputError, r"scenario\.stop"),

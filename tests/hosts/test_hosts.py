@@ -26,12 +26,12 @@ import fmpy
 import numpy as np
 import pytest
 
-from builder.native.cache import cache_folder
 from builder.native.headers import fmi_headers
 from builder.native.platforms import this_platform
 from builder.native.toolchain import Zig, find_toolchain
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
+from eightpost.cache import cache_folder
 
 STEP, COUNT = 1e-3, 500
 SOURCE = Path(__file__).with_name("host.c")

@@ -57,7 +57,7 @@ def test_a_turned_channel_is_the_negative(tmp_path):
         ("[channels]\nforce = 'F'", r"'channels\.force' must be a table"),
         ("[time]\nsource = 't'\nrate = 5", r"unknown key 'time\.rate'"),
         ("[channels.time]\nsource = 't'", r"'channels\.time' must be the table 'time'"),
-        ("[channels", "not a TOML file"),
+        ("[channels", "cannot be read as TOML"),
     ],
 )
 def test_a_slip_in_the_map_names_file_and_key(tmp_path, mapping, message):

@@ -11,7 +11,8 @@ from pathlib import PurePosixPath
 from builder.check.catalogue import archive as rules
 from builder.check.catalogue import description as described
 from builder.check.rules import Finding, listed
-from builder.check.subject import XML, Subject, unsafe_reason
+from builder.check.subject import XML, Subject
+from eightpost.archive import unsafe_reason
 
 _TOP = {XML, "model.png", "binaries", "sources", "documentation", "resources", "licenses", "terminalsAndIcons", "extra"}
 _DECLARATION = re.compile(rb"""\A\s*<\?xml[^>]*encoding\s*=\s*["']([^"']+)["']""")

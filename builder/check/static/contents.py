@@ -48,11 +48,17 @@ def icon(subject: Subject) -> Iterator[Finding]:
         yield rules.ICON_FORMAT.finding(fault)
 
 
+#: Pixels of a picture that is decoded: a few kilobytes can hold gigabytes of one colour.
+_MOST_PIXELS = 2**24
+
+
 def _fault_of_png(content: bytes) -> str:
     from PIL import Image  # noqa: PLC0415 - comes with matplotlib; only a file with an icon needs it
 
     try:
         with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
+            if picture.width * picture.height > _MOST_PIXELS:
+                return f"it is {picture.width} x {picture.height} pixels large, and is not decoded"
             picture.load()
     except Exception as error:  # it raises what its decoder does: that is a finding
         return f"it cannot be decoded: {str(error).partition(' <')[0]}"

@@ -10,7 +10,7 @@ from typing import Any
 from cosim.study.choice.compare import Comparison
 from eightpost import __version__
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, json_content
 
 #: Version of the file that is written.
 SCHEMA = 1
@@ -40,12 +40,10 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     Raises:
         FileFormatError: It is no comparison, or no setup was run twice.
     """
+    document = json_content(path, advice="`eightpost compare --measured` writes it")
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-        found = {entry["measure"]: float(entry["run_to_run"]) for entry in document["measures"]}
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file: `eightpost compare --measured` writes it", path=path) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        found = {str(entry["measure"]): float(entry["run_to_run"]) for entry in document["measures"]}
+    except MALFORMED as error:
         raise FileFormatError(f"is no comparison of a study with the rig ({error!r})", path=path) from error
     if not any(found.values()):
         raise FileFormatError("does not say how runs differ: no setup was run twice on the rig", path=path)

@@ -15,7 +15,9 @@ from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Drive, Study
+from eightpost.cells import plain_cell
 from eightpost.errors import FileFormatError, InputError
+from eightpost.files import read_text
 from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
@@ -69,16 +71,16 @@ def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
         FileFormatError: It cannot be read, a column is missing, or a line names no setup of the study.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file: name the list of measured runs", path=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"cannot be read as a list of runs ({error})", path=path) from error
+    lines = read_text(path, advice="name the list of measured runs").splitlines()
     numbered = [
         (number, line) for number, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"
     ]
-    rows = list(csv.DictReader(line for _, line in numbered))
+    try:
+        rows = list(csv.DictReader(line for _, line in numbered))
+    except csv.Error as error:
+        raise FileFormatError(f"cannot be read as a list of runs ({error})", path=path) from error
+    if len(rows) != max(0, len(numbered) - 1):
+        raise FileFormatError("a cell in quotes goes over several lines; write each run in one line", path=path)
     return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
 
 
@@ -132,7 +134,7 @@ def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], value
 
 
 def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
-    cells = {str(name).strip(): (value or "").strip() for name, value in row.items() if isinstance(value, str)}
+    cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
         raise FileFormatError("names no record: the list needs a column `file`", path=path, line=line)
     drive = cells.get("drive") or study.drives[0].name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
@@ -18,6 +17,7 @@ from cosim.study.result import StudyResult
 from cosim.study.toml_place import line_of
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
+from eightpost.files import parse_toml, read_text
 
 Array = NDArray[np.float64]
 
@@ -77,17 +77,13 @@ def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
         FileFormatError: It cannot be read, or an entry is unknown, missing or makes no sense; with its line.
     """
     path = Path(path)
+    text = read_text(path, advice="name the one that says what is uncertain")
     try:
-        text = path.read_text(encoding="utf-8")
-        document = _File.model_validate(tomllib.loads(text))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file: name the one that says what is uncertain", path=path) from None
+        document = _File.model_validate(parse_toml(text, path))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(key) for key in first["loc"])
         raise FileFormatError(f"{place}: {first['msg']}", path=path, line=line_of(text, first["loc"])) from error
-    except (OSError, ValueError) as error:
-        raise FileFormatError(f"cannot be read as TOML ({error})", path=path) from error
     if document.schema_ != SCHEMA:
         what = f"has schema {document.schema_}, this version reads {SCHEMA}; update eightpost"
         raise FileFormatError(what, path=path)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +12,8 @@ import pyarrow.parquet
 
 from cosim.study.choice.robust import Spread
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path
+from eightpost.signals.parquet_table import read_table
 
 _COLUMNS = pa.schema(
     [
@@ -58,21 +60,21 @@ def read_spreads(path: str | Path, *, digest: str) -> tuple[Spread, ...]:
     Raises:
         FileFormatError: It cannot be read as that, or is of another study.
     """
-    try:
-        metadata = pyarrow.parquet.read_schema(path).metadata or {}
-        rows = pyarrow.parquet.read_table(path, schema=_COLUMNS, use_threads=False).to_pylist()
-    except (OSError, pa.ArrowInvalid) as error:
-        raise FileFormatError(f"is no file of spreads ({error}); run `eightpost robust` again", path=path) from error
-    if metadata.get(_STUDY, b"").decode() != digest:
+    table = read_table(path, schema=_COLUMNS, advice="run `eightpost robust` first")
+    if (table.schema.metadata or {}).get(_STUDY, b"") != digest.encode():
         raise FileFormatError("is of another study, or of other FMUs; run `eightpost robust` again", path=path)
-    return tuple(
-        Spread(
-            row["measure"],
-            np.array(row["setups"], dtype=np.int64),
-            np.array(row["values"], dtype=np.float64),
-            np.array(row["draws"], dtype=np.float64).reshape(-1, len(row["setups"])),
-            row["run_to_run"],
-            row["runs"],
-        )
-        for row in rows
+    try:
+        return tuple(_spread(row) for row in table.to_pylist())
+    except MALFORMED as error:
+        raise FileFormatError(f"is no file of spreads ({error}); run `eightpost robust` again", path=path) from error
+
+
+def _spread(row: Mapping[str, Any]) -> Spread:
+    return Spread(
+        row["measure"],
+        np.array(row["setups"], dtype=np.int64),
+        np.array(row["values"], dtype=np.float64),
+        np.array(row["draws"], dtype=np.float64).reshape(-1, len(row["setups"])),
+        row["run_to_run"],
+        row["runs"],
     )

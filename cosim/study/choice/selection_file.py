@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 from cosim.study.choice.selection import ENDS, Selected, Selection, selection_of
 from cosim.study.result import StudyResult
 from eightpost import units
+from eightpost.cells import plain_cell, write_rows
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, read_text
 
 #: Runs of the baseline that say how runs differ (7.3).
 BASELINE_RUNS = 5
@@ -34,9 +36,7 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path)
         rows += [{**row, "end": "baseline"} for row in repeats]
     names = ("run", "file", "setup", *corners, "measure", "end", "predicted", "unit", "place", "marks")
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, names, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
+        write_rows(stream, [names, *([row.get(name, "") for name in names] for row in rows)], end="\r\n")
 
 
 def read_selection(path: str | Path, result: StudyResult) -> Selection:
@@ -46,12 +46,17 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
         FileFormatError: It is no selection of this study.
     """
     path = Path(path)
+    text = read_text(path)
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows = [row for row in csv.DictReader(stream) if row["end"] in ENDS]
+        rows = [row for row in _rows(text) if row["end"] in ENDS]
         return selection_of(result, [_selected(row, result) for row in rows])
-    except (OSError, KeyError, ValueError) as error:
+    except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(f"is no selection of this study ({error}); select anew", path=path) from error
+
+
+def _rows(text: str) -> list[dict[str, str]]:
+    heads, *lines = csv.reader(io.StringIO(text, newline=""))
+    return [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
 
 
 def _selected(row: dict[str, str], result: StudyResult) -> Selected:

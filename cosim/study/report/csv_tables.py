@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.study.report.packed import shown_columns
 from cosim.study.report.sheet import Sheet
+from eightpost.cells import safe_cell
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
 
@@ -97,6 +98,10 @@ def _write(
     """Write text in quotes, numbers without; lines end as RFC 4180 has it."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, quoting=csv.QUOTE_NONNUMERIC)
-        writer.writerows([*settings, (), names, units])
-        writer.writerows(rows)
+        writer.writerows(_safe(row) for row in (*settings, (), names, units))
+        writer.writerows(map(_safe, rows))
     return path
+
+
+def _safe(row: Sequence[Cell]) -> list[Cell]:
+    return [safe_cell(cell) if isinstance(cell, str) else cell for cell in row]

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import xlsxwriter
+import xlsxwriter.exceptions
 
 from cosim.study.report.csv_tables import Cell, ranking_rows
 from cosim.study.report.packed import shown_columns
 from cosim.study.report.sheet import Sheet
+from eightpost.errors import OutputError
 from eightpost.files import atomic_path
 
 
@@ -24,13 +26,14 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
     Returns:
         The file.
     """
-    with (
-        atomic_path(path) as temporary,
-        xlsxwriter.Workbook(temporary, {"strings_to_formulas": False, "strings_to_urls": False}) as workbook,
-    ):
-        _ranking(workbook, sheet)
-        _units(workbook, sheet)
-        _provenance(workbook, sheet)
+    options = {"strings_to_formulas": False, "strings_to_urls": False}
+    try:
+        with atomic_path(path) as temporary, xlsxwriter.Workbook(temporary, options) as workbook:
+            _ranking(workbook, sheet)
+            _units(workbook, sheet)
+            _provenance(workbook, sheet)
+    except xlsxwriter.exceptions.XlsxWriterException as error:  # it keeps the system's error in its own
+        raise OutputError(f"{path}: cannot be written ({error}); free space there, or name another folder") from error
     return path
 
 

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
+from pydantic import TypeAdapter
 
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
 from cosim.study.study import Study
-from eightpost.errors import DataError
-from eightpost.files import atomic_path
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import atomic_path, json_content
+from eightpost.signals.parquet_table import read_table
 
 #: A study is cut into about so many chunks, of at most so many setups: a kill loses what runs in one, which is little.
 _CHUNKS, _LARGEST = 200, 64
 
+_COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 _NAME = re.compile(r"chunk_(\d+)\.parquet")
 
 
@@ -59,7 +62,7 @@ class ChunkFolder:
         """Return all rows that are done, as they were kept.
 
         Raises:
-            DataError: A file was damaged.
+            FileFormatError: A file was damaged.
         """
         return pa.concat_tables([self._schema.empty_table(), *map(self._read, sorted(self.numbers))])
 
@@ -67,7 +70,7 @@ class ChunkFolder:
         """Return all rows that are done, by column name.
 
         Raises:
-            DataError: A file was damaged.
+            FileFormatError: A file was damaged.
         """
         rows: list[Row] = self.table().to_pylist()
         return rows
@@ -75,18 +78,20 @@ class ChunkFolder:
     def _read(self, number: int) -> pa.Table:
         path = self._folder / _name(number)
         try:
-            with pyarrow.parquet.ParquetFile(path) as file:
-                return file.read(use_threads=False).replace_schema_metadata()
-        except pa.ArrowInvalid as error:
-            raise DataError(f"is damaged ({error}): remove it, and its setups are run again", path=path) from error
+            return read_table(path, schema=self._schema).replace_schema_metadata()
+        except FileFormatError as error:
+            raise FileFormatError(f"{error}; remove it, and its setups are run again") from error
 
     def coupling(self) -> Coupling | None:
         """Return the coupling that was chosen; None where none was yet."""
-        try:
-            found: dict[str, Any] = json.loads((self._folder / "coupling.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        path = self._folder / "coupling.json"
+        if not os.path.lexists(path):
             return None
-        return Coupling(**(found | {"notes": tuple(found["notes"])}))
+        try:
+            return _COUPLING.validate_python(json_content(path, finite=False))
+        except ValueError as error:
+            what = "it is not the coupling that a study chose; remove it, and it is chosen again"
+            raise FileFormatError(f"{error}: {what}" if isinstance(error, InputError) else what, path=path) from error
 
     def keep_coupling(self, coupling: Coupling) -> None:
         """Keep the coupling for all later runs of the study."""

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.io import loadmat, savemat
-from scipy.io.matlab import MatReadError
+from scipy.io import savemat
 
 from eightpost import __version__
+from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, parse_json
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
@@ -103,7 +103,7 @@ def read_response_mat(path: str | Path) -> FrequencyResponse:
         raise FileFormatError(what, path=path)
     try:
         return _response(content, story)
-    except (KeyError, TypeError, ValueError) as error:
+    except MALFORMED as error:
         raise FileFormatError(f"does not hold a response as this version writes it ({error})", path=path) from error
 
 
@@ -139,21 +139,20 @@ def _write(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        return dict(loadmat(path))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (NotImplementedError, MatReadError, ValueError, TypeError, EOFError, OSError) as error:
-        raise FileFormatError(f"not a MATLAB file of version 5 to 7.2: {error}", path=path) from error
+    content: dict[str, Any] = read_confined(
+        "eightpost.confined.matlab:load", path, False, kind="a MATLAB file of version 5 to 7.2"
+    )
+    return content
 
 
 def _story(content: Mapping[str, Any], path: Path, *, kind: str) -> dict[str, Any]:
     try:
-        story = json.loads(str(content["eightpost"][0]))
-    except (KeyError, IndexError, ValueError):
+        text = str(content["eightpost"][0])
+    except (LookupError, TypeError):
         raise FileFormatError(
             "is none of ours: it has no variable `eightpost` that says what it holds", path=path
         ) from None
+    story = parse_json(text, path)
     if not isinstance(story, dict) or story.get("kind") != kind:
         found = story.get("kind") if isinstance(story, dict) else story
         raise FileFormatError(f"holds no {kind.replace('_', ' ')}: it says {found!r}", path=path)

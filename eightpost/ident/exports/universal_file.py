@@ -15,7 +15,7 @@ import numpy as np
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path
+from eightpost.files import MALFORMED, atomic_path, reading
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
@@ -66,9 +66,17 @@ def read_response_uff(path: str | Path) -> FrequencyResponse:
         FileFormatError: No such file, no universal file, or none whose functions say their channels as ours do.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileFormatError("there is no such file", path=path)
-    sets = _sets(path)
+    with reading(path), path.open("rb"):
+        sets = _sets(path)
+    try:
+        return _response(sets, path)
+    except FileFormatError:
+        raise
+    except MALFORMED as error:
+        raise FileFormatError(f"does not hold a frequency response as ours are ({error})", path=path) from error
+
+
+def _response(sets: list[dict[str, Any]], path: Path) -> FrequencyResponse:
     functions = [each for each in sets if each.get("type") == 58 and each["func_type"] == _FUNCTION]
     if not functions:
         raise FileFormatError("there is no frequency response (dataset 58 of type 4) in it", path=path)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
+from eightpost.cells import write_rows
 from eightpost.files import atomic_path
 from eightpost.ident.linearity.conditions import Condition
 
@@ -58,6 +58,4 @@ def write_effects(path: str | FilePath, found: Linearity) -> None:
 def _write(path: FilePath, comments: Sequence[str], head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"{line}\n" for line in comments)
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(head)
-        writer.writerows(rows)
+        write_rows(stream, (head, *rows))

@@ -45,8 +45,7 @@ def read_preparation(path: str | Path) -> Preparation:
     content = toml_content(path)
     _check_keys(path, content, _KEYS, "")
     given: dict[str, Any] = {}
-    if "rate" in content:
-        given["decimation"] = Decimation(_si(path, "rate", content["rate"], "Hz"))
+    rate = _si(path, "rate", content["rate"], "Hz") if "rate" in content else None
     if "pot_cutoff" in content:
         own = content["pot_cutoff"] == _OWN
         given["pot_cutoff"] = None if own else _si(path, "pot_cutoff", content["pot_cutoff"], "Hz")
@@ -59,6 +58,8 @@ def read_preparation(path: str | Path) -> Preparation:
     if "geometry" in content:
         given["geometry"] = _geometry(path, _table(path, content, "geometry"))
     try:
+        if rate is not None:
+            given["decimation"] = Decimation(rate)
         return Preparation(**given)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from error

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
-import zipfile
+import math
+import tokenize
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eightpost import __version__
-from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path
+from eightpost.archive import read_archive
+from eightpost.errors import FileFormatError, FmuError
+from eightpost.files import MALFORMED, atomic_path, parse_json
 from eightpost.ident.response.frequency_response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
@@ -57,21 +60,46 @@ def read_response(path: str | Path) -> FrequencyResponse:
     """
     path = Path(path)
     _check_suffix(path)
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
-            members = {name: content[name] for name in content.files}
-        header = json.loads(str(members["header"]))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file", path=path) from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"is no frequency response of ours ({error})", path=path) from error
+    members = _arrays(path)
+    if "header" not in members:
+        raise FileFormatError("is no frequency response of ours: it has no header", path=path)
+    header = parse_json(str(members["header"]), path)
     _check_header(path, header)
     try:
         return _response(header, members)
-    except (KeyError, TypeError, ValueError) as error:
+    except MALFORMED as error:
         raise FileFormatError(
             f"does not hold a frequency response as this version writes it ({error})", path=path
         ) from error
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a .npz file by name."""
+    try:
+        contents = read_archive(path)
+    except FmuError as error:
+        raise FileFormatError(f"is no frequency response of ours ({error.__cause__ or error})", path=path) from error
+    try:
+        return {name.removesuffix(".npy"): _array(content) for name, content in contents.items()}
+    except _DAMAGE as error:
+        raise FileFormatError(f"is no frequency response of ours ({error})", path=path) from error
+
+
+#: What numpy raises for arrays that are damaged.
+_DAMAGE = (ValueError, TypeError, EOFError, SyntaxError, LookupError, OverflowError, MemoryError, RecursionError,
+           tokenize.TokenError)  # fmt: skip
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    """Return an array, once its header says as many bytes as there are: numpy takes the memory before it looks."""
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    head = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    shape, _, kind = head(stream)
+    if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - stream.tell():
+        raise ValueError("an array has not the size that its header says, or holds what is no number")
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def _response(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> FrequencyResponse:

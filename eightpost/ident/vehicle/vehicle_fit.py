@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path, sha256_of
+from eightpost.files import MALFORMED, atomic_path, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, write_response
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
@@ -122,7 +122,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             {str(name): (float(low), float(high)) for name, (low, high) in story.get("ranges", {}).items()},
             None if story.get("trust") is None else Trust.of_json(story["trust"]),
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except MALFORMED as error:
         what = f"does not hold a fit as this version writes it ({error})"
         raise FileFormatError(what, path=story_path(path)) from error
 
@@ -132,12 +132,7 @@ def _words(notes: Sequence[Any]) -> list[str]:
 
 
 def _story(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileFormatError("there is no such file: the vehicle has no fit beside it", path=path) from None
-    except ValueError as error:
-        raise FileFormatError(f"cannot be read as JSON: {error}", path=path) from error
+    content = json_content(path, advice="the vehicle has no fit beside it", finite=False)
     if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
         raise FileFormatError("is no fit of ours: its kind says something else", path=path)
     schema = content.get("schema")

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numba import njit
 
+from eightpost.machine_code import kept
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -90,8 +92,8 @@ class Inputs(NamedTuple):
 
 def _compiled(function: Function) -> Function:
     """Return a function as machine code, kept on disk; sums may be taken in another order."""
-    options = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-    return cast("Function", njit(**options)(function))
+    options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+    return cast("Function", kept(njit(**options)(function)))
 
 
 @_compiled

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -224,6 +225,22 @@ def test_sources_are_compiled_on_request_where_there_is_no_binary(
     assert part.get(("angle",))[0] == pytest.approx(1.0)
     part.finish()
     assert len(list((tmp_path / "cache" / "rebuilt").iterdir())) == 1
+
+
+def test_a_damaged_library_in_the_cache_is_compiled_again(
+    source_fmu, begun, march, tmp_path, monkeypatch, caplog, foreign_library
+):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
+    path = source_fmu(listed="model.c", model='#include "foreign_fmu.h"\n')
+    begun(FmuComponent(path, "odd", compile_missing=True)).finish()
+    (kept,) = (tmp_path / "cache" / "rebuilt").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-100])
+    again = shutil.copy(path, tmp_path / "again.fmu")
+    part = begun(FmuComponent(again, "odd", compile_missing=True))
+    march(part, 4)
+    assert part.get(("angle",))[0] == pytest.approx(1.0)
+    assert "kept library is damaged and is compiled again" in caplog.text
+    part.finish()
 
 
 def test_sources_that_do_not_compile_are_refused_with_the_compilers_first_error(source_fmu, tmp_path, monkeypatch):

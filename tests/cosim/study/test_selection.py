@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from cosim.study.choice.compare_runs import read_run_list
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_table import write_spreads
 from cosim.study.choice.selection import _spread, select
-from cosim.study.choice.selection_file import write_selection
+from cosim.study.choice.selection_file import read_selection, write_selection
 from cosim.study.study import Term
 from eightpost.commands.study_page import chosen_so_far
 from eightpost.errors import InputError
@@ -125,3 +127,18 @@ def test_what_lies_in_the_folder_and_is_of_another_study_is_left_out_and_named(t
     assert ["selection.csv" in chosen.notes[0], "robust.parquet" in chosen.notes[1]] == [True, True]
     write_selection(select(studied, total=4), studied, tmp_path / "selection.csv")
     assert chosen_so_far(studied, tmp_path).selection is not None
+
+
+def test_a_selection_with_names_like_formulas_is_safe_in_a_spreadsheet_and_comes_back(tmp_path):
+    builds = ("=cmd|' /C calc'!A0", "+soft", "@firm", "-stiff")
+    study = result({"=front": front, "rear": rear}, builds=builds)
+    selection = select(study, total=8)
+    write_selection(selection, study, tmp_path / "selection.csv")
+    with (tmp_path / "selection.csv").open(encoding="utf-8", newline="") as stream:
+        cells = [cell for row in csv.reader(stream) for cell in row]
+    assert not [cell for cell in cells if cell[:1] in tuple("=+@") or cell == "-stiff"]
+    assert [one.setup for one in read_selection(tmp_path / "selection.csv", study).chosen] == [
+        one.setup for one in selection.chosen
+    ]
+    runs = read_run_list(tmp_path / "selection.csv", study.study)
+    assert [run.setup for run in runs] == [one.setup.index for one in selection.chosen]

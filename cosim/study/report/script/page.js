@@ -35,7 +35,10 @@ function clearAll() {
   unbrush();
 }
 
-const quoted = (text) => `"${String(text).replace(/"/g, '""')}"`;
+/** A text that a spreadsheet would take for a formula gets an apostrophe before it; a number stays one. */
+const formula = /^'*[=+\-@\t\r\n＝＋－＠]/, number = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
+const safe = (text) => (formula.test(text) && !number.test(text) ? `'${text}` : text);
+const quoted = (text) => `"${safe(String(text)).replace(/"/g, '""')}"`;
 
 /** The rows that the table lists, as CSV in the units that are shown. */
 function download() {

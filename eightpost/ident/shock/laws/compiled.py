@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from eightpost.machine_code import kept
 from eightpost.shock import law_module
 from eightpost.shock.law import Piece, valve_force
 
@@ -69,7 +70,7 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
             force[n] = weight * lagged + (1.0 - weight) * after
             before = after
 
-    return kept(loop)
+    return compiled_loop(loop)
 
 
 def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
@@ -99,15 +100,12 @@ def _lag_machine() -> Callable[..., None]:
                 lagged[j, n + 1] = before
                 start = end
 
-    return kept(loop)
+    return compiled_loop(loop)
 
 
-def kept(loop: Callable[..., None]) -> Callable[..., None]:
-    """Compile a loop, its machine code kept on disk where there is a folder for it."""
-    try:
-        found: Callable[..., None] = njit(nogil=True, error_model="numpy", cache=True)(loop)
-    except RuntimeError:  # neither this folder nor the user's takes files
-        found = njit(nogil=True, error_model="numpy")(loop)
+def compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
+    """Return a loop as machine code, which is kept on disk where there is a folder for it."""
+    found: Callable[..., None] = kept(njit(nogil=True, error_model="numpy")(loop))
     return found
 
 

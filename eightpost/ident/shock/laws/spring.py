@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eightpost.ident.shock.laws.compiled import kept, number_of, registered
+from eightpost.ident.shock.laws.compiled import compiled_loop, number_of, registered
 from eightpost.shock.law import STRAIGHT
 from eightpost.shock.maxwell import followed, reach
 
@@ -101,4 +101,4 @@ def _march() -> Callable[..., None]:
             w = velocity_through(table, stiffness, w, velocity[n - 1], velocity[n], step)
             force[n] = force_at(table, w)
 
-    return kept(loop)
+    return compiled_loop(loop)

@@ -1,8 +1,9 @@
-"""Compiled libraries by what they were compiled from, so that nothing is compiled twice."""
+"""Compiled libraries on disk by what they were compiled from, so that nothing is compiled twice."""
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Iterable
 from contextlib import suppress
@@ -13,8 +14,10 @@ import platformdirs
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 
-#: Libraries kept; the ones not used for longest go first.
+#: Libraries kept in a folder; the ones not used for longest go first.
 KEPT = 600
+
+_LOG = logging.getLogger(__name__)
 
 
 def cache_folder() -> Path:
@@ -31,30 +34,32 @@ def digest(parts: Iterable[bytes | str]) -> str:
     return key.hexdigest()
 
 
-def recall(key: str) -> bytes | None:
-    """Return what was kept under a key; nothing if it is not there or damaged."""
-    path = _path(key)
+def recall(folder: str, key: str) -> bytes | None:
+    """Return what was kept in a folder of the cache under a key; None if it is not there or damaged."""
+    path = cache_folder() / folder / key
     try:
         content = path.read_bytes()
-        os.utime(path)
     except OSError:
         return None
+    with suppress(OSError):  # a cache that may be read only
+        os.utime(path)
     checksum, body = content[:32], content[32:]
-    return body if hashlib.sha256(body).digest() == checksum else None
+    if hashlib.sha256(body).digest() == checksum:
+        return body
+    _LOG.warning("kept library is damaged and is compiled again: %s", path)
+    return None
 
 
-def keep(key: str, content: bytes) -> None:
-    """Keep something under a key; where the folder cannot be written, nothing is kept."""
-    path = _path(key)
-    with suppress(OSError, InputError):
+def keep(folder: str, key: str, content: bytes) -> None:
+    """Keep something in a folder of the cache under a key; where it cannot be written, nothing is kept."""
+    path = cache_folder() / folder / key
+    try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary:
             temporary.write_bytes(hashlib.sha256(content).digest() + content)
         _forget_the_oldest(path.parent)
-
-
-def _path(key: str) -> Path:
-    return cache_folder() / "binaries" / key
+    except (OSError, InputError) as error:
+        _LOG.warning("compiled libraries are not kept and are compiled in every run: %s", error)
 
 
 def _forget_the_oldest(folder: Path) -> None:

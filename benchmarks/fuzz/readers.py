@@ -1,0 +1,323 @@
+"""Every reader of files that there is, with a sound sample of what it reads and the changes that suit it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from benchmarks.fuzz import archives, columns, documents, mutations
+from benchmarks.fuzz.mutations import Change
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader of one kind of file.
+
+    Attributes:
+        name: Name of the reader in the table.
+        sample: Path of the sample in the folder of samples; its mutant takes its place.
+        read: Reads the file at a path, in the folder of samples.
+        changes: Functions of a generator and the sample's bytes that return a mutant's bytes.
+        share: Share of the campaign's mutants, relative to the other readers.
+        neighbours: Other files that the message may name: those that the reader needs beside this one.
+    """
+
+    name: str
+    sample: str
+    read: Callable[[Path], Any]
+    changes: tuple[Change, ...]
+    share: float = 1.0
+    neighbours: tuple[str, ...] = ()
+
+
+def _xml(rng: Random, name: str, content: bytes) -> bytes:
+    if not name.endswith((".xml", ".ssd", ".ssv", ".ssm")):
+        return rng.choice(mutations.BINARY)(rng, content)
+    return rng.choice((*(documents.change_xml,) * 6, *mutations.TEXT[:8]))(rng, content)
+
+
+def _in_archive(*likely: str) -> tuple[Change, ...]:
+    def member(rng: Random, content: bytes) -> bytes:
+        return archives.change_member(rng, content, _xml, likely)
+
+    around = (archives.change_entries, archives.change_entries, archives.change_heads, archives.change_heads,
+              archives.change_around)  # fmt: skip
+    return (*(member,) * 10, *around, *mutations.BINARY)
+
+
+_TEXT, _BINARY = mutations.TEXT, mutations.BINARY
+_JSON = (*(documents.change_json,) * 16, *_TEXT)
+_TOML = (*(documents.change_toml,) * 16, *_TEXT)
+_FMU = _in_archive("modelDescription.xml")
+
+
+# The readers import what they need when they are called: a campaign over one reader loads nothing of the others.
+
+
+def _record(path: Path) -> Any:
+    from eightpost.signals import read_series  # noqa: PLC0415
+    from eightpost.signals.read import read_records  # noqa: PLC0415
+
+    records = read_records(path)
+    if len(records) == 1:
+        read_series(path)
+    return records
+
+
+def _dyno(path: Path) -> Any:
+    from eightpost.rig.dyno_test import read_dyno_tests  # noqa: PLC0415
+
+    return read_dyno_tests(path)
+
+
+def _peaks(path: Path) -> Any:
+    from eightpost.rig.peak_velocity_file import read_peak_velocity  # noqa: PLC0415
+
+    return read_peak_velocity(path)
+
+
+def _rig(path: Path) -> Any:
+    from eightpost.ident.validation.configuration import configuration_of_file  # noqa: PLC0415
+    from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
+
+    configuration_of_file(path)
+    return read_rig_test(path)
+
+
+def _drive(path: Path) -> Any:
+    from eightpost.signals import Drivefile  # noqa: PLC0415
+
+    return Drivefile.read(path)
+
+
+def _map(path: Path) -> Any:
+    from eightpost.signals import ChannelMap, read_series  # noqa: PLC0415
+
+    return read_series(path.with_name("record.csv"), channel_map=ChannelMap.read(path))
+
+
+def _shock(path: Path) -> Any:
+    from eightpost.shock import read_shock  # noqa: PLC0415
+
+    shock = read_shock(path)
+    return [shock.law.force(float(v)) for v in (-0.5, 0.0, 0.5)] if hasattr(shock.law, "force") else shock
+
+
+def _shock_origin(path: Path) -> Any:
+    """What a build makes of a shock file: its product with its documents."""
+    from builder.build import _product  # noqa: PLC0415
+    from builder.documents.origin import open_shock_origin  # noqa: PLC0415
+    from eightpost.shock import read_shock  # noqa: PLC0415
+
+    _product(path)
+    return open_shock_origin(read_shock(path))
+
+
+def _vehicle(path: Path) -> Any:
+    from eightpost.vehicle import read_vehicle  # noqa: PLC0415
+
+    return read_vehicle(path).coupled()
+
+
+def _fit(path: Path) -> Any:
+    from eightpost.ident.vehicle.vehicle_fit import read_fit  # noqa: PLC0415
+
+    return read_fit(path.with_name("fitted.json"))
+
+
+def _preparation(path: Path) -> Any:
+    from eightpost.ident.preparation.preparation_file import read_preparation  # noqa: PLC0415
+
+    return read_preparation(path)
+
+
+def _response(path: Path) -> Any:
+    from eightpost.ident.response import read_response  # noqa: PLC0415
+
+    return read_response(path)
+
+
+def _response_mat(path: Path) -> Any:
+    from eightpost.ident.exports.matlab import read_response_mat  # noqa: PLC0415
+
+    return read_response_mat(path)
+
+
+def _vehicle_mat(path: Path) -> Any:
+    from eightpost.ident.exports.matlab import read_vehicle_mat  # noqa: PLC0415
+
+    return read_vehicle_mat(path)
+
+
+def _uff(path: Path) -> Any:
+    from eightpost.ident.exports.universal_file import read_response_uff  # noqa: PLC0415
+
+    return read_response_uff(path)
+
+
+def _fmu(path: Path) -> Any:
+    from cosim.fmu_file import FmuFile  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory(prefix="fuzz_fmu_") as folder:
+        fmu = FmuFile.unpack(path, folder)
+        return fmu.variables, fmu.capabilities, fmu.sources, fmu.names_in_log, fmu.references, fmu.log_categories
+
+
+def _check(path: Path) -> Any:
+    from builder.check.static import static_findings  # noqa: PLC0415
+    from builder.check.subject import read_subject  # noqa: PLC0415
+
+    return list(static_findings(read_subject(path)))
+
+
+def _parts(path: Path) -> Any:
+    from builder.assembly.parts import read_parts  # noqa: PLC0415
+
+    return read_parts({"lf": path})
+
+
+def _ssp(path: Path) -> Any:
+    from cosim.ssp import Given, read_ssp  # noqa: PLC0415
+
+    return read_ssp(path, given=Given(stop=1.0))
+
+
+def _system(path: Path) -> Any:
+    from cosim.system_file import read_case  # noqa: PLC0415
+
+    return read_case(path)
+
+
+def _study(path: Path) -> Any:
+    from cosim.study.study_file import read_study, source_files  # noqa: PLC0415
+
+    return source_files(path), read_study(path)
+
+
+def _results(path: Path) -> Any:
+    from cosim.study.result import StudyResult  # noqa: PLC0415
+
+    result = StudyResult.load(path)
+    return result.ranking(), [result.values(measure.name) for measure in result.measures]
+
+
+def _sound_result(path: Path) -> Any:
+    from cosim.study.result import StudyResult  # noqa: PLC0415
+
+    return StudyResult.load(path.with_name("results.parquet"))
+
+
+def _selection(path: Path) -> Any:
+    from cosim.study.choice.selection_file import read_selection  # noqa: PLC0415
+
+    return read_selection(path, _sound_result(path))
+
+
+def _run_list(path: Path) -> Any:
+    from cosim.study.choice.compare_runs import read_run_list  # noqa: PLC0415
+
+    return read_run_list(path, _sound_result(path).study)
+
+
+def _uncertainty(path: Path) -> Any:
+    from cosim.study.choice.robust_file import read_uncertainty  # noqa: PLC0415
+
+    return read_uncertainty(path, _sound_result(path))
+
+
+def _comparison(path: Path) -> Any:
+    from cosim.study.choice.compare_file import read_run_to_run  # noqa: PLC0415
+
+    return read_run_to_run(path)
+
+
+def _spreads(path: Path) -> Any:
+    from cosim.study.choice.robust_table import read_spreads  # noqa: PLC0415
+
+    return read_spreads(path, digest="0" * 64)
+
+
+def _result(path: Path) -> Any:
+    from eightpost.commands.compare import _read, _what  # noqa: PLC0415
+
+    return _read(path.parent), _what(path.parent)
+
+
+def _chunks(path: Path) -> Any:
+    from cosim.study.result import study_schema  # noqa: PLC0415
+    from cosim.study.running.chunks import ChunkFolder  # noqa: PLC0415
+
+    result = _sound_result(path.parents[1])
+    units = {measure.name: result.unit(measure.name) for measure in result.measures}
+    folder = ChunkFolder(path.parents[2], "0" * 64, study_schema(result.study, units))
+    return folder.coupling(), folder.table()
+
+
+def readers() -> tuple[Reader, ...]:
+    """Return all readers."""
+    return tuple(_records()) + tuple(_models()) + tuple(_fmus()) + tuple(_studies())
+
+
+def _records() -> Iterator[Reader]:
+    yield Reader("record .csv", "record.csv", _record, _TEXT, 2.0)
+    yield Reader("record .csv, preamble", "german.csv", _record, _TEXT)
+    yield Reader("record .csv, 10 MB field", "record.csv", _record, mutations.SLOW, 0.05)
+    yield Reader("dyno record", "record.csv", _dyno, _TEXT)
+    yield Reader("peak-velocity table", "peaks.csv", _peaks, _TEXT)
+    yield Reader("record .parquet", "record.parquet", _record, (*_BINARY, columns.change_parquet))
+    yield Reader("record .mat", "record.mat", _record, (*_BINARY, *(columns.change_mat,) * 8), 2.0)
+    yield Reader("record .mf4", "record.mf4", _record, (*_BINARY, columns.overwrite_links), 1.5)
+    yield Reader("record .mdf", "record.mdf", _record, (*_BINARY, mutations.overwrite_head), 0.5)
+    yield Reader("rig record", "rig.parquet", _rig, (*_BINARY, *(columns.change_parquet,) * 5), 0.5)
+    yield Reader("drivefile", "drive.parquet", _drive, (*_BINARY, *(columns.change_parquet,) * 5), 0.5)
+    yield Reader("channel map", "map.toml", _map, _TOML, neighbours=("record.csv",))
+
+
+def _models() -> Iterator[Reader]:
+    yield Reader("shock file", "shock.json", _shock, _JSON, 2.0)
+    yield Reader("shock file, built", "shock.json", _shock_origin, _JSON)
+    yield Reader("vehicle .toml", "seven_dof.toml", _vehicle, _TOML)
+    yield Reader("vehicle .json", "vehicle.json", _vehicle, _JSON)
+    yield Reader("vehicle .mat", "vehicle.mat", _vehicle_mat, _BINARY)
+    yield Reader("fit of a vehicle", "fitted.fit.json", _fit, _JSON, 0.5)
+    yield Reader("preparation", "preparation.toml", _preparation, _TOML)
+    npz = (*_in_archive(".npy"), columns.change_npz, columns.change_npz, columns.change_npz)
+    yield Reader("response .npz", "response.npz", _response, npz, 1.5)
+    yield Reader("response .mat", "response.mat", _response_mat, _BINARY)
+    yield Reader("response .uff", "response.uff", _uff, _TEXT)
+
+
+def _fmus() -> Iterator[Reader]:
+    yield Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0)
+    yield Reader("FMU, bomb", "plain.fmu", _fmu, (archives.bomb,), 0.02)
+    yield Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU)
+    yield Reader("FMU, checked, bomb", "plain.fmu", _check, (archives.bomb,), 0.02)
+    yield Reader("FMU, binary checked", "fmus/shock.fmu", _check, (_binaries,), 0.5)
+    yield Reader("FMU, assembled", "fmus/shock.fmu", _parts, _FMU, 0.5)
+    yield Reader("SSP package", "package.ssp", _ssp, _in_archive(".ssd", ".ssv", ".ssm"), 2.0)
+    yield Reader("system file", "system.toml", _system, _TOML, 1.5)
+
+
+def _binaries(rng: Random, content: bytes) -> bytes:
+    def change(rng: Random, _: str, member: bytes) -> bytes:
+        return rng.choice((*_BINARY, *(mutations.overwrite_head,) * 5))(rng, member)
+
+    return archives.change_member(rng, content, change, (".so", ".dll", ".dylib"))
+
+
+def _studies() -> Iterator[Reader]:
+    yield Reader("study file", "study.toml", _study, _TOML, 1.5)
+    yield Reader("study results", "results.parquet", _results, (*_BINARY, *(columns.change_parquet,) * 8), 1.5)
+    yield Reader("selection", "selection.csv", _selection, _TEXT)
+    yield Reader("list of runs", "selection.csv", _run_list, _TEXT)
+    yield Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML)
+    yield Reader("comparison", "comparison.json", _comparison, _JSON)
+    yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(columns.change_parquet,) * 5))
+    yield Reader("result of a run", "run/result.json", _result, _JSON)
+    chunks = f"chunks/{'0' * 16}"
+    yield Reader("chunk of a study", f"{chunks}/chunk_000001.parquet", _chunks, _BINARY, 0.5)
+    yield Reader("coupling of a study", f"{chunks}/coupling.json", _chunks, _JSON, 0.5)

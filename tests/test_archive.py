@@ -1,0 +1,106 @@
+"""Archives that are damaged, strange or too large are refused with the archive, the entry and the limit."""
+
+import io
+import stat
+import time
+import warnings
+import zipfile
+
+import pytest
+
+from eightpost import archive
+from eightpost.archive import extract_archive, read_archive, write_archive
+from eightpost.errors import FmuError, OutputError
+
+
+def packed(path, *entries, method=zipfile.ZIP_DEFLATED):
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "w", method) as made:
+        warnings.simplefilter("ignore")  # two of one name
+        for name, content in entries:
+            made.writestr(name, content)
+    return path
+
+
+def link(name):
+    entry = zipfile.ZipInfo(name)
+    entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+    return entry
+
+
+STRANGE = {
+    "absolute": ([("/etc/evil", b"")], "'/etc/evil' is absolute"),
+    "leaves": ([("a/../../evil", b"")], "'a/../../evil' leaves the archive"),
+    "backslash": ([("a\\b", b"")], "has a backslash"),
+    "drive": ([("C:/evil", b"")], "is absolute"),
+    "link": ([(link("binaries"), b"/etc")], "'binaries' is a symbolic link"),
+    "twice": ([("a", b"1"), ("a", b"2")], "has two entries at 'a'"),
+    "file and folder": ([("a", b"1"), ("a/b", b"2")], "has two entries at 'a'"),
+    "no name": ([(".", b"1")], "has no name"),
+}
+
+
+@pytest.mark.parametrize(("entries", "said"), STRANGE.values(), ids=STRANGE)
+@pytest.mark.parametrize("read", [read_archive, lambda path: extract_archive(path, path.parent / "out")])
+def test_strange_entries_are_refused_before_anything_is_written(tmp_path, entries, said, read):
+    path = packed(tmp_path / "odd.fmu", ("modelDescription.xml", b"<a/>"), *entries)
+    with pytest.raises(FmuError, match=r"odd\.fmu") as caught:
+        read(path)
+    assert said in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bomb_is_refused_at_once_with_its_size_and_the_limit(tmp_path):
+    packed(tmp_path / "bomb.fmu", ("resources/zeros", bytes(100_000_000)))
+    begun = time.process_time()
+    with pytest.raises(FmuError, match=r"bomb\.fmu: the entry 'resources/zeros' has 95 MiB unpacked .* 200 times"):
+        extract_archive(tmp_path / "bomb.fmu", tmp_path / "out")
+    assert time.process_time() - begun < 0.5
+
+
+def test_sizes_and_counts_have_limits(tmp_path, monkeypatch):
+    path = packed(tmp_path / "large.fmu", ("a", b"x" * 2_000_000), ("b", b"x" * 2_000_000))
+    assert len(read_archive(path)["a"]) == 2_000_000  # a small entry may be as compressible as it is
+    monkeypatch.setattr(archive, "LARGEST_TOTAL", 3 * 2**20)
+    with pytest.raises(FmuError, match=r"large\.fmu: the whole archive has 4 MiB unpacked, the limit is 3 MiB"):
+        read_archive(path)
+    monkeypatch.setattr(archive, "LARGEST_ENTRY", 2**20)
+    with pytest.raises(FmuError, match=r"large\.fmu: the entry 'a' has 2 MiB unpacked, the limit is 1 MiB"):
+        read_archive(path)
+    monkeypatch.setattr(archive, "MOST_ENTRIES", 1)
+    with pytest.raises(FmuError, match=r"large\.fmu: has 2 entries, the limit is 1"):
+        read_archive(path)
+
+
+def test_a_size_that_is_a_lie_is_damage(tmp_path):
+    content = packed(tmp_path / "a.fmu", ("a", b"x" * 1000)).read_bytes()
+    at = content.index(b"PK\x01\x02") + 24
+    for lie in (0, 10, 999):
+        (tmp_path / "a.fmu").write_bytes(content[:at] + lie.to_bytes(4, "little") + content[at + 4 :])
+        with pytest.raises(FmuError, match=r"a\.fmu: is not a readable zip archive"):
+            read_archive(tmp_path / "a.fmu")
+
+
+def test_an_encrypted_entry_is_refused(tmp_path):
+    content = bytearray(packed(tmp_path / "a.fmu", ("a", b"x" * 1000)).read_bytes())
+    content[6] |= 1
+    content[content.index(b"PK\x01\x02") + 8] |= 1
+    (tmp_path / "a.fmu").write_bytes(content)
+    with pytest.raises(FmuError, match=r"a\.fmu: is not a readable zip archive .*encrypted"):
+        read_archive(tmp_path / "a.fmu")
+
+
+def test_what_cannot_be_unpacked_names_the_file_to_be(tmp_path):
+    path = packed(tmp_path / "long.fmu", ("x" * 300, b"1"))
+    with pytest.raises(OutputError, match=r"out/xxx.*File name too long"):
+        extract_archive(path, tmp_path / "out")
+
+
+def test_unpacking_gives_what_was_packed(tmp_path):
+    members = {"modelDescription.xml": b"<a/>", "binaries/linux64/a.so": bytes(range(256)) * 10_000, "empty": b""}
+    write_archive(tmp_path / "a.fmu", members)
+    extract_archive(tmp_path / "a.fmu", tmp_path / "out")
+    assert read_archive(tmp_path / "a.fmu") == members
+    assert {
+        p.relative_to(tmp_path / "out").as_posix(): p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()
+    } == members
+    assert zipfile.is_zipfile(io.BytesIO((tmp_path / "a.fmu").read_bytes()))

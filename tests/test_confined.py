@@ -1,0 +1,75 @@
+"""A library that crashes over a file, hangs or takes too much memory ends in a message, and the next file is read."""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from eightpost.confined import process, read_confined
+from eightpost.errors import FileFormatError
+from eightpost.signals import TimeSeries, read_series, write_series
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits are POSIX's")
+
+
+@pytest.fixture
+def record(tmp_path):
+    series = TimeSeries.from_channels(np.arange(100) / 100.0, {"force": ("N", np.arange(100.0))})
+    write_series(series, tmp_path / "run.mat")
+    return tmp_path / "run.mat"
+
+
+def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkeypatch):
+    (tmp_path / "crashes.py").write_text("import os\n\n\ndef read(path):\n    os.kill(os.getpid(), 11)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    process._close()  # the next process has this path
+    with pytest.raises(
+        FileFormatError, match=r"run\.mat: not a mat file: the process that read it crashed \(SIGSEGV\)"
+    ):
+        read_confined("crashes:read", record, kind="a mat file")
+    np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
+
+
+def test_a_file_is_not_refused_for_what_an_earlier_one_did_to_the_process(record):
+    """The first answer is that of a process that is about to die: a fresh one reads the file."""
+    read_series(record)
+    (child,) = process._children
+    child._process.kill()
+    np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
+
+
+def test_a_file_that_takes_too_long_is_refused(record, monkeypatch):
+    monkeypatch.setattr(process, "_TIME", 0.5)
+    slow = record.with_name("slow.mat")
+    slow.write_text("#!/bin/sh\nexec sleep 20\n")
+    slow.chmod(0o755)
+    read_confined("os:stat", slow, kind="a file")  # the process has begun
+    with pytest.raises(FileFormatError, match=r"slow\.mat: not a file: the process that read it took longer than"):
+        read_confined("subprocess:run", slow, kind="a file")
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="the address space is Linux's")  # noqa: PTH110
+def test_a_file_that_takes_too_much_memory_is_refused(record, monkeypatch):
+    monkeypatch.setattr(process, "MEMORY", 2**26)
+    monkeypatch.setattr(process, "_MEMORY_PER_BYTE", 0)
+    large = record.with_name("large.mat")
+    with large.open("wb") as stream:
+        stream.truncate(2**28)
+    with pytest.raises(FileFormatError, match=r"large\.mat: not a file: it takes more than 0\.1 GiB of memory"):
+        read_confined("numpy:fromfile", large, kind="a file")
+    np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
+
+
+def test_what_the_library_raises_is_told_with_the_files_name(record):
+    record.write_bytes(b"MATLAB 5.0 MAT-file" + bytes(range(200)))
+    with pytest.raises(FileFormatError, match=r"run\.mat: not a MATLAB file: \w+Error"):
+        read_series(record)
+
+
+def test_several_files_are_read_by_one_process(record):
+    read_series(record)
+    (child,) = process._children
+    for _ in range(5):
+        read_series(record)
+    assert process._children == [child]
