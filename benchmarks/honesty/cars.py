@@ -14,13 +14,13 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from builder.native.cache import cache_folder
 
 from benchmarks.case import ROOT
 from benchmarks.honesty.shocks import LAWS, log_uniform
 from builder.build import build
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import Zig
+from eightpost.cache import cache_folder
 from eightpost.shock import LAWS as CLASSES
 from eightpost.shock import Port, Shock, StaticCurve, fit_parameters, write_shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, QuarterCar, SevenDof, StructuralVehicle, write_vehicle
