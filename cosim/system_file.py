@@ -19,7 +19,7 @@ from cosim.scenario import Scenario
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.system import Bond, Connection, System, find_variable
 from eightpost import units
-from eightpost.errors import InputError, UnknownUnitError, WiringError
+from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import toml_content
 from eightpost.signals import ChannelMap, Drivefile
 
@@ -152,7 +152,7 @@ def read_case(
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
     folder = path.parent
     files = {name: Path(fmus.get(name, folder / entry.fmu)) for name, entry in content.components.items()}
-    components = {name: load(file, name) for name, file in files.items()}
+    components = {name: _opened(path, name, file, load) for name, file in files.items()}
     try:
         system, scenario = _system(content, components), _scenario(path, content.scenario)
         step, algorithm = content.scenario.coupling_step, _algorithm(content.scenario)
@@ -167,6 +167,13 @@ def read_case(
         step=step,
         fmus=files,
     )
+
+
+def _opened(path: Path, name: str, file: Path, load: Callable[[Path, str], Component]) -> Component:
+    try:
+        return load(file, name)
+    except FmuError as error:
+        raise FmuError(f"{path}: components.{name}: {error}") from error
 
 
 def _package(

@@ -118,7 +118,7 @@ def change_lines(rng: Random, content: bytes) -> bytes:
     elif kind == 2:
         lines[at], lines[other] = lines[other], lines[at]
     elif kind == 3:
-        lines[at] += lines.pop(other) if len(lines) > 1 and other != at else b","
+        lines[at : at + 2] = [b",".join(lines[at : at + 2])]
     else:
         lines[at] = lines[at][: rng.randint(0, len(lines[at]))]
     return b"\n".join(lines)

@@ -120,7 +120,7 @@ def _shock_origin(path: Path) -> Any:
 def _vehicle(path: Path) -> Any:
     from eightpost.vehicle import read_vehicle  # noqa: PLC0415
 
-    return read_vehicle(path).coupled()
+    return read_vehicle(path)
 
 
 def _fit(path: Path) -> Any:

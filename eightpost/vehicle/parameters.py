@@ -48,7 +48,7 @@ def read_toml(path: str | Path) -> StructuralVehicle:
     content = toml_content(path)
     check_schema(path, content, SCHEMA)
     model = content.get("model")
-    if model not in MODELS:
+    if not isinstance(model, str) or model not in MODELS:
         raise ParameterError(f"{path}, model: is {model!r}; choose one of {', '.join(MODELS)}")
     _refuse_unknown(path, "key", content, _TOP_LEVEL)
     values = _read_parameters(path, MODELS[model], _table(path, content, "parameters"))

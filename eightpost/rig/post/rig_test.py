@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eightpost.errors import FileFormatError, MissingChannelError
-from eightpost.files import sha256_of
+from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
+from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_channels import CHANNEL_UNITS, rig_map
 from eightpost.rig.post.rig_faults import check_rig_record
 from eightpost.signals.csv_file import write_csv
@@ -133,6 +133,8 @@ def read_rig_test(
     series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
     corners = corners_of(series)
     _check_channels(series, corners, path)
+    if len(series) < 2:
+        raise record.origin.header_fault(TooShortError, "there is a single sample in it")
     series, derived = _with_velocities(series, corners)
     check_rig_record(series, corners, origin=record.origin)
     return RigTest(series, _conditions(path), path, sha256_of(path), derived)
@@ -165,8 +167,8 @@ def _conditions(path: Path) -> RigConditions:
         return RigConditions()
     try:
         known: dict[str, Any] = json.loads(parquet_header(path).get("note", "") or "{}")
-    except ValueError:
+        names = {f.name for f in fields(RigConditions)}
+        own = {name: value for name, value in known.items() if name in names}
+        return RigConditions(**{**own, "shocks": tuple(own.get("shocks", ()))})
+    except (RecursionError, *MALFORMED):  # a note of another kind
         return RigConditions()
-    names = {f.name for f in fields(RigConditions)}
-    own = {name: value for name, value in known.items() if name in names}
-    return RigConditions(**{**own, "shocks": tuple(own.get("shocks", ()))})
