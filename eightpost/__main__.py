@@ -39,7 +39,7 @@ VERBS = {
     "study": "Run every setup of shocks that a study allows, and rank them.",
     "optimise": "Search the best setups of a study whose bank is too large to run them all.",
     "sensitivity": "Show which corner matters for which measure of a study.",
-    "robust": "Say which of a study's best setups are better than others beyond doubt.",
+    "robust": "Say which of a study's best setups differ by more than the uncertainty that is stated.",
     "select": "Select setups of a study to confirm on the rig.",
     "compare": "Compare runs, or a study's prediction with what the rig measured.",
     "demo": "Run the whole line on shipped data.",

@@ -45,6 +45,7 @@ class Provenance:
         settings: How it was run: scheme, coupling step [s], its stated error, and what else was decided.
         tool_version: Of eightpost.
         measure_units: SI unit of every measure.
+        models: What every FMU says of how far its model can be used (Validity), by its file; None where nothing.
     """
 
     digest: str
@@ -53,6 +54,7 @@ class Provenance:
     settings: Mapping[str, Any]
     measure_units: Mapping[str, str]
     tool_version: str = __version__
+    models: Mapping[str, Any] = field(default_factory=dict)
 
 
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
@@ -195,7 +197,8 @@ class StudyResult:
         header = _header(path, table)
         try:
             study = Study.from_json(json.dumps(header["study"]))
-            made_by = _PROVENANCE.validate_python({name: header[name] for name in Provenance.__dataclass_fields__})
+            stated = {name: header[name] for name in Provenance.__dataclass_fields__ if name in header}
+            made_by = _PROVENANCE.validate_python(stated)
             _check_columns(table, study_schema(study, made_by.measure_units))
             return cls(study, table, made_by, bool(header["partial"]))
         except (pa.ArrowException, *MALFORMED) as error:

@@ -10,12 +10,15 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim.plots import plot_measures
+from cosim.study.choice.compare_verdict import verdict_of_runs
 from cosim.study.measures import DISPLAY, Measure, available, channel_measures, ride_measures
 from eightpost import units
 from eightpost.commands.compare_study import Wanted, compare_study
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
 from eightpost.signals import TimeSeries, read_series
+from eightpost.verdict import Verdict
 
 
 @click.pass_context
@@ -25,7 +28,7 @@ def compare(
     """Compare runs, or a study's prediction with what the rig measured."""
     console = Console()
     if (measured := options.pop("measured")) is not None:
-        ctx.exit(0 if _with_rig(console, folders, measured, output, **options) else 1)
+        ctx.exit(0 if _with_rig(console, folders, measured, output, **options).is_acceptable else 1)
     if len(folders) < 2:
         raise InputError("compare takes two runs or more; the first is the baseline")
     runs = {str(folder): _read(folder) for folder in folders}
@@ -39,6 +42,9 @@ def compare(
     if output:
         plot_measures(runs, measures, output)
         console.print(f"wrote {output}", highlight=False)
+    verdict = verdict_of_runs({str(folder): _result(folder) for folder in folders})
+    show_verdict(console, verdict)
+    ctx.exit(0 if verdict.is_acceptable else 1)
 
 
 def _with_rig(
@@ -51,7 +57,7 @@ def _with_rig(
     channel_map: Path | None,
     rank: float,
     level: float | None,
-) -> bool:
+) -> Verdict:
     if len(folders) != 1:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)}")
     return compare_study(console, folders[0], measured, output, Wanted(measures, rank, level, channel_map))

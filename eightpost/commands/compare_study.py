@@ -14,18 +14,21 @@ from cosim.study.choice.compare import Comparison
 from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.compare_plot import plot_comparisons
 from cosim.study.choice.compare_runs import Measured, MeasuredRun, comparisons, measured_runs, read_run_list
+from cosim.study.choice.compare_verdict import comparison_verdict
 from cosim.study.choice.selection_file import read_selection
 from cosim.study.result import StudyResult
 from eightpost import units
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.study_page import RESULTS, SELECTION
 from eightpost.errors import InputError
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap, TimeSeries
+from eightpost.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is compared, and what is acceptable.
+    """What is compared, and what is asked of it.
 
     Attributes:
         measures: Names; empty: all that were measured and do not hang on a mean.
@@ -40,11 +43,11 @@ class Wanted:
     channel_map: Path | None
 
 
-def compare_study(console: Console, folder: Path, measured: Path, output: Path | None, wanted: Wanted) -> bool:
+def compare_study(console: Console, folder: Path, measured: Path, output: Path | None, wanted: Wanted) -> Verdict:
     """Compare a study with measured runs, print what was found, and write it.
 
     Returns:
-        Whether every measure is acceptable.
+        The verdict.
     """
     result = StudyResult.load(folder / RESULTS)
     for name in wanted.measures:
@@ -65,8 +68,10 @@ def compare_study(console: Console, folder: Path, measured: Path, output: Path |
         raise InputError(f"{path}: none of the study's measures could be drawn from these records")
     console.print(f"{len(runs)} runs of {found[0].setups.size} setups", highlight=False)
     console.print(comparison_table(found, result))
-    _write(console, found, result, output or folder / "compared", _selected(folder, result))
-    return show_verdicts(console, found, wanted)
+    verdict = comparison_verdict(found, rank=wanted.rank, level=wanted.level)
+    _write(console, found, result, output or folder / "compared", _selected(folder, result), verdict)
+    show_verdict(console, verdict)
+    return verdict
 
 
 def _names(console: Console, result: StudyResult, drawn: Measured, wanted: Wanted) -> list[str]:
@@ -114,25 +119,6 @@ def comparison_table(found: Sequence[Comparison], result: StudyResult) -> Table:
     return table
 
 
-def show_verdicts(console: Console, found: Sequence[Comparison], wanted: Wanted) -> bool:
-    """Print what is not acceptable; return whether all is."""
-    wrong = []
-    for one in found:
-        if one.spearman < wanted.rank:
-            reason = " (run-to-run noise alone could take it so low)" if one.spearman >= one.attainable else ""
-            wrong.append(f"{one.measure}: Spearman {one.spearman:.3f} is below {wanted.rank:g}{reason}")
-        if wanted.level is not None and one.level_error > wanted.level:
-            wrong.append(f"{one.measure}: level error {one.level_error:.1f} % is above {wanted.level:g} %")
-    for line in wrong:
-        console.print(f"[red]not acceptable[/] {escape(line)}", highlight=False, soft_wrap=True)
-    if not wrong:
-        levels = "" if wanted.level is None else f", level errors up to {wanted.level:g} %"
-        console.print(
-            f"[green]acceptable[/]: Spearman {wanted.rank:g} or more in every measure{levels}", highlight=False
-        )
-    return not wrong
-
-
 def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
     """Return which setups were selected for which measure, where the study's folder has a selection."""
     path = folder / SELECTION
@@ -144,10 +130,15 @@ def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
 
 
 def _write(
-    console: Console, found: Sequence[Comparison], result: StudyResult, output: Path, selected: dict[str, set[int]]
+    console: Console,
+    found: Sequence[Comparison],
+    result: StudyResult,
+    output: Path,
+    selected: dict[str, set[int]],
+    verdict: Verdict,
 ) -> None:
     """Write all comparisons, and a picture of the measures that setups were selected for, else of the objective."""
-    write_comparisons(found, result.provenance.measure_units, output / "comparison.json")
+    write_comparisons(found, result.provenance.measure_units, output / "comparison.json", verdict)
     names = [one.measure for one in found]
     first = selected or dict.fromkeys(term.measure for term in result.study.objective)
     drawn = [one for one in found if one.measure in first] or list(found)

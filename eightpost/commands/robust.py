@@ -14,10 +14,12 @@ from cosim.study.choice.robust import OBJECTIVE, REACH, Spread, spreads_of
 from cosim.study.choice.robust_file import Uncertainty, read_uncertainty
 from cosim.study.choice.robust_study import Draws, leading, run_draws
 from cosim.study.choice.robust_table import write_spreads
+from cosim.study.choice.robust_verdict import robust_verdict
 from cosim.study.result import StudyResult
 from cosim.study.running.workers import ProcessWorkers
 from eightpost import units
 from eightpost.commands.shock_uncertainty import uncertainty_of
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.study_page import RESULTS, SPREADS, write_page
 from eightpost.errors import InputError
 
@@ -25,7 +27,7 @@ from eightpost.errors import InputError
 def robust(
     folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
 ) -> None:
-    """Say which of a study's best setups are better than others beyond doubt."""
+    """Say which of a study's best setups differ by more than the uncertainty that is stated."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     known = read_uncertainty(uncertain, result)
@@ -38,7 +40,8 @@ def robust(
     first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
     shown = next(spread for spread in kept if spread.measure == first)
     console.print(spread_table(shown, result))
-    show_verdict(console, shown, result)
+    show_choice(console, shown, result)
+    show_verdict(console, robust_verdict(shown, len(result)))
     write_spreads(kept, folder / SPREADS, digest=result.provenance.digest)
     console.print(f"wrote {folder / SPREADS}", highlight=False, soft_wrap=True)
     write_page(console, result, folder)
@@ -75,7 +78,7 @@ def _run(
 
 
 def spread_table(spread: Spread, result: StudyResult) -> Table:
-    """Return setups in groups of which no member is worse than the first beyond doubt, best first."""
+    """Return setups in groups of which no member is told from the first, best first."""
     unit, factor = _shown(spread.measure, result)
     table = Table("group", "setup", *result.study.corners, escape(f"{spread.measure} [{unit}]"), f"± {REACH:g} sigma",
                   "behind the group's first", f"± {REACH:g} sigma")  # fmt: skip
@@ -90,23 +93,16 @@ def spread_table(spread: Spread, result: StudyResult) -> Table:
     return table
 
 
-def show_verdict(console: Console, spread: Spread, result: StudyResult) -> None:
-    """Print whether there is a best setup, and whether it is better than the baseline."""
+def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:
+    """Print which setup is first, and whether it is better than the baseline, within the stated uncertainty."""
     group = spread.groups()[0]
     best = result.study.space.setup(int(spread.setups[group[0]]))
-    if group.size == 1:
-        console.print(f"best beyond doubt: setup {best.index} ({best})", highlight=False, soft_wrap=True)
-    else:
-        console.print(
-            f"{group.size} setups cannot be told apart at the top; the least is setup {best.index} ({best})",
-            highlight=False,
-            soft_wrap=True,
-        )
+    console.print(f"first of the first group: setup {best.index} ({best})", highlight=False, soft_wrap=True)
     baseline = result.study.baseline_setup
     rows = [] if baseline is None else [row for row, n in enumerate(spread.setups.tolist()) if n == baseline.index]
     for row in rows:
-        worse = "better than" if spread.worse_than(int(group[0]))[row] else "not beyond doubt better than"
-        console.print(f"it is {worse} the baseline", highlight=False)
+        told = "better than" if spread.worse_than(int(group[0]))[row] else "not told apart from"
+        console.print(f"it is {told} the baseline, within the stated uncertainty", highlight=False)
 
 
 def _shown(measure: str, result: StudyResult) -> tuple[str, float]:

@@ -22,8 +22,10 @@ from cosim.study.running.trace import traces
 from cosim.study.running.workers import PATIENCE, ProcessWorkers, Workers
 from cosim.study.study import Study
 from cosim.study.study_file import read_study, source_files
+from cosim.study.verdict import study_verdict
 from eightpost.commands.build import build_with_progress
 from eightpost.commands.rig_shocks import si
+from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
@@ -63,7 +65,7 @@ def study(
         console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
     console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
     write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
-    ctx.exit(0 if not result.partial and result.done.all() else 1)
+    ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result).is_acceptable else 1)
 
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
@@ -158,6 +160,7 @@ def show_result(console: Console, result: StudyResult, *, rank: str | None = Non
     console.print(f"{len(result)} setups, {seconds:.1f} s of workers' time{worst}", highlight=False)
     if result.partial:
         console.print("[yellow]partial[/]: call it again with the same folder to go on", highlight=False)
+    show_verdict(console, study_verdict(result))
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:

@@ -21,7 +21,7 @@ from eightpost.verbs.body import body
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
 @body
 def robust() -> None:
-    """Say which of a study's best setups are better than others beyond doubt.
+    """Say which of a study's best setups differ by more than the uncertainty that is stated.
 
     STUDY is a folder that `eightpost study` wrote, UNCERTAIN a TOML file that says what is not known exactly: fitted
     shocks, parameters, other vehicles, and how much two runs on the rig differ (docs/study_choice.md). Every draw is

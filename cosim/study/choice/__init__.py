@@ -1,1 +1,1 @@
-"""From a study's rows to a choice: which corner matters, what is better beyond doubt, what to confirm on the rig."""
+"""From rows to a choice: which corner matters, what differs beyond its uncertainty, what to confirm on the rig."""

@@ -11,23 +11,28 @@ from cosim.study.choice.compare import Comparison
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.verdict import Verdict
 
 #: Version of the file that is written.
 SCHEMA = 1
 
 
-def write_comparisons(comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path) -> None:
+def write_comparisons(
+    comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
+) -> None:
     """Write comparisons as JSON, levels in SI.
 
     Args:
         comparisons: Of the measures.
         units: SI unit by measure.
         path: The file.
+        verdict: On all of them.
     """
     document = {
         "schema": SCHEMA,
         "kind": "comparison",
         "tool": f"eightpost {__version__}",
+        "verdict": verdict.to_json(),
         "measures": [_entry(found, units[found.measure]) for found in comparisons],
     }
     with atomic_path(path) as temporary:

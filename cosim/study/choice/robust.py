@@ -72,12 +72,12 @@ class Spread:
         return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
 
     def worse_than(self, other: int) -> Flags:
-        """Return which setups (K,) are higher than one of them beyond doubt."""
+        """Return which setups (K,) are higher than one of them by more than the uncertainty of the difference."""
         above, deviation = self.difference(other)
         return np.asarray(above > REACH * deviation, dtype=np.bool_)
 
     def groups(self) -> tuple[Integers, ...]:
-        """Return the rows of the setups, lowest first, in groups: no member is worse than the first beyond doubt.
+        """Return the rows of the setups, lowest first, in groups: no member is told from the first.
 
         A failed setup is in none.
         """

@@ -17,6 +17,7 @@ from cosim.study.report.scale import Scale
 from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
+from cosim.study.verdict import study_verdict
 
 
 def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
@@ -59,6 +60,7 @@ def background(result: StudyResult, trace_command: str) -> Background:
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
         trace_command=trace_command,
+        verdict=study_verdict(result),
     )
 
 

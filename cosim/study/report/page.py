@@ -17,7 +17,7 @@ from cosim.study.report.colors import build_colors
 from cosim.study.report.corner import telling_corner
 from cosim.study.report.packed import packed, shown_columns
 from cosim.study.report.sheet import Column, Sheet
-from cosim.study.report.summary import MATTERS, extremes, fixed, shares, tiles, verdict
+from cosim.study.report.summary import MATTERS, extremes, fixed, headline, shares, tiles
 from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries
 
@@ -79,7 +79,8 @@ def page(sheet: Sheet, extras: Extras) -> str:
 def _words(sheet: Sheet) -> dict[str, Any]:
     doubtful = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
     return {
-        "verdict": verdict(sheet),
+        "verdict": sheet.background.verdict,
+        "headline": headline(sheet),
         "tiles": tiles(sheet),
         "doubtful": doubtful[:_DOUBTFUL],
         "more_doubtful": max(0, len(doubtful) - _DOUBTFUL),

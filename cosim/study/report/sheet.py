@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.study.report.scale import Scale
+from eightpost.verdict import Verdict
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -25,7 +26,7 @@ class Doubt:
         from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; what blurs
             both alike is not in it.
         from_baseline: (S,) the same of the difference from the baseline.
-        tied: (S,) whether a setup is not worse, beyond doubt, than the one with the best value.
+        tied: (S,) whether a setup is not told from the one with the best value.
     """
 
     spread: Array
@@ -110,6 +111,7 @@ class Background:
         facts: Settings and versions: what, and how much.
         origins: The files.
         trace_command: That computes the traces of a setup, with `{setup}` in place of its number; empty for none.
+        verdict: On the study.
     """
 
     title: str = "Setup study"
@@ -119,6 +121,7 @@ class Background:
     facts: tuple[tuple[str, str], ...] = ()
     origins: tuple[Origin, ...] = ()
     trace_command: str = ""
+    verdict: Verdict = field(default_factory=Verdict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

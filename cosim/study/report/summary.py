@@ -18,15 +18,6 @@ MATTERS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """The page's first sentence: `good`, `open` or `bad`, the answer, and what there is to say of it."""
-
-    kind: str
-    answer: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class Tile:
     """A figure at the head of the page; `value` in US customary units and in metric ones."""
 
@@ -47,30 +38,31 @@ class Share:
     method: str
 
 
-def verdict(sheet: Sheet) -> Verdict:
-    """Return whether there is a best setup, and how much of the study stands behind it."""
-    failed, marked = len(sheet.failures), len(sheet.marks)
-    done, feasible = int(sheet.done.sum()), int(np.sum(sheet.allowed & sheet.done))
-    reason = f"{done} setups ran{f', {failed} failed' if failed else ''}{f', {marked} marked' if marked else ''}. "
-    if not done:
-        return Verdict("bad", "No setup ran.", "The list of failures below says why.")
-    if not feasible:
-        return Verdict("bad", "No setup keeps all constraints.", reason + "They are ranked all the same.")
-    best = int(sheet.order[0])
-    doubtful = failed or best in sheet.marks or sheet.background.notes
-    answer = f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
-    kept = f"{feasible} keep all constraints. " if sheet.background.constraints else ""
-    return Verdict("open" if doubtful else "good", answer, reason + kept + "".join(_of_best(sheet, best)))
+def headline(sheet: Sheet) -> str:
+    """Return how many setups ran, failed and are marked, and which one is best, with what must be known of it."""
+    failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
+    counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
+    return " ".join((counts, *_best(sheet)))
+
+
+def _best(sheet: Sheet) -> Iterator[str]:
+    feasible = int(np.sum(sheet.allowed & sheet.done))
+    if feasible:
+        best = int(sheet.order[0])
+        yield f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
+        if sheet.background.constraints:
+            yield f"{feasible} keep all constraints."
+        yield from _of_best(sheet, best)
 
 
 def _of_best(sheet: Sheet, best: int) -> Iterator[str]:
     """Yield what must be known of the best setup: its mark, and how many are not told apart from it."""
     if best in sheet.marks:
-        yield f"The best is marked: {sheet.marks[best]}. "
+        yield f"The best is marked: {sheet.marks[best]}."
     column = sheet.ranked_by
     if column.doubt is not None:
         close = np.abs(column.values - column.values[best]) <= column.doubt.from_best
-        yield f"{int(np.sum(close & sheet.allowed)) - 1} others are not told apart from it. "
+        yield f"{int(np.sum(close & sheet.allowed)) - 1} others are not told apart from it."
 
 
 def tiles(sheet: Sheet) -> tuple[Tile, ...]:

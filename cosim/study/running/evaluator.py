@@ -143,6 +143,15 @@ class Evaluator:
         found = {str(build.fmu): self._shock(corner, name).identity for name, build in study.bank.items()}
         return {str(study.vehicle.fmu): self._vehicle.identity, **found}
 
+    @property
+    def models(self) -> dict[str, Any]:
+        """What every FMU says of how far its model can be used, as JSON has it, by its file; None where nothing."""
+        study = self.study
+        corner = next(iter(study.corners))
+        opened = {study.vehicle.fmu: self._vehicle}
+        opened |= {build.fmu: self._shock(corner, name) for name, build in study.bank.items()}
+        return {str(file): None if c.validity is None else c.validity.to_json() for file, c in opened.items()}
+
     def decisive(self, setup: Setup) -> frozenset[str]:
         """Return the channels whose coupling error is judged: velocities and forces of bonds, tire forces."""
         return self.system(setup).decisive

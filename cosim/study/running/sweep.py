@@ -39,6 +39,7 @@ class Sweep:
         check_study(evaluator)
         self._digests = file_digests(study)
         self._units, self._guids = dict(evaluator.measure_units), evaluator.guids
+        self._models = evaluator.models
         self.digest = study_digest(study, self._digests)
         self._schema = study_schema(study, self._units)
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
@@ -96,7 +97,7 @@ class Sweep:
     def _provenance(self, coupling: Coupling) -> Provenance:
         kept = asdict(coupling) | {"notes": list(coupling.notes)}
         settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
-        return Provenance(self.digest, self._guids, self._digests, settings, self._units)
+        return Provenance(self.digest, self._guids, self._digests, settings, self._units, models=self._models)
 
 
 def run_study(

@@ -105,9 +105,11 @@ def test_what_the_rig_measures_is_what_was_predicted(folder, measured):
     assert shown.exit_code == 0, shown.output
     said = " ".join(shown.output.split())
     assert "6 runs of 5 setups" in said
-    assert "acceptable" in said
+    assert "Usable: the study ranks setups as the rig does" in said
     assert "run_07.parquet" in said  # not measured yet
-    found = json.loads((folder / "compared" / "comparison.json").read_text())["measures"]
+    document = json.loads((folder / "compared" / "comparison.json").read_text())
+    assert document["verdict"]["grade"] == "usable"
+    found = document["measures"]
     assert {one["measure"] for one in found} == {"total tire force", "front ride height"}
     for one in found:
         assert one["spearman"] == pytest.approx(1.0)
@@ -118,7 +120,7 @@ def test_what_the_rig_measures_is_what_was_predicted(folder, measured):
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 1e-4)
     assert shown.exit_code == 1
-    assert "not acceptable" in shown.output
+    assert "Not usable: the study's levels are not the rig's" in shown.output
 
 
 def test_records_that_are_not_there_are_refused(folder, tmp_path):
@@ -149,7 +151,9 @@ parameters = { compression_scale = { value = 2.0, deviation = 0.1 } }
     assert shown.exit_code == 0, shown.output
     said = " ".join(shown.output.split())
     assert "stiff: compression_scale 2 ± 0.1" in said
-    assert "best beyond doubt" in said or "cannot be told apart" in said
+    assert "Usable within limits: " in said
+    assert "not corrected for the choice among many setups" in said
+    assert "beyond doubt" not in said
     assert "the baseline" in said
     assert (folder / "robust.parquet").is_file()
     assert len(pages) == 1

@@ -22,11 +22,14 @@ from cosim.study.report.figures import front, write_figures
 from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
 from cosim.study.report.scale import Scale
-from cosim.study.report.summary import verdict
+from cosim.study.report.summary import headline
 from cosim.study.report.workbook import write_workbook
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Constraint, Term
+from cosim.study.verdict import study_verdict
 from eightpost.signals.csv_file import read_csv
+from eightpost.validity import Validity
+from eightpost.verdict import Grade, Reason, Verdict
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 FEW = ("AA/AA", "B/B", "C/C")
@@ -118,7 +121,7 @@ def test_the_page_of_a_study_in_which_nothing_ran_says_why(few, tmp_path):
     broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
     sheet = sheet_of(broken)
     text = _text(page(sheet, Extras(sensitivities=told_sensitivities(broken))))
-    assert "No setup ran." in text and "no licence" in text
+    assert "no setup ran" in text and "no licence" in text
     assert write_figures(sheet, tmp_path) == ()
 
 
@@ -126,6 +129,7 @@ def test_an_interrupted_study_says_so(few):
     part = StudyResult(few.study, few.table.slice(0, 50), few.provenance, partial=True)
     text = _text(page(sheet_of(part), Extras(sensitivities=told_sensitivities(part))))
     assert "The study is not complete: 50 of 81 setups were run" in text
+    assert "the study is not complete: 50 of 81 setups were run (the study was stopped)" in text
 
 
 def test_a_build_that_is_the_same_fmu_with_other_parameters_says_which(few):
@@ -134,12 +138,15 @@ def test_a_build_that_is_the_same_fmu_with_other_parameters_says_which(few):
     assert "rebound_scale = 1.2" in _text(page(sheet_of(other), Extras()))
 
 
-def test_a_best_setup_that_is_marked_is_doubtful_and_says_so(few):
+def test_a_headline_that_is_marked_is_doubtful_and_says_so(few):
     best = int(few.ranking()[0])
     marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
     table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
-    marked = verdict(sheet_of(StudyResult(few.study, table, few.provenance)))
-    assert marked.kind == "open" and "The best is marked: tire off the ground: rf" in marked.reason
+    marked = StudyResult(few.study, table, few.provenance)
+    assert "The best is marked: tire off the ground: rf" in headline(sheet_of(marked))
+    (reason,) = [reason for reason in study_verdict(marked).reasons if reason.about == "marks"]
+    assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 81 setups, the best among them")
+    assert "1 of 81 setups, the best among them" in _text(page(sheet_of(marked), Extras()))
 
 
 def test_the_verdict_counts_the_setups_that_are_not_told_from_the_best(few, unranked):
@@ -147,18 +154,45 @@ def test_the_verdict_counts_the_setups_that_are_not_told_from_the_best(few, unra
     band = Spread(TIRE, few.setups, values, np.empty((0, values.size)), run_to_run=2.0)
     close = np.sum(values - values[best] <= 2.0 * np.sqrt(2.0) * 2.0) - 1  # two sigma of a difference of two runs
     assert close > 0
-    reason = verdict(sheet_of(unranked, bands=[band])).reason
-    assert f"{close} others are not told apart from it." in reason
+    assert f"{close} others are not told apart from it." in headline(sheet_of(unranked, bands=[band]))
 
 
-def test_where_nothing_is_in_doubt_the_verdict_is_good(few):
-    clean = StudyResult(few.study, few.table.filter(few.done), few.provenance)
-    assert verdict(sheet_of(clean)).kind == "good"  # a mark on another setup than the best is no doubt of the best
+def _with(result, **columns):
+    table = result.table
+    for name, values in columns.items():
+        table = table.set_column(table.schema.get_field_index(name), name, [values])
+    return StudyResult(result.study, table, result.provenance)
+
+
+def test_where_nothing_is_in_doubt_the_verdict_is_usable(few):
+    done = StudyResult(few.study, few.table.filter(few.done), few.provenance)
+    clean = _with(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
+    assert study_verdict(clean).grade is Grade.USABLE
+
+
+def test_an_error_of_the_headline_above_five_percent_is_not_usable(few):
+    best = int(few.ranking()[0])
+    errors = [6.0 if row == best else 0.01 for row in range(len(few))]
+    assert study_verdict(_with(few, coupling_error_percent=errors)).grade is Grade.NOT_USABLE
+    unknown = _with(few, coupling_error_percent=[None] * len(few))
+    assert study_verdict(unknown).grade is Grade.UNKNOWN
+
+
+def test_what_models_say_of_themselves_is_in_the_verdict_on_a_study(few):
+    reason = Reason(
+        "r", "fit of the shock", Grade.NOT_USABLE, "a lag of 40 ms", "40 ms", "record A.csv", "measure again"
+    )
+    models = {"a/A.fmu": Validity(Verdict([reason])).to_json(), "b/foreign.fmu": None}
+    told = study_verdict(StudyResult(few.study, few.table, replace(few.provenance, models=models)))
+    assert told.grade is Grade.NOT_USABLE
+    assert {"A.fmu: record A.csv", "foreign.fmu"} <= {reason.origin for reason in told.reasons}
+    assert told.grades["validity of the models"] is Grade.UNKNOWN
 
 
 def test_no_setup_within_the_constraints_is_said_first(few):
-    strict = replace(few.study, constraints=(Constraint(HUB, at_most=0.1),))
-    assert verdict(sheet_of(StudyResult(strict, few.table, few.provenance))).answer == "No setup keeps all constraints."
+    strict = StudyResult(replace(few.study, constraints=(Constraint(HUB, at_most=0.1),)), few.table, few.provenance)
+    assert study_verdict(strict).summary().startswith("Not usable: no setup keeps all constraints")
+    assert "Best" not in headline(sheet_of(strict))
 
 
 def test_selected_setups_are_shown_by_what_they_were_selected_for_and_picked(few, sheet):
