@@ -111,7 +111,7 @@ def checked(result: StudyResult) -> float:
         setup = result.study.space.setup(int(index))
         names = evaluator.decisive(setup)
         fine = evaluator.run(setup, drive, replace(coupling, step=coupling.step / 8.0), extra=names)
-        apart = difference(evaluator.run(setup, drive, coupling, extra=names), fine)
+        apart = difference(evaluator.run(setup, drive, coupling, extra=names).settled(), fine.settled())
         worst = max(worst, *(apart[name] for name in names))
     return worst
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
+from cosim.component import Capabilities
 from cosim.coupling import Coupling
 from cosim.discrete import DiscreteExchange
 from cosim.limits import LimitWatch
@@ -88,10 +89,19 @@ class Setup:
         driven = {name for name, into in feeds.items() if any(feed.drive is not None for feed in into)}
         if self._is_finely_stepped and all(any(feed.terms for feed in feeds[name]) for name in driven):
             return frozenset()
-        return frozenset(name for name in driven if self.system.components[name].capabilities.variable_step)
+        return frozenset(name for name in driven if _can_follow(self.system.components[name].capabilities))
 
     @property
     def _is_finely_stepped(self) -> bool:
         drive = self.scenario.drive
         intervals = np.diff(drive.series.time) if drive is not None else np.zeros(0)
         return self.step <= float(np.min(intervals, initial=np.inf)) * (1.0 + ROUNDING)
+
+
+def _can_follow(capabilities: Capabilities) -> bool:
+    """Whether a component gains by being stepped from point to point of the drive.
+
+    One that holds its inputs does not: its error would depend on the drive's interval and not on the step, so that runs
+    at two steps would agree on a wrong result.
+    """
+    return capabilities.variable_step and capabilities.interpolates_inputs

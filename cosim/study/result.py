@@ -34,6 +34,11 @@ HEAD, TAIL = ("setup",), ("status", "message", "coupling_error_percent", "marks"
 _KEY = b"eightpost"
 
 
+def error_column(measure: str) -> str:
+    """Return the column with the coupling error of a measure, in the measure's SI unit."""
+    return f"coupling error of {measure}"
+
+
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """Where a study's figures come from.
@@ -66,7 +71,8 @@ class StudyResult:
 
     Columns: `setup` (its number), one per corner (the build's name), one per measure (SI; unit, display unit and label
     in the field's metadata), `status` (done or failed), `message`, `coupling_error_percent`, `marks` (beyond a shock's
-    fitted range, a tire off the ground), `seconds` (wall time of its runs).
+    fitted range, a tire off the ground), `seconds` (wall time of its runs), and one `coupling error of ...` per measure
+    (SI).
 
     Args:
         study: What was run.
@@ -140,6 +146,13 @@ class StudyResult:
     def shown(self, measure: str) -> NDArray[np.float64]:
         """Return a measure of every row (R,) in its display unit."""
         return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
+
+    def coupling_errors(self, measure: str) -> NDArray[np.float64]:
+        """Return the coupling error of a measure of every row (R,) in SI; NaN where it is not known."""
+        name = error_column(self.study.measure(measure).name)
+        if name not in self.table.column_names:
+            return np.full(len(self), np.nan)
+        return np.asarray(self.table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
     @property
     def objective(self) -> NDArray[np.float64] | None:
@@ -225,6 +238,7 @@ def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
             *(pa.field(corner, pa.string()) for corner in study.corners),
             *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
             *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
+            *(_error_field(m, measure_units[m.name]) for m in study.measures),
         ]
     )
 
@@ -249,6 +263,11 @@ def in_order(table: pa.Table) -> pa.Table:
     if np.unique(numbers).size < numbers.size:
         raise InputError("two rows are of one setup")
     return table
+
+
+def _error_field(measure: Measure, unit: str) -> pa.Field:
+    name = error_column(measure.name)
+    return pa.field(name, pa.float64(), metadata=_words(measure, unit) | {"label": name})
 
 
 def _words(measure: Measure, unit: str) -> dict[str, str]:

@@ -9,9 +9,11 @@ import numpy as np
 from cosim.automatic import FIRST_STEP, Automatic, run_automatic
 from cosim.difference import difference
 from cosim.result import Result
+from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.running.signs import sign
 from cosim.study.setup import Setup
+from cosim.study.study import Drive
 from eightpost.errors import EightpostError, StepError
 
 #: So many setups are looked at closely, and at most so many roughly to find these.
@@ -19,6 +21,12 @@ _CLOSE, _ROUGH = 3, 12
 
 #: Share of the accuracy to which the runs are found that others are compared with.
 _REFERENCE = 0.1
+
+#: So many setups, drawn at random besides those that are looked at closely, tell the error of all others.
+_PILOTS, _SEED = 9, 20091
+
+#: The runs that tell a pilot's errors have steps of this share of the study's.
+_PILOT_STEP = 0.25
 
 #: The rough look is at so much of the first drive [s].
 _GLANCE = 8.0
@@ -35,7 +43,9 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
     """Return the largest coupling step that divides the record step and keeps to the study's accuracy.
 
     Setups with the same build all around, and the baseline, are run roughly; those whose bonds report the largest local
-    errors are run to a tenth of the accuracy, and then at one step after another until they agree with that.
+    errors are run to a tenth of the accuracy, and then at one step after another until they agree with that. These and
+    setups drawn at random are then run at a quarter of the chosen step; from their errors follows what the local errors
+    of any setup's bonds say of its coupling error (cosim.study.running.error_model).
 
     Raises:
         StepError: No setup could be run; the message is that of the first.
@@ -46,18 +56,47 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
     least, record = min(r.step for r in references), evaluator.study.record_step
     parts, tried = 1, list[str]()
     while True:
-        coupling = Coupling(scheme, record / parts, 1.0, 0.0)
-        errors, locals_ = _errors(evaluator, pilots, references, coupling)
+        coupling = Coupling(scheme, record / parts)
+        errors = _errors(evaluator, pilots, references, coupling)
         tried.append(f"{1e3 * coupling.step:.4g} ms {max(errors):.2g} %")
         if max(errors) <= _AIM * evaluator.study.accuracy or coupling.step <= least * (1.0 + 1e-9):
             break
         parts = _finer(parts, max(errors) / (_AIM * evaluator.study.accuracy))
-    share = max((error / local for error, local in zip(errors, locals_, strict=True) if local > 0.0), default=0.0)
     notes = (
         f"{scheme} at {1e3 * coupling.step:.4g} ms; coupling error by comparing runs: {', '.join(tried)}",
         f"chosen on: {'; '.join(map(str, pilots))}",
     )
-    return replace(coupling, share=share, stated_error=max(errors), notes=notes)
+    model = _error_model(evaluator, [*pilots, *_drawn(evaluator, pilots)], coupling)
+    return replace(coupling, errors=model, stated_error=max(errors), notes=notes)
+
+
+def _drawn(evaluator: Evaluator, known: list[Setup]) -> list[Setup]:
+    """Setups of the study drawn at random, always the same, without those that are known."""
+    space = evaluator.study.space
+    left = np.setdiff1d(space.indices, [setup.index for setup in known])
+    chosen = np.random.default_rng(_SEED).choice(left, min(_PILOTS, left.size), replace=False)
+    return [space.setup(int(index)) for index in chosen]
+
+
+def _error_model(evaluator: Evaluator, setups: list[Setup], coupling: Coupling) -> ErrorModel | None:
+    """What local errors say of coupling errors; None where no pilot could be run."""
+    pilots = []
+    for setup in setups:
+        for drive in evaluator.study.drives:
+            try:
+                pilots.append(_pilot(evaluator, setup, drive, coupling))
+            except EightpostError:
+                continue  # its row says why
+    return fit_error_model(pilots) if pilots else None
+
+
+def _pilot(evaluator: Evaluator, setup: Setup, drive: Drive, coupling: Coupling) -> Pilot:
+    names = evaluator.decisive(setup)
+    run = evaluator.run(setup, drive, coupling, extra=names)
+    fine = evaluator.run(setup, drive, replace(coupling, step=_PILOT_STEP * coupling.step), extra=names)
+    found, right = evaluator.measured(run, drive), evaluator.measured(fine, drive)
+    apart = difference(run.settled(), fine.settled())
+    return Pilot(run, {name: apart[name] for name in sorted(names)}, {m: abs(found[m] - right[m]) for m in found})
 
 
 def _finer(parts: int, excess: float) -> int:
@@ -100,7 +139,7 @@ def _glance(evaluator: Evaluator, setup: Setup) -> float:
     """Local error of a short run at a rough step [%]; infinite where that diverges."""
     study, drive = evaluator.study, evaluator.study.drives[0]
     short = replace(drive, stop=min(drive.stop, study.settling + _GLANCE))
-    coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / FIRST_STEP)), 1.0, 0.0)
+    coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / FIRST_STEP)))
     try:
         return local_error(evaluator.run(setup, short, coupling))
     except StepError as error:
@@ -117,11 +156,9 @@ def _reference(evaluator: Evaluator, setup: Setup) -> Result:
     return run_automatic(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", sign)
 
 
-def _errors(
-    evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling
-) -> tuple[list[float], list[float]]:
-    """Coupling error and local error of each pilot at a step [%]; infinite where it diverges."""
-    errors, locals_ = [], []
+def _errors(evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling) -> list[float]:
+    """Coupling error of each pilot at a step [%]; infinite where it diverges."""
+    errors = []
     for setup, reference in zip(pilots, references, strict=True):
         try:
             run = evaluator.run(setup, evaluator.study.drives[0], coupling, extra=reference.series.names)
@@ -129,10 +166,8 @@ def _errors(
             if "diverged" not in str(error):
                 raise
             errors.append(float("inf"))
-            locals_.append(float("inf"))
             continue
         stated = max(reference.stated_error.values(), default=0.0)
         apart = difference(run.settled(), reference.settled())
         errors.append(max(apart[name] for name in reference.series.names) + stated)
-        locals_.append(local_error(run))
-    return errors, locals_
+    return errors

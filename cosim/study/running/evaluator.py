@@ -17,12 +17,14 @@ from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import Session
 from cosim.study.band import Filtered
-from cosim.study.result import DONE, FAILED
+from cosim.study.result import DONE, FAILED, error_column
 from cosim.study.running.drive import read_drive
+from cosim.study.running.error_model import ErrorModel
 from cosim.study.running.signs import sign
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, System
+from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import EightpostError, InputError, WiringError
 
 #: One row of a study's table, by column.
@@ -36,16 +38,25 @@ class Coupling:
     Args:
         scheme: `gauss-seidel` or `implicit`.
         step: Coupling step [s].
-        share: Coupling error of a run per local error that its bonds report [1].
+        errors: Coupling errors of a setup from the local errors of its bonds; None until pilots were run.
         stated_error: Largest coupling error found on the setups that it was chosen on [%].
         notes: What was tried, in sentences.
     """
 
     scheme: str
     step: float
-    share: float
-    stated_error: float
+    errors: ErrorModel | None = None
+    stated_error: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def from_json(cls, found: Mapping[str, Any]) -> Coupling:
+        """Return what `dataclasses.asdict` and JSON made of a coupling."""
+        errors = found.get("errors")
+        if errors is not None:
+            gains = {key: {k: tuple(v) for k, v in errors[key].items()} for key in ("channels", "measures")}
+            errors = ErrorModel(tuple(errors["ends"]), **gains)
+        return cls(found["scheme"], found["step"], errors, found["stated_error"], tuple(found["notes"]))
 
     def algorithm(self, system: System) -> GaussSeidel | Implicit:
         """Return the scheme with the values that suit the components."""
@@ -161,25 +172,32 @@ class Evaluator:
         return [measure.name for measure in self.study.measures]
 
     def _measured(self, setup: Setup, coupling: Coupling) -> Row:
-        values, marks, worst = {}, list[str](), 0.0
+        values: Row = {}
+        marks, worst = list[str](), 0.0
         for drive in self.study.drives:
             result = self.run(setup, drive, coupling)
             if not result.converged:
                 return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
-            run = Filtered(result.series)
-            for measure in self.study.measures_of(drive):
-                values[measure.name] = measure.drawn_from(run, start=self.study.settling)
+            values |= self.measured(result, drive)
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
-            worst = max(worst, coupling.share * local_error(result))
+            if coupling.errors is not None:
+                worst = max(worst, coupling.errors.worst_channel(result))
+                for measure in self.study.measures_of(drive):
+                    values[error_column(measure.name)] = coupling.errors.of_measure(measure.name, result)
         if worst > self.study.accuracy:
             marks.append(f"coupling error {worst:.2g} %")
         return values | {
             "status": DONE,
             "message": "",
-            "coupling_error_percent": worst,
+            "coupling_error_percent": None if coupling.errors is None else worst,
             "marks": "; ".join(marks),
         }
+
+    def measured(self, result: Result, drive: Drive) -> dict[str, float]:
+        """Return the measures of a run on a drive, in SI."""
+        run = Filtered(result.series)
+        return {m.name: m.drawn_from(run, start=self.study.settling) for m in self.study.measures_of(drive)}
 
     def _scenario(self, drive: Drive) -> Scenario:
         channels = [channel for measure in self.study.measures_of(drive) for channel in measure.channels]
@@ -245,6 +263,9 @@ def _marks(result: Result) -> Iterator[str]:
     for tire, lost in result.share_tire_off.items():
         if lost:
             yield f"{tire.removesuffix('.tire_force')} tire off the ground {_percent(lost)} of the time"
+    for bond, coupled in result.coupled.items():
+        if coupled.percent > LARGEST_ERROR:
+            yield f"{bond}: local coupling error {_percent(0.01 * coupled.percent)}: not usable"
     for bond, energy in result.energy.items():
         if not energy.acceptable:
             yield f"{bond}: the coupling makes or loses {energy.relative:.0%} of its energy"

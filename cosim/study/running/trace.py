@@ -12,7 +12,7 @@ from eightpost.signals import TimeSeries
 def coupling_of(result: StudyResult) -> Coupling:
     """Return the coupling that a study was run with."""
     found = dict(result.provenance.settings["coupling"])
-    return Coupling(**(found | {"notes": tuple(found["notes"])}))
+    return Coupling.from_json(found)
 
 
 def traces(result: StudyResult, setups: Iterable[int], *, evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:

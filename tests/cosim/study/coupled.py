@@ -19,7 +19,7 @@ TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parqu
 SCALES = {"soft": (0.5, 0.5), "bump": (1.6, 0.7), "middle": (1.0, 1.0), "rebound": (0.7, 1.6), "stiff": (2.0, 2.0)}
 
 #: A coupling that was not chosen but is fine enough for tests of what is done with it.
-COUPLING = Coupling("gauss-seidel", 1e-3, 1.0, 0.1)
+COUPLING = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
 
 
 def study(fmus: Mapping[str, Path]) -> Study:

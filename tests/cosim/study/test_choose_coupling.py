@@ -20,7 +20,7 @@ def found_error():
     def find(evaluator, setup, coupling):
         drive, names = evaluator.study.drives[0], evaluator.decisive(setup)
         fine = evaluator.run(setup, drive, replace(coupling, step=1e-4), extra=names)
-        apart = difference(evaluator.run(setup, drive, coupling, extra=names), fine)
+        apart = difference(evaluator.run(setup, drive, coupling, extra=names).settled(), fine.settled())
         return max(apart[name] for name in names)
 
     return find

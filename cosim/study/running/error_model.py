@@ -1,0 +1,103 @@
+"""Coupling errors of a study's setups, from the local errors that the bonds of each run report.
+
+What a bond's ends assume wrongly of each other acts on the car as a small disturbance. Disturbances of different bonds
+are hardly correlated, so that the mean square of the error of a channel, or of a measure, is a sum over the bonds:
+    error^2 = sum over bond ends of gain * (local error)^2.
+The gains are fitted, none below zero, to pilot setups whose errors are known from runs at a much finer step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.result import Result
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """Gains from the local errors of bond ends to errors.
+
+    Args:
+        ends: Ends of bonds whose local errors count, as `bond.velocity` or `bond.force`.
+        channels: Gain of each end on each channel that decides; the errors are in percent of the channel's scale.
+        measures: Gain of each end on each measure; the errors are in the measure's SI unit.
+    """
+
+    ends: tuple[str, ...]
+    channels: Mapping[str, tuple[float, ...]]
+    measures: Mapping[str, tuple[float, ...]]
+
+    def worst_channel(self, result: Result) -> float:
+        """Return the largest error of the channels that decide, in percent of the channel's scale."""
+        return max((self._error(gains, result) for gains in self.channels.values()), default=0.0)
+
+    def of_measure(self, name: str, result: Result) -> float:
+        """Return the error of a measure, in its SI unit."""
+        return self._error(self.measures[name], result)
+
+    def _error(self, gains: Sequence[float], result: Result) -> float:
+        local = local_errors(result)
+        return float(np.sqrt(sum(g * local[end] ** 2 for g, end in zip(gains, self.ends, strict=True))))
+
+
+@dataclass(frozen=True, slots=True)
+class Pilot:
+    """A run whose errors are known.
+
+    Args:
+        result: The run at the study's coupling step.
+        channels: Error of each channel that decides, in percent of the channel's scale.
+        measures: Error of each measure of the run's drive, in its SI unit.
+    """
+
+    result: Result
+    channels: Mapping[str, float]
+    measures: Mapping[str, float]
+
+
+def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
+    """Return the gains that give the pilots' errors; at least one pilot."""
+    local = [local_errors(pilot.result) for pilot in pilots]
+    ends = tuple(end for end in local[0] if any(one[end] > 0.0 for one in local))
+    squares = np.array([[one[end] ** 2 for end in ends] for one in local]).reshape(len(pilots), len(ends))
+    measures = dict.fromkeys(name for pilot in pilots for name in pilot.measures)
+    return ErrorModel(
+        ends,
+        channels={name: _gains(squares, [p.channels.get(name) for p in pilots]) for name in pilots[0].channels},
+        measures={name: _gains(squares, [p.measures.get(name) for p in pilots]) for name in measures},
+    )
+
+
+def local_errors(result: Result) -> dict[str, float]:
+    """Return the local error of every bond end of a run, in SI."""
+    found: dict[str, float] = {}
+    for bond, coupled in result.coupled.items():
+        found |= {f"{bond}.velocity": coupled.velocity_error, f"{bond}.force": coupled.force_error}
+    return found
+
+
+def _gains(squares: Array, errors: Sequence[float | None]) -> tuple[float, ...]:
+    """Return the gains (E,) for the pilots that have the error; zeros where it is zero for all.
+
+    They are scaled so that errors are overstated for some pilots by as much as they are understated for others.
+    """
+    from scipy.optimize import nnls  # noqa: PLC0415 -- only the process that chooses the coupling needs it
+
+    known = np.array([error is not None for error in errors])
+    wanted = np.array([float(error) ** 2 for error in errors if error is not None])
+    if not wanted.any() or squares.shape[1] == 0:
+        return (0.0,) * squares.shape[1]
+    rows = squares[known]
+    sizes = rows.mean(axis=0)  # of order 1, for the solver
+    gains = np.asarray(nnls(rows / sizes, wanted / wanted.mean())[0] * wanted.mean() / sizes, dtype=np.float64)
+    stated, usual = rows @ gains, wanted > 1e-2 * wanted.mean()
+    ratios = stated[usual] / wanted[usual]
+    if ratios.size and ratios.min() > 0.0:
+        gains /= np.sqrt(ratios.min() * ratios.max())
+    return tuple(gains.tolist())
