@@ -92,7 +92,7 @@ def _gains(squares: Array, errors: Sequence[float | None]) -> tuple[float, ...]:
     known = np.array([error is not None for error in errors])
     wanted = np.array([float(error) ** 2 for error in errors if error is not None])
     if not wanted.any() or squares.shape[1] == 0:
-        return (0.0,) * squares.shape[1]
+        return tuple(0.0 for _ in range(squares.shape[1]))
     rows = squares[known]
     sizes = rows.mean(axis=0)  # of order 1, for the solver
     gains = np.asarray(nnls(rows / sizes, wanted / wanted.mean())[0] * wanted.mean() / sizes, dtype=np.float64)
