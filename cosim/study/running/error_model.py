@@ -37,9 +37,9 @@ class ErrorModel:
         """Return the largest error of the channels that decide, in percent of the channel's scale."""
         return max((self._error(gains, result) for gains in self.channels.values()), default=0.0)
 
-    def of_measure(self, name: str, result: Result) -> float:
-        """Return the error of a measure, in its SI unit."""
-        return self._error(self.measures[name], result)
+    def of_measure(self, name: str, result: Result) -> float | None:
+        """Return the error of a measure, in its SI unit; None where the pilots had no such measure."""
+        return self._error(self.measures[name], result) if name in self.measures else None
 
     def _error(self, gains: Sequence[float], result: Result) -> float:
         local = local_errors(result)

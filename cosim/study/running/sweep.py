@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -95,7 +96,7 @@ class Sweep:
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:
-        kept = asdict(coupling) | {"notes": list(coupling.notes)}
+        kept = json.loads(json.dumps(asdict(coupling)))  # as a file gives it back
         settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
         return Provenance(self.digest, self._guids, self._digests, settings, self._units, models=self._models)
 
