@@ -4,7 +4,7 @@
 #   make nightly  what takes minutes: a million random FMI call sequences on each FMU under sanitizers (needs a C compiler),
 #                 coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
-#   make mutants  changes the sources in one place at a time and runs the tests of that area: about an hour on 2 cores
+#   make mutants  changes the sources in one place at a time and runs the tests of that area: half an hour or so
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
