@@ -77,6 +77,25 @@ def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(com
     close(drive(fmu, model, moves), np.array(expected), 1e-10)
 
 
+@pytest.mark.parametrize("name", CARS)
+def test_ramps_that_go_on_from_each_other_equal_the_librarys_exact_steps(component, name):
+    """Inputs are set once; then slopes alone carry them, held over every third step."""
+    model, rng = model_of(name), np.random.default_rng(8)
+    stepper, fmu, x = LinearStepper(model.A, model.B, model.C, model.D), component(name), np.zeros(model.A.shape[0])
+    scale, time, u, found, expected = scale_of(model), 0.0, np.zeros(len(model.inputs)), [], []
+    fmu.end_initialization()
+    for k, step in enumerate(rng.uniform(1e-3, 5e-3, 60)):
+        slopes = np.zeros(u.size) if k % 3 == 2 else 100.0 * scale * rng.standard_normal(u.size)
+        end = u + slopes * step
+        fmu.set_derivatives(model.input_names, slopes)
+        fmu.step(time, step)
+        x = stepper.advance(x, u, end, step)
+        expected.append(stepper.output(x, end))
+        found.append(fmu.get(model.output_names))
+        time, u = time + step, end
+    close(np.array(found), np.array(expected), 1e-10)
+
+
 @pytest.mark.parametrize(
     "friction", [{}, {"rr.friction_force": 150.0, "lf.friction_force": 40.0, "lf.friction_velocity": 0.002}]
 )
