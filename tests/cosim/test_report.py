@@ -104,7 +104,7 @@ def run(oscillator):
     system, scenario = oscillator()
     result = cosim.run(system, scenario, step=4e-3, engine="python")
     stated = {"mass.y": 0.12, "damper.y": 0.34}
-    return replace(result, stated_error=stated, converged=True), system, scenario
+    return replace(result, stated_error=stated, converged=True, models={}), system, scenario
 
 
 def test_the_page_loads_nothing_and_forbids_itself_to(run):
