@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -22,9 +23,13 @@ def import_path() -> list[str]:
 
 
 def python_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module in a new interpreter with this process's import path."""
+    """Return the command that runs a module in a new interpreter with this process's import path.
+
+    The new process ends with this one.
+    """
     code = (
-        f"import sys; sys.path[:] = {import_path()!r}; import runpy; "
+        f"import sys; sys.path[:] = {import_path()!r}; "
+        f"from eightpost.parent_process import end_with; end_with({os.getpid()}); import runpy; "
         f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     )
     return [sys.executable, "-P", "-c", code, *arguments]

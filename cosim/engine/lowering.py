@@ -22,7 +22,17 @@ from cosim.engine.processor import optimised
 #: The packages' folder: the program must find the same ones, wherever it runs.
 _ROOT = Path(__file__).parents[2]
 
-_PROGRAM = f"import sys; sys.path.insert(0, {str(_ROOT)!r}); from cosim.engine.lowering import main; main()"
+#: It ends with this process. What the package imports by itself takes longer than all that is needed of it.
+_PROGRAM = """
+import sys, types
+sys.path.insert(0, {root!r})
+from eightpost.parent_process import end_with
+end_with({parent})
+package = sys.modules["cosim"] = types.ModuleType("cosim")
+package.__path__ = [{cosim!r}]
+from cosim.engine.lowering import main
+main()
+"""
 
 
 class Request(NamedTuple):
@@ -47,8 +57,9 @@ def object_file(request: Request) -> bytes:
     Raises:
         RuntimeError: numba or LLVM failed.
     """
+    program = _PROGRAM.format(root=str(_ROOT), parent=os.getpid(), cosim=str(_ROOT / "cosim"))
     ran = subprocess.run(
-        [sys.executable, "-P", "-c", _PROGRAM],
+        [sys.executable, "-P", "-c", program],
         input=pickle.dumps(request),
         capture_output=True,
         check=False,

@@ -12,6 +12,7 @@ from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.signs import sign, take_place, working
 from cosim.study.study import Study
+from eightpost.parent_process import end_with
 
 #: Each thread has an evaluator of its own: an FMU's instance is stepped by one at a time.
 _own = threading.local()
@@ -47,7 +48,8 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
         return found
 
 
-def begin_worker(*signs: Any) -> None:
-    """Take a place among `signs`; leave Ctrl-C to the process that gives the work, which lets what runs end."""
+def begin_worker(parent: int, *signs: Any) -> None:
+    """Take a place among `signs`; leave Ctrl-C to the parent process, which lets what runs end, and end with it."""
+    end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     take_place(*signs)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -129,7 +130,9 @@ class ProcessWorkers:
     def _begin(self) -> tuple[ProcessPoolExecutor, Signs]:
         context = get_context("spawn")
         signs = Signs(self.count, context)
-        pool = ProcessPoolExecutor(self.count, mp_context=context, initializer=work.begin_worker, initargs=signs.shared)
+        pool = ProcessPoolExecutor(
+            self.count, mp_context=context, initializer=work.begin_worker, initargs=(os.getpid(), *signs.shared)
+        )
         return pool, signs
 
     def _begin_again(self) -> None:
