@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from itertools import islice
@@ -19,7 +22,8 @@ from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path, sha256_of
 
 try:
-    from distributed import Client, KilledWorker, as_completed, get_worker
+    import dask
+    from distributed import Client, KilledWorker, get_worker, wait
 except ImportError as error:  # an optional extra
     raise InputError(f"a Dask cluster needs the extra dask ({error}): pip install 'eightpost[dask]'") from error
 
@@ -31,7 +35,7 @@ _LOOK = 0.5
 
 
 class DaskWorkers:
-    """The workers of a Dask cluster. A chunk whose worker dies is run again by another.
+    """The workers of a Dask cluster. They may come and go: what one of them had or did is given to another.
 
     Args:
         address: Of the scheduler, `tcp://host:8786`.
@@ -46,6 +50,7 @@ class DaskWorkers:
             self._client = Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {address}: no Dask scheduler answers: {error}") from error
+        self._address = address
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
         if not self.count:
             self.close()
@@ -60,11 +65,11 @@ class DaskWorkers:
         """Choose the coupling of a study on a worker.
 
         Raises:
-            StepError: No setup could be run, or an FMU crashed.
+            StepError: No setup could be run, an FMU crashed, or the scheduler has ended.
         """
+        future = self._submit(_choose, *self._parcel(study))
         try:
-            future = self._client.submit(_choose, *self._parcel(study), pure=False)
-            coupling: Coupling = future.result()
+            coupling: Coupling = self._result(future)
         except KilledWorker as error:
             raise StepError(f"workers died while they chose the coupling: an FMU crashes ({error})") from error
         return coupling
@@ -72,43 +77,97 @@ class DaskWorkers:
     def rows(
         self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and give their rows as they come; none is begun once `stop` says so."""
-        text, files = self._parcel(study)
-        waiting, known = iter(chunks), dict[str, Chunk]()
-        running = as_completed(loop=self._client.loop)
+        """Run chunks and give their rows as they come; none is begun once `stop` says so.
+
+        Raises:
+            StepError: The scheduler has ended.
+        """
+        waiting, running = iter(chunks), dict[Any, Chunk]()
         while True:
-            room = 0 if stop() else self.count * _AHEAD - len(known)
+            stopped, count = stop(), self._count_now()
+            room = 0 if stopped else count * _AHEAD - len(running)
             for chunk in islice(waiting, max(0, room)):
-                future = self._client.submit(_rows, text, files, coupling, chunk.indices, pure=False)
-                known[future.key] = chunk
-                running.add(future)
-            if not known:
+                running[self._rows_of(study, coupling, chunk.indices)] = chunk
+            # Without workers, what waits waits for new ones; but a stop does not.
+            if (not running and (count or stopped)) or (stopped and not count):
                 return
-            future = next(running)
-            chunk = known.pop(future.key)
-            yield chunk, self._rows_of(study, future, chunk)
+            for future in self._finished(running):
+                chunk = running.pop(future)
+                yield chunk, self._known(study, coupling, future, chunk)
 
     def close(self) -> None:
         """Leave the cluster; it goes on without this process."""
         self._client.close()
 
-    def _rows_of(self, study: Study, future: Any, chunk: Chunk) -> list[Row]:
-        """Rows of a chunk; where it killed several workers, an FMU of it crashes."""
+    def _count_now(self) -> int:
+        """How many run at once.
+
+        Raises:
+            StepError: The scheduler has ended.
+        """
         try:
-            rows: list[Row] = future.result()
+            return self.count
+        except (OSError, TimeoutError) as error:
+            raise self._lost(error) from error
+
+    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        return self._client.submit(function, *arguments, pure=False)
+
+    def _rows_of(self, study: Study, coupling: Coupling, indices: Sequence[int]) -> Any:
+        text, files = self._parcel(study)
+        return self._submit(_rows, text, files, coupling, indices)
+
+    def _finished(self, running: Collection[Any]) -> list[Any]:
+        """Wait a little for one that is finished; return those that are."""
+        if not running:  # no worker is there
+            time.sleep(_LOOK)
+        with suppress(TimeoutError), self._client.as_current():
+            wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED")
+        return [future for future in running if future.done()]
+
+    def _result(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except (CancelledError, OSError) as error:
+            raise self._lost(error) from error
+
+    def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
+        """Rows of a chunk. One that several workers died of is run again, each setup by itself."""
+        try:
+            return list(self._result(future))
         except KilledWorker:
-            return [lost_row(study, index) for index in chunk.indices]
-        return rows
+            return [self._alone(study, coupling, index) for index in chunk.indices]
+
+    def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
+        try:
+            row: Row = self._result(self._rows_of(study, coupling, (index,)))[0]
+        except KilledWorker:
+            return lost_row(study, index)
+        return row
+
+    def _lost(self, error: BaseException) -> StepError:
+        return StepError(
+            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}); what was done is "
+            "kept, and the same study goes on from there"
+        )
 
     def _parcel(self, study: Study) -> tuple[str, Mapping[str, Any]]:
-        """A study whose paths are digests, and what is in its files, once on the cluster."""
+        """A study whose paths are digests, and what is in its files, once on the cluster.
+
+        Each file is the result of a task: the scheduler has what the task takes, and makes the result again on another
+        worker if the last one that had it dies. Data that are scattered would be lost.
+        """
         text = study.to_json()
-        if text not in self._parcels:
+        if text not in self._parcels or any(file.status == "error" for file in self._parcels[text][1].values()):
             digests = file_digests(study)
-            contents = {digest: Path(path).read_bytes() for path, digest in digests.items()}
-            scattered = self._client.scatter(contents, broadcast=True)
-            self._parcels[text] = (by_digest(study, digests).to_json(), scattered)
+            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+                files = {digest: self._submit(_file, Path(path).read_bytes()) for path, digest in digests.items()}
+            self._parcels[text] = (by_digest(study, digests).to_json(), files)
         return self._parcels[text]
+
+
+def _file(content: bytes) -> bytes:
+    return content
 
 
 def _choose(study: str, files: Mapping[str, bytes]) -> Coupling:

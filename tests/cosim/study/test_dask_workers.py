@@ -3,26 +3,45 @@
 import os
 import signal
 import warnings
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cosim.study.running.digest import file_digests, study_digest
 from cosim.study.running.sweep import Sweep, run_study
-from eightpost.errors import InputError
+from eightpost.errors import InputError, StepError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
-from cosim.study import Study  # noqa: E402 -- after the skip
+import dask  # noqa: E402 -- after the skip
+
+from cosim.study import Measure, Study  # noqa: E402
 from cosim.study.running import dask_workers  # noqa: E402
+from cosim.study.running.evaluator import Coupling  # noqa: E402
 
 CORNERS = ("lf", "rf", "lr", "rr")
 
 
+#: A measure that ends its worker in the one setup where it is large.
+DEADLY = """
+import os, signal
+def deadly(response):
+    size = response.total.std()
+    if size > {limit!r} and os.getpid() != {here}:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return size
+"""
+
+
 @pytest.fixture
-def cluster(tmp_path):
-    """Two worker processes of one thread each."""
-    with warnings.catch_warnings():
+def cluster(request, tmp_path):
+    """Two worker processes of one thread each; a task may see so many of them die as the test says, by default 3."""
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": getattr(request, "param", 3)}),
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore")
         made = distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, local_directory=str(tmp_path)
@@ -42,22 +61,77 @@ def test_a_study_travels_as_digests_and_is_the_same_where_it_arrives(small_study
     assert study_digest(there, file_digests(there)) == study_digest(study, file_digests(study))
 
 
+def kill_all(cluster, client):
+    """Kill every worker that has begun, one at least; the cluster begins others."""
+    killed = 0
+    while not killed:
+        client.wait_for_workers(1, timeout=60)
+        for worker in list(cluster.workers.values()):
+            with suppress(ProcessLookupError, TypeError):  # it was killed before, or has not begun
+                os.kill(worker.pid, signal.SIGKILL)
+                killed += 1
+
+
+def without_seconds(result):
+    return result.table.drop_columns(["seconds"])
+
+
+@pytest.fixture
+def eight_setups(small_study):
+    """Two builds at three corners."""
+    return small_study(corners={**dict.fromkeys(CORNERS[:3], ("soft", "stiff")), "rr": ("soft",)})
+
+
 @pytest.mark.slow
-def test_a_cluster_gives_the_table_of_one_process_though_a_worker_is_killed(small_study, here, cluster, tmp_path):
-    study = small_study(corners={**dict.fromkeys(CORNERS[:3], ("soft", "stiff")), "rr": ("soft",)})
-    alone = run_study(study, tmp_path / "alone", here)
-    sweep = Sweep(study, tmp_path / "cluster")
-    workers = dask_workers.DaskWorkers(cluster.scheduler_address)
+def test_workers_that_are_killed_at_any_moment_cost_nothing(eight_setups, here, cluster, tmp_path):
+    """All of them: before files are on the cluster, when they are, while rows come, and when the last one is done."""
+    alone = run_study(eight_setups, tmp_path / "alone", here)
+    sweep, workers = Sweep(eight_setups, tmp_path / "cluster"), dask_workers.DaskWorkers(cluster.scheduler_address)
 
     def kill(done, _total):
-        if done == 2:
-            os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+        if done in (0, 2, 8):
+            kill_all(cluster, workers._client)
 
     try:
-        together = sweep.run(workers, here.choose(study), kill)
+        kill_all(cluster, workers._client)
+        workers._parcel(eight_setups)
+        kill_all(cluster, workers._client)
+        coupling = workers.choose(eight_setups)
+        assert coupling == here.choose(eight_setups)
+        together = sweep.run(workers, coupling, kill)
     finally:
         workers.close()
-    assert together.table.drop_columns(["seconds"]).equals(alone.table.drop_columns(["seconds"]))
+    assert without_seconds(together).equals(without_seconds(alone))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cluster", [0], indirect=True)
+def test_a_setup_that_kills_its_worker_takes_no_other_with_it(eight_setups, here, cluster, tmp_path):
+    size = Measure("size", ("car.lf.tire_force",), "rms", "N")
+    study = replace(eight_setups, measures=(size,))
+    alone = without_seconds(run_study(study, tmp_path / "alone", here))
+    *_, second, largest = sorted(alone["size"].to_pylist())
+    (tmp_path / "deadly.py").write_text(DEADLY.format(limit=0.5 * (second + largest), here=os.getpid()))
+    deadly = replace(study, measures=(replace(size, function=f"{tmp_path / 'deadly.py'}:deadly"),))
+    workers = dask_workers.DaskWorkers(cluster.scheduler_address)
+    try:
+        together = without_seconds(Sweep(deadly, tmp_path / "cluster").run(workers, here.choose(study)))
+    finally:
+        workers.close()
+    lost = alone["size"].to_pylist().index(largest)
+    assert [k for k, word in enumerate(together["status"].to_pylist()) if word == "failed"] == [lost]
+    rest = [k for k in range(len(study.space)) if k != lost]
+    assert together.take(rest).equals(alone.take(rest))
+
+
+def test_a_scheduler_that_ends_is_said(eight_setups, tmp_path, cluster, here):
+    workers = dask_workers.DaskWorkers(cluster.scheduler_address)
+    coupling = Coupling("gauss-seidel", 1e-3, share=1.0, stated_error=0.1)
+    try:
+        with pytest.raises(StepError, match=r"the Dask scheduler has ended .* goes on from there"):
+            Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.close())
+    finally:
+        workers.close()
 
 
 def test_a_scheduler_that_does_not_answer_is_said():
