@@ -28,6 +28,7 @@ from benchmarks.shock_picture import draw
 from benchmarks.shock_records import BOUC_WEN, LAWS
 from benchmarks.shock_rows import Bench, Refused, Result, results
 from benchmarks.shock_tables import gains_table, markdown, virtual
+from eightpost.processors import usable_processors
 
 
 def main() -> None:
@@ -56,7 +57,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--configurations", default=",".join(map(str, range(1, 13))), help="only these, by commas")
     parser.add_argument("--laws", default=",".join((*LAWS, BOUC_WEN)), help="only these, separated by commas")
     parser.add_argument("--recipe", choices=("joint", "boggs"), default="joint", help="of our fits; boggs: 3.3's own")
-    parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1), help="at a time; default 2")
+    parser.add_argument("--processes", type=int, default=min(2, usable_processors()), help="at a time; default 2")
     return parser.parse_args()
 
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import tempfile
 import time
@@ -33,6 +32,7 @@ from cosim.study.running.sweep import run_study
 from cosim.study.running.trace import coupling_of
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study_file import read_study, source_files
+from eightpost.processors import usable_processors
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -159,7 +159,7 @@ def _children() -> float:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three builds: 81 setups")
-    parser.add_argument("--workers", type=_counts, default=(os.cpu_count() or 1,), help="numbers, by commas: 1,2")
+    parser.add_argument("--workers", type=_counts, default=(usable_processors(),), help="numbers, by commas: 1,2")
     parser.add_argument("--peers", action="store_true", help="other engines too: fmpy, libcosim")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()

@@ -16,6 +16,7 @@ from builder.native.toolchain import Toolchain
 from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
+from eightpost.processors import usable_processors
 
 #: A C file that includes all others, and one that does so for processors with AVX (fmus/common/wide.h).
 _WHOLE, _WIDE = "whole.c", "wide.c"
@@ -95,7 +96,7 @@ def compile_libraries(
     """
     jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
     done: list[bytes] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(usable_processors()) as pool:
         for content in pool.map(lambda job: _binary(toolchain, *job), jobs):
             done.append(content)
             if progress:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -29,6 +28,7 @@ from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
 from eightpost.ident.shock.fit import LawName
+from eightpost.processors import usable_processors
 from eightpost.rig import DynoTest, read_dyno_test
 from eightpost.shock import write_shock
 
@@ -149,7 +149,7 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
     )
     sweep = Sweep(study, output / "study")
     show_study(console, sweep)
-    workers = ProcessWorkers(os.cpu_count() or 1)
+    workers = ProcessWorkers(usable_processors())
     try:
         result = run_with_workers(console, sweep, workers)
     finally:

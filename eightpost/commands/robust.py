@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from rich.console import Console
@@ -22,6 +21,7 @@ from eightpost.commands.shock_uncertainty import uncertainty_of
 from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.study_page import RESULTS, SPREADS, write_page
 from eightpost.errors import InputError
+from eightpost.processors import usable_processors
 
 
 def robust(
@@ -69,7 +69,7 @@ def _run(
 ) -> tuple[StudyResult, ...]:
     if not plan.any:
         return ()
-    pool = ProcessWorkers(workers or os.cpu_count() or 1)
+    pool = ProcessWorkers(workers or usable_processors())
     try:
         drawn = run_draws(result, folder, pool, plan, setups)
         return tuple(track(drawn, "draws", total=plan.count, console=console, transient=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,6 +28,7 @@ from eightpost.commands.show_verdict import show_verdict
 from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
+from eightpost.processors import usable_processors
 from eightpost.signals import write_series
 
 #: Failed setups that are named one by one, and measures that stand in the ranking.
@@ -89,7 +89,7 @@ def running_workers(count: int | None, scheduler: str | None, *, patience: float
 
         pool: Workers = DaskWorkers(scheduler)
     else:
-        pool = ProcessWorkers(count or os.cpu_count() or 1, patience=patience)
+        pool = ProcessWorkers(count or usable_processors(), patience=patience)
     try:
         yield pool
     finally:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
 from threadpoolctl import threadpool_limits
+
+from eightpost.processors import usable_processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -24,5 +25,5 @@ def for_each(items: Iterable[Item], function: Callable[[Item], Found]) -> list[F
         items: What there is.
         function: What is made of it; it changes nothing that others look at.
     """
-    with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(usable_processors()) as pool:
         return list(pool.map(function, items))

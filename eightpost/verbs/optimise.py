@@ -18,7 +18,7 @@ from eightpost.verbs.body import body
 @click.option("--evaluations", type=click.IntRange(min=2), default=400, show_default=True,
               help="Most setups to try.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per processor.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run the setups on a Dask cluster: tcp://host:8786.")
 @body
 def optimise() -> None:

@@ -18,7 +18,7 @@ from eightpost.verbs.body import body
 @click.option("--draws", type=click.IntRange(min=2), default=32, show_default=True,
               help="Studies with drawn parameters.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per processor.")
 @body
 def robust() -> None:
     """Say which of a study's best setups differ by more than the uncertainty that is stated.

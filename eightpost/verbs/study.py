@@ -16,7 +16,7 @@ PATIENCE = 300.0
 @click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
               help="Folder for results.parquet, the report, and what is done so far.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per core.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that run setups; default one per processor.")
 @click.option("--scheduler", metavar="ADDRESS",
               help="Run the setups on a Dask cluster: tcp://host:8786 (docs/scale.md).")  # fmt: skip
 @click.option("--patience", default=f"{PATIENCE:g} s", show_default=True, metavar="TIME",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import StepError
+from eightpost.processors import usable_processors
 from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post.drive import RATE
 from eightpost.rig.post.kernel import (
@@ -68,7 +68,7 @@ def compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) 
             raise StepError(left_all_bounds(car, failed))
         return records
 
-    with ThreadPoolExecutor(max(len(os.sched_getaffinity(0)), 1)) as pool:
+    with ThreadPoolExecutor(usable_processors()) as pool:
         return list(pool.map(recorded, range(len(shocks))))
 
 
