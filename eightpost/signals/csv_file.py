@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
+#: Characters that a line may have: some ten thousand channels.
+_LONGEST_LINE = 2**18
+
+
 def read_csv(path: str | Path) -> RawRecord:
     """Read a delimited text file.
 
@@ -58,6 +62,10 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     if b"\0" in content:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
         raise FileFormatError("it has a zero byte: it is no text, or was not copied whole", path=path, line=number)
+    longest = max(map(len, lines))
+    if longest > _LONGEST_LINE:
+        what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: it is no table of channels"
+        raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
     return tuple(_record(lines, block, path) for block in find_blocks(lines))
 
 

@@ -97,3 +97,11 @@ def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
         read_series(tmp_path / "a.xls")
     with pytest.raises(errors.FileFormatError, match=r"a\.csv: there is no such file"):
         read_series(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("row", "said"), [("," * 300_000, "has 300000 characters"), ("1,\0", "has a zero byte")])
+def test_a_line_that_is_no_text_of_a_table_is_refused_by_number(tmp_path, row, said):
+    path = tmp_path / "run.csv"
+    path.write_text(f"time [s],force [N]\n0,1\n{row}\n2,3\n")
+    with pytest.raises(errors.FileFormatError, match=rf"run\.csv, line 3: .*{said}"):
+        read_series(path)
