@@ -24,6 +24,7 @@ from cosim.report.provenance import drive_digest
 from cosim.report.traces import traces
 from cosim.report.wiring import arrows
 from cosim.result import Coupled
+from eightpost.errors import OutputError
 from eightpost.signals import Drivefile, TimeSeries
 
 NASTY = 'a <b>&"quoted"\'</script>'
@@ -326,7 +327,7 @@ def test_a_failure_leaves_the_old_page(run, tmp_path, monkeypatch):
     path = tmp_path / "report.html"
     path.write_text("old")
     monkeypatch.setattr("pathlib.Path.replace", _refuse)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(OutputError, match="disk full"):
         write_report(path, *run)
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
