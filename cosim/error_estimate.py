@@ -68,7 +68,7 @@ def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) 
 def _stated(name: str, comparisons: Sequence[Comparison], held: Collection[str]) -> float:
     differences = [c.difference.get(name, inf) for c in comparisons]
     last = differences[-1]
-    if len(differences) > 1 and comparisons[-2].reliable:
+    if len(differences) > 1 and comparisons[-2].reliable and differences[-2] < inf:
         last = max(last, _LUCK * differences[-2])
     seen = _orders_seen(differences, comparisons)
     fastest = _OF_HELD if name.partition(".")[0] in held else _FASTEST if seen else _FASTEST_UNSEEN

@@ -212,7 +212,7 @@ def test_a_campaign_goes_on_where_it_was_and_measures_between_recorded_points(tm
     assert not summary.unsettled(first)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_what_the_default_states_of_forty_systems_holds() -> None:
     """The bounds of docs/coupling.md."""
     rows = run_campaign(FIXED, "default", quiet=True)

@@ -1,191 +1,307 @@
-"""The stated coupling error: what it is divided by, what it is in percent of, and what it is worth on real runs."""
+"""The stated coupling error by hand, and the steps that the default takes towards its tolerance."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from cosim import Automatic, Bond, Capabilities, FmuComponent, GaussSeidel, Jacobi, Result, Scenario, System, run
-from cosim.difference import difference, judged_by, scales
-from cosim.error_estimate import Comparison, stated_error
-from eightpost.signals import Drivefile, TimeSeries
-from eightpost.verdict import Grade
+from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, dense_runs, run
+from cosim.difference import difference, scales
+from cosim.error_estimate import Comparison, compare, stated_error
+from cosim.result import Coupled
+from eightpost.errors import InputError
+from eightpost.signals import TimeSeries
 
-Join = Callable[..., System]
-
-ROAD = {"a": "car_a.road"}
-DECISIVE = ("car_a.velocity", "car_a.tire_force", "shock_a.force")
+# ---- Differences --------------------------------------------------------------------------------
 
 
-def falling(*differences: float, local_order: float | None = None, reliable: bool = True) -> list[Comparison]:
-    """Comparisons of runs at steps that halve, of one channel."""
-    return [Comparison({"a.y": d}, reliable, local_order) for d in differences]
+def series(time: Any, **channels: Any) -> TimeSeries:
+    return TimeSeries.from_channels(np.asarray(time, dtype=float), channels)
 
 
-class Held(FmuComponent):
-    """An FMU that cannot follow inputs over a step."""
-
-    @property
-    def capabilities(self) -> Any:
-        return replace(super().capabilities, interpolates_inputs=False)
-
-
-# What the difference is divided by.
-
-
-@given(error=st.floats(1e-3, 10.0), order=st.floats(0.4, 1.99))
-def test_an_error_of_an_order_that_was_seen_twice_is_stated_exactly(error: float, order: float) -> None:
-    """The error at step h is c h^p: the difference of runs at 2 h and h is (2^p - 1) times that of the finer."""
-    apart = [(2.0**order - 1.0) * error * 2.0 ** (order * k) for k in (2, 1, 0)]
-    assert stated_error(falling(*apart))["a.y"] == pytest.approx(error, rel=1e-9)
+def test_a_difference_is_in_percent_of_the_finer_runs_standard_deviation() -> None:
+    """At 0, 2 and 4 s both have values: 1, 1 and 2 m/s apart; the finer one scatters by 2 m/s over all its samples."""
+    fine = series([0, 1, 2, 3, 4], v=("m/s", [0.0, 2.0, 3.0, 5.0, 5.0]))
+    coarse = series([0, 2, 4], v=("m/s", [1.0, 2.0, 7.0]))
+    spread = float(np.std([0.0, 2.0, 3.0, 5.0, 5.0]))
+    assert difference(coarse, fine) == {"v": pytest.approx(100.0 * 2.0**0.5 / spread)}
+    assert difference(series([0.5, 1.5], v=("m/s", [1.0, 2.0])), fine) == {"v": inf}
+    assert difference(series([0, 2], w=("m/s", [1.0, 2.0])), fine) == {}
 
 
-def test_without_an_observed_order_the_difference_itself_is_stated() -> None:
-    assert stated_error(falling(0.7)) == {"a.y": 0.7}
-    assert stated_error(falling(0.7, local_order=3.0, reliable=False)) == {"a.y": 0.7}
+def test_times_that_differ_by_rounding_are_the_same_and_no_others() -> None:
+    fine = series([0.0, 0.1 + 1e-14, 0.2], v=("m/s", [0.0, 1.0, 0.0]))
+    assert difference(series([0.1], v=("m/s", [1.0])), fine) == {"v": 0.0}
+    assert difference(series([0.1 + 1e-10], v=("m/s", [1.0])), fine) == {"v": inf}
 
 
-def test_no_error_falls_faster_than_second_order_nor_faster_than_the_local_errors() -> None:
-    assert stated_error(falling(64.0, 8.0, 1.0))["a.y"] == pytest.approx(1.0 / 3.0)
-    assert stated_error(falling(64.0, 8.0, 1.0, local_order=1.0))["a.y"] == pytest.approx(1.0)
-    assert stated_error(falling(1.0, local_order=3.0))["a.y"] == pytest.approx(1.0 / (2.0**1.5 - 1.0))
+@pytest.mark.parametrize(("unit", "floor"), [("m/s", 1e-6), ("m", 1e-8), ("N", 1e-3), ("m/s2", 1e-3), ("rad", 1e-9)])
+def test_a_signal_at_rest_has_the_floor_of_its_unit_for_a_scale(unit: str, floor: float) -> None:
+    assert scales(series([0, 1], x=(unit, [3.0, 3.0]))) == {"x": pytest.approx(floor)}
 
 
-def test_a_difference_that_is_small_by_chance_counts_as_an_eighth_of_the_one_before() -> None:
-    assert stated_error(falling(8.0, 8.0, 1e-6, local_order=1.0))["a.y"] == pytest.approx(1.0 / (2.0**0.38 - 1.0))
+def test_a_signal_that_hardly_moves_is_judged_by_a_hundredth_of_the_largest_of_its_unit() -> None:
+    found = scales(
+        series(
+            [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 1e-4]),
+            b=("1", [0.0, 100.0]),
+        )
+    )  # fmt: skip
+    assert found == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 5e-5, "b": 50.0})
 
 
-def test_beside_a_component_that_holds_its_inputs_the_order_is_one_at_most() -> None:
-    both = [Comparison({"a.y": d, "b.y": d}, reliable=True, local_order=3.0) for d in (4.0, 1.0)]
-    stated = stated_error(both, held={"a"})
-    assert stated["a.y"] == pytest.approx(1.0)
-    assert stated["b.y"] == pytest.approx(1.0 / 3.0)
+# ---- Stated errors ------------------------------------------------------------------------------
 
 
-# What it is in percent of.
+def seen(*differences: float, reliable: bool = True, local: float | None = None) -> list[Comparison]:
+    return [Comparison({"car.v": value}, reliable, local) for value in differences]
 
 
-def test_a_signal_at_rest_is_judged_by_a_floor_or_by_others_of_its_unit() -> None:
-    spread = {"still": 0.0, "moving": 2.0, "alone": 0.0, "unitless": 0.0, "large": 1e3}
-    units = {"still": "m/s", "moving": "m/s", "alone": "N", "unitless": "1", "large": "1"}
-    assert judged_by(spread, units) == {"still": 0.02, "moving": 2.0, "alone": 1e-3, "unitless": 1e-9, "large": 1e3}
+def stated(comparisons: list[Comparison], held: tuple[str, ...] = ()) -> float:
+    return stated_error(comparisons, held)["car.v"]
 
 
-def test_differences_are_root_mean_squares_at_common_times_in_percent_of_the_finer_ones_scale() -> None:
-    time = np.arange(8) * 0.5
-    fine = TimeSeries.from_channels(time, {"v": ("m/s", np.sin(time))})
-    coarse = TimeSeries.from_channels(time[::2], {"v": ("m/s", np.sin(time[::2]) + 0.1)})
-    assert difference(coarse, fine)["v"] == pytest.approx(10.0 / scales(fine)["v"])
-    later = TimeSeries.from_channels(time + 0.1, {"v": ("m/s", np.sin(time))})
-    assert difference(later, fine)["v"] == np.inf
-
-
-# What it is worth.
-
-
-def true_errors(result: Result, fine: Result) -> dict[str, float]:
-    return difference(result.settled(), fine.settled())
-
-
-@pytest.fixture
-def exact(quarter_cars: Join, bumps: Drivefile) -> Result:
-    return run(quarter_cars(), Scenario(1.0, bumps, ROAD), step=5e-5, compared=False)
-
-
-def test_the_default_states_between_its_true_error_and_eight_times_it_for_every_channel(
-    quarter_cars: Join, bumps: Drivefile, exact: Result
+@pytest.mark.parametrize(
+    ("differences", "expected"),
+    [
+        ((0.6,), 0.6),  # nothing seen: first order
+        ((1.2, 0.6), 0.6),  # halves: first order
+        ((1.2, 0.3), 0.1),  # quarters: second order, over three
+        ((1.6, 0.2), 0.2 / 3.0),  # eighths, but no more than second order is assumed
+        ((1.6, 0.1), 0.2 / 3.0),  # sixteenths: an eighth counts at least
+        ((0.6, 0.5), 0.5 / (2.0**0.38 - 1.0)),  # hardly falls: order 0.38
+        ((0.5, 0.6), 0.6 / (2.0**0.38 - 1.0)),  # rises
+        ((4.0, 2.0, 0.5), 0.5),  # the smaller order of the last two pairs
+        ((4.0, 1.0, 0.5), 0.5),
+        ((9.0, 8.0, 2.0, 0.5), 0.5 / 3.0),  # what was seen before is past
+        ((0.0, 0.5), 0.5),
+        ((inf, 0.5), 0.5),
+        ((0.5, 0.0), 0.5 / 8.0),  # none at all: by chance
+    ],
+)
+def test_the_stated_error_is_the_last_difference_over_what_its_order_leaves(
+    differences: tuple[float, ...], expected: float
 ) -> None:
-    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD, record_step=0.002), algorithm=Automatic(tolerance=2.0))
-    true = true_errors(result, exact)
-    assert set(true) <= set(result.stated_error)
-    for name, error in true.items():
-        assert error < result.stated_error[name] < 8.0 * max(error, 0.02), name
+    assert stated(seen(*differences)) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi(), Jacobi("interpolated")], ids=str)
-@pytest.mark.parametrize("step", [2e-3, 5e-4])
-def test_a_run_at_a_given_step_states_its_error_too(
-    quarter_cars: Join, bumps: Drivefile, exact: Result, algorithm: Any, step: float
-) -> None:
-    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=algorithm, step=step)
-    worst = max(true_errors(result, exact)[name] for name in DECISIVE)
+def test_local_errors_of_bonds_lower_the_order_and_never_raise_it() -> None:
+    assert stated(seen(1.2, 0.3, local=1.0)) == pytest.approx(0.3)
+    assert stated(seen(1.2, 0.3, local=3.0)) == pytest.approx(0.1)
+    # Without two differences to compare, at most order 1.5 is believed.
+    assert stated(seen(0.3, local=1.2)) == pytest.approx(0.3 / (2.0**1.2 - 1.0))
+    assert stated(seen(0.3, local=3.0)) == pytest.approx(0.3 / (2.0**1.5 - 1.0))
+    assert stated(seen(0.3, local=-1.0)) == pytest.approx(0.3 / (2.0**0.38 - 1.0))
+
+
+def test_runs_whose_bonds_failed_show_no_order() -> None:
+    assert stated(seen(1.2, 0.3, reliable=False, local=2.0)) == pytest.approx(0.3)
+    for one in (0, 1):
+        mixed = seen(1.2, 0.3, local=2.0)
+        mixed[one] = replace(mixed[one], reliable=False)
+        assert stated(mixed) == pytest.approx(0.3 if one else 0.3 / (2.0**1.5 - 1.0))
+
+
+def test_beside_a_component_that_holds_its_inputs_first_order_is_the_most() -> None:
+    assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
+    assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
+    assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
+
+
+def test_a_channel_that_only_the_last_runs_have_is_compared_once() -> None:
+    comparisons = [Comparison({}, True, None), Comparison({"car.v": 0.3}, True, None)]
+    assert stated(comparisons) == pytest.approx(0.3)
+
+
+def bond(velocity: float, force: float = 0.0) -> Coupled:
+    return Coupled(velocity, 1.0, force, 1.0, velocity_scale=1.0, force_scale=1.0)
+
+
+def outcome(time: Any, values: Any, *, clean: bool = True, **coupled: Coupled) -> Any:
+    found = series(time, v=("m/s", values))
+    return SimpleNamespace(settled=lambda: found, is_clean=clean, coupled=coupled)
+
+
+def test_two_runs_are_reliable_where_both_are_and_their_local_order_is_the_least_of_their_bonds() -> None:
+    time, values = [0, 1, 2], [0.0, 1.0, 0.0]
+    coarse = outcome(time, values, lf=bond(0.08), rf=bond(0.04), rr=bond(0.9), gone=bond(5.0))
+    fine = outcome(time, values, lf=bond(0.02), rf=bond(0.02), rr=bond(2e-4), new=bond(0.01))
+    found = compare(coarse, fine)
+    assert found.difference == {"v": 0.0}
+    assert found.reliable
+    assert found.local_order == pytest.approx(1.0)
+    for pair in ((coarse, fine), (fine, coarse)):
+        one, other = pair
+        unclean = outcome(time, values, clean=False)
+        assert not compare(one, unclean).reliable
+        assert not compare(unclean, other).reliable
+    assert compare(outcome(time, values), outcome(time, values)).local_order is None
+    # One that vanished, and one below a hundredth of the largest, tell nothing.
+    assert compare(outcome(time, values, a=bond(0.0)), outcome(time, values, a=bond(0.1))).local_order is None
+    negligible = compare(
+        outcome(time, values, a=bond(0.4), b=bond(1.01e-3)), outcome(time, values, a=bond(0.1), b=bond(1.005e-3))
+    )
+    assert negligible.local_order == pytest.approx(np.log2(1.01 / 1.005))
+    negligible = compare(
+        outcome(time, values, a=bond(0.4), b=bond(1.01e-3)), outcome(time, values, a=bond(0.1), b=bond(0.995e-3))
+    )
+    assert negligible.local_order == pytest.approx(2.0)
+
+
+# ---- The default --------------------------------------------------------------------------------
+
+MASS, STIFFNESS = 10.0, 4000.0
+
+
+def coupled(make: Any, damping: float, *, ramps: bool = True) -> System:
+    """A mass of 1 m/s on a spring and a damper; neither can go back to an earlier state."""
+    can = Capabilities(interpolates_inputs=ramps)
+    push = make.table(make.variable("force", "input", "N"), make.variable("velocity", "output", "m/s"))
+    pull = make.table(
+        make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]),
+    )  # fmt: skip
+    mass = make.component(
+        push, lambda v, _: {"velocity": v}, lambda v, a, b, h: v - 0.5 * (a["force"] + b["force"]) * h / MASS, 1.0,
+        capabilities=can,
+    )  # fmt: skip
+    damper = make.component(
+        pull, lambda x, u: {"force": STIFFNESS * x + damping * u["velocity"]},
+        lambda x, a, b, h: x + 0.5 * (a["velocity"] + b["velocity"]) * h, capabilities=can,
+    )  # fmt: skip
+    begin = mass.begin
+
+    def begun(start: float, stop: float, parameters: Any) -> None:
+        begin(start, stop, parameters)
+        mass.state = 1.0
+
+    def begun_too(start: float, stop: float, parameters: Any, begin: Any = damper.begin) -> None:
+        begin(start, stop, parameters)
+        damper.state = 0.0
+
+    mass.begin, damper.begin = begun, begun_too
+    return System({"car": mass, "shock": damper}, [Bond.between("car", "shock", displacement=False)])
+
+
+def exact(damping: float, time: Any) -> Any:
+    """Velocity of m x'' + c x' + k x = 0 from rest at 1 m/s."""
+    decay = 0.5 * damping / MASS
+    pulse = np.sqrt(STIFFNESS / MASS - decay**2)
+    return np.exp(-decay * time) * (np.cos(pulse * time) - decay / pulse * np.sin(pulse * time))
+
+
+def true_error(result: Result, damping: float) -> float:
+    velocity = result.series["car.velocity"]
+    miss = velocity - exact(damping, result.series.time)
+    return 100.0 * float(np.sqrt(np.mean(miss**2)) / np.std(velocity))
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 0.02, 5e-4])
+def test_the_default_halves_its_step_until_the_tolerance_is_met_and_no_further(make: Any, tolerance: float) -> None:
+    scenario = Scenario(0.4, record_step=0.01)
+    result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=tolerance), engine="python")
     assert result.coupling_error is not None
-    assert 0.5 * worst < result.coupling_error < 12.0 * max(worst, 0.02)
-    assert result.acceptable == (result.coupling_error <= 5.0 and result.is_clean)
+    assert result.coupling_error <= tolerance
+    assert true_error(result, 60.0) <= result.coupling_error
+    assert result.series.time.tolist() == pytest.approx([0.01 * k for k in range(41)])
+    halvings = round(np.log2(0.002 / result.step))
+    assert result.step == pytest.approx(0.002 / 2**halvings)
+    assert halvings >= 1
+    # Every run counts: steps of 2 ms, of 1 ms, and so on.
+    assert result.steps_of_all_runs == 200 * (2 ** (halvings + 1) - 1)
+    assert result.steps == 200 * 2**halvings
+    if halvings > 1:
+        coarser = replace(Automatic(tolerance=tolerance), least=2.0 * result.step)
+        before = run(coupled(make, 60.0), scenario, algorithm=coarser, engine="python")
+        assert before.step == pytest.approx(2.0 * result.step)
+        assert before.coupling_error > tolerance
+        assert "does not meet the tolerance" in " ".join(before.notes)
 
 
-def test_a_step_alone_means_the_defaults_scheme_to_the_bit(quarter_cars: Join, bumps: Drivefile) -> None:
-    scenario = Scenario(1.0, bumps, ROAD, record_step=0.004)
-    chosen = run(quarter_cars(), scenario)
-    given_step = run(quarter_cars(), scenario, step=chosen.step)
-    alone = run(quarter_cars(), scenario, step=chosen.step, compared=False)
-    assert chosen.scheme == given_step.scheme == "gauss-seidel"
-    for other in (given_step, alone):
-        assert other.series.values.tobytes() == chosen.series.values.tobytes()
-    assert given_step.stated_error
-    assert not alone.stated_error
-    assert alone.verdict.grade == Grade.UNKNOWN
+@pytest.mark.parametrize(("least", "smallest"), [(6e-4, 1e-3), (5e-4, 5e-4), (4e-4, 5e-4)])
+def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(
+    make: Any, least: float, smallest: float
+) -> None:
+    request = Automatic(tolerance=1e-9, least=least)
+    result = run(coupled(make, 60.0), Scenario(0.1), algorithm=request, engine="python")
+    assert result.step == pytest.approx(smallest)
+    told = " ".join(result.notes)
+    assert f"does not meet the tolerance of 1e-09 %, and no step below {1e3 * least:g} ms was tried" in told
+    assert "2 ms not compared" in told
 
 
-def test_a_car_at_rest_has_no_error_and_needs_no_small_step(quarter_cars: Join) -> None:
-    system = quarter_cars()
-    still = replace(system, constants=dict(system.constants) | {"car_a.road": 0.0})
-    result = run(still, Scenario(0.5))
+@pytest.mark.parametrize(
+    ("stop", "record_step", "first"),
+    [(0.12, 0.003, 1.5), (0.12, 0.002, 2.0), (0.12, 0.004, 2.0), (0.12, 0.0005, 0.5), (0.0012, None, 1.2)],
+)
+def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds(
+    make: Any, stop: float, record_step: float | None, first: float
+) -> None:
+    scenario = Scenario(stop, record_step=record_step)
+    result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=50.0), engine="python")
+    told = " ".join(result.notes).replace(", not settled", "")
+    assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in told
+
+
+def test_the_default_aims_at_two_thousandths_as_the_documents_say() -> None:
+    assert Automatic() == Automatic(tolerance=0.2, least=1e-5)
+
+
+@pytest.mark.parametrize("arguments", [{"tolerance": 0.0}, {"tolerance": -1.0}, {"least": 0.0}, {"tolerance": np.nan}])
+def test_a_request_without_sense_is_refused(arguments: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="must be positive"):
+        Automatic(**arguments)
+
+
+def test_components_that_hold_their_inputs_are_refined_to_the_tolerance_too(make: Any) -> None:
+    request = Automatic(tolerance=1.0)
+    result = run(coupled(make, 60.0, ramps=False), Scenario(0.4), algorithm=request, engine="python")
+    assert result.coupling_error <= 1.0
+    assert 0.8 * true_error(result, 60.0) <= result.coupling_error <= 2.0 * true_error(result, 60.0)
+    assert result.step < 1e-3
+
+
+@pytest.mark.parametrize("step", [0.002, 0.004])
+def test_a_run_at_a_given_step_states_an_error_that_is_not_below_the_true_one(make: Any, step: float) -> None:
+    system, scenario = coupled(make, 60.0), Scenario(0.4, record_step=0.02)
+    result = run(system, scenario, algorithm=GaussSeidel(values="extrapolated"), step=step, engine="python")
+    assert result.step == step
+    assert true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
+    assert result.series.time.tolist() == pytest.approx([0.02 * k for k in range(21)])
+    # One companion at twice the step.
+    assert result.steps_of_all_runs == round(1.5 * 0.4 / step)
+
+
+@pytest.mark.parametrize(
+    ("stop", "variable", "steps"),
+    [(0.4, False, 100 + 50), (0.4, True, 100 + 50), (0.404, True, 101 + 51), (0.404, False, 101 + 202)],
+)
+def test_components_of_one_step_size_are_compared_at_half_the_step_where_twice_the_step_does_not_fit(
+    make: Any, stop: float, variable: bool, steps: int
+) -> None:
+    system = coupled(make, 60.0)
+    for component in system.components.values():
+        component.capabilities = replace(component.capabilities, variable_step=variable)
+    result = run(system, Scenario(stop), algorithm=GaussSeidel(), step=0.004, engine="python")
+    assert result.steps_of_all_runs == steps
+    assert result.steps == round(stop / 0.004)
+    assert result.series.time.tolist() == pytest.approx([0.004 * k for k in range(result.steps + 1)])
     assert result.coupling_error is not None
-    assert result.coupling_error < 1e-6
-    assert result.step >= 1e-3
-    assert result.tolerance_met
+    assert 0.5 * true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
 
 
-@pytest.mark.parametrize("compared", [True, False])
-@pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi()], ids=str)
-def test_chatter_between_recorded_points_is_refused(make: Any, algorithm: Any, compared: bool) -> None:
-    """2 kg against a force that saturates, 5000 N.s/m at rest: above 0.4 ms it alternates from step to step.
-
-    The oscillation is bounded, and every second step it shows nothing.
-    """
-    ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
-    damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
-
-    def advance(v: float, start: dict[str, float], end: dict[str, float], step: float) -> float:
-        return v + (10.0 - 0.5 * (start["force"] + end["force"])) / 2.0 * step
-
-    ramps = Capabilities(interpolates_inputs=True)
-    mass = make.component(ports, lambda v, _: {"velocity": v}, advance, capabilities=ramps)
-    shock = make.component(damper, lambda _, u: {"force": 50.0 * np.tanh(u["velocity"] / 0.01)}, capabilities=ramps)
-    system = System({"mass": mass, "shock": shock}, [Bond.between("mass", "shock", displacement=False)])
-    result = run(system, Scenario(1.0, record_step=8e-3), algorithm=algorithm, step=4e-3, compared=compared)
-    assert np.ptp(result.series["mass.velocity"][10:]) < 1.0  # bounded
-    assert not result.acceptable
-    assert result.verdict.grade == Grade.NOT_USABLE
-
-
-def test_a_component_that_holds_its_inputs_is_refined_until_the_tolerance_is_met(
-    quarter_cars: Join, bumps: Drivefile, fmus: Any
+@pytest.mark.parametrize(
+    ("record_step", "fewest", "every"),
+    [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],
+)
+def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that_memory_takes(
+    make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:
-    """And the other car, which it is not coupled with, keeps its order."""
-    scenario = Scenario(0.5, bumps, ROAD | {"b": "car_b.road"})
-    exact = run(quarter_cars("ab"), scenario, step=2.5e-5, compared=False)
-    parts = {"shock_b": Held(fmus["lpnl2"], "shock_b")}
-    result = run(quarter_cars("ab", parts), scenario, algorithm=Automatic(tolerance=1.0))
-    true = true_errors(result, exact)
-    assert result.tolerance_met
-    assert max(true[name.replace("_a", "_b")] for name in DECISIVE) <= 1.0
-    assert result.stated_error["shock_b.force"] > 10.0 * result.stated_error["shock_a.force"]
-
-
-def test_a_car_that_holds_its_road_states_the_error_of_its_tire_force(
-    quarter_cars: Join, bumps: Drivefile, exact: Result, fmus: Any
-) -> None:
-    """The tire force follows the road, of which such a car gets the mean: half a step late, at any step."""
-    system = quarter_cars("a", {"car_a": Held(fmus["quarter_car"], "car_a")})
-    result = run(system, Scenario(1.0, bumps, ROAD), step=1e-3)
-    true = true_errors(result, exact)["car_a.tire_force"]
-    assert true > 0.5
-    assert 0.5 * true < result.stated_error["car_a.tire_force"] < 3.0 * true
+    system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
+    runs = dense_runs.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
+    # Two channels decide; at 1 ms there are 2400 values.
+    monkeypatch.setattr(dense_runs, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
+    time = runs.run(GaussSeidel(), 0.001).series.time
+    assert np.diff(time)[0] == pytest.approx(every)
