@@ -29,6 +29,7 @@ from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
+from eightpost.verdict import Verdict
 
 _ROOT = Path(__file__).parents[2]
 _CORNERS, _BUILDS = ("lf", "rf"), ("soft", "firm", "stiff")
@@ -295,7 +296,7 @@ def _study(folder: Path) -> None:
     numbers = np.arange(5)
     levels = np.linspace(0.1, 0.2, 5)
     comparison = Comparison("ride", numbers, levels, levels * 1.1, np.full(5, 2), 0.01)
-    write_comparisons([comparison], units, folder / "comparison.json")
+    write_comparisons([comparison], units, folder / "comparison.json", Verdict())
     write_spreads(
         [Spread("ride", numbers, levels, np.tile(levels, (8, 1)), 0.01, 1)], folder / "robust.parquet", digest="0" * 64
     )
