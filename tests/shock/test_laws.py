@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
 from eightpost.shock.curve import outer_share
-from eightpost.shock.law import valve_force
+from eightpost.shock.law import Piece, valve_force
+from eightpost.shock.laws import law_module, own_parameters
 
 from .example_curve import curve
 
@@ -191,6 +192,15 @@ def test_a_core_sees_the_scales_on_their_own_side_too():
     valve = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5)).valve
     for velocity, scale in ((0.3, 1.5), (1e-3, 1.5), (-1e-3, 0.5), (-0.3, 0.5)):
         assert valve_force(valve, velocity) == scale * curve().force(velocity)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_core_which_a_fit_compiles_is_the_law_itself(law):
+    own = tuple(getattr(law, name) for name in own_parameters(type(law)))
+    core, piece = law_module(type(law)), Piece(0.1, 0.3, 500.0, 1700.0, 1e-3)
+    assert core.advance_core(300.0, piece, own, law.valve) == law.advance_piece(300.0, piece)
+    for static in (0.0, -900.0, 1300.0, 5000.0):
+        assert core.weight_core(static, own) == law.lag_weight(static)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,307 @@
+"""Differences and stated errors by hand, and the steps that the default and its companions take."""
+
+from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, dense_runs, run
+from cosim.difference import difference, scales
+from cosim.error_estimate import Comparison, compare, stated_error
+from cosim.result import Coupled
+from eightpost.errors import InputError
+from eightpost.signals import TimeSeries
+
+# ---- Differences --------------------------------------------------------------------------------
+
+
+def series(time: Any, **channels: Any) -> TimeSeries:
+    return TimeSeries.from_channels(np.asarray(time, dtype=float), channels)
+
+
+def test_a_difference_is_in_percent_of_the_finer_runs_standard_deviation() -> None:
+    """At 0, 2 and 4 s both have values: 1, 1 and 2 m/s apart; the finer one scatters by 2 m/s over all its samples."""
+    fine = series([0, 1, 2, 3, 4], v=("m/s", [0.0, 2.0, 3.0, 5.0, 5.0]))
+    coarse = series([0, 2, 4], v=("m/s", [1.0, 2.0, 7.0]))
+    spread = float(np.std([0.0, 2.0, 3.0, 5.0, 5.0]))
+    assert difference(coarse, fine) == {"v": pytest.approx(100.0 * 2.0**0.5 / spread)}
+    assert difference(series([0.5, 1.5], v=("m/s", [1.0, 2.0])), fine) == {"v": inf}
+    assert difference(series([0, 2], w=("m/s", [1.0, 2.0])), fine) == {}
+
+
+def test_times_that_differ_by_rounding_are_the_same_and_no_others() -> None:
+    fine = series([0.0, 0.1 + 1e-14, 0.2], v=("m/s", [0.0, 1.0, 0.0]))
+    assert difference(series([0.1], v=("m/s", [1.0])), fine) == {"v": 0.0}
+    assert difference(series([0.1 + 1e-10], v=("m/s", [1.0])), fine) == {"v": inf}
+
+
+@pytest.mark.parametrize(("unit", "floor"), [("m/s", 1e-6), ("m", 1e-8), ("N", 1e-3), ("m/s2", 1e-3), ("rad", 1e-9)])
+def test_a_signal_at_rest_has_the_floor_of_its_unit_for_a_scale(unit: str, floor: float) -> None:
+    assert scales(series([0, 1], x=(unit, [3.0, 3.0]))) == {"x": pytest.approx(floor)}
+
+
+def test_a_signal_that_hardly_moves_is_judged_by_a_hundredth_of_the_largest_of_its_unit() -> None:
+    found = scales(
+        series(
+            [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 1e-4]),
+            b=("1", [0.0, 100.0]),
+        )
+    )  # fmt: skip
+    assert found == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 5e-5, "b": 50.0})
+
+
+# ---- Stated errors ------------------------------------------------------------------------------
+
+
+def seen(*differences: float, reliable: bool = True, local: float | None = None) -> list[Comparison]:
+    return [Comparison({"car.v": value}, reliable, local) for value in differences]
+
+
+def stated(comparisons: list[Comparison], held: tuple[str, ...] = ()) -> float:
+    return stated_error(comparisons, held)["car.v"]
+
+
+@pytest.mark.parametrize(
+    ("differences", "expected"),
+    [
+        ((0.6,), 0.6),  # nothing seen: first order
+        ((1.2, 0.6), 0.6),  # halves: first order
+        ((1.2, 0.3), 0.1),  # quarters: second order, over three
+        ((1.6, 0.2), 0.2 / 3.0),  # eighths, but no more than second order is assumed
+        ((1.6, 0.1), 0.2 / 3.0),  # sixteenths: an eighth counts at least
+        ((0.6, 0.5), 0.5 / (2.0**0.38 - 1.0)),  # hardly falls: order 0.38
+        ((0.5, 0.6), 0.6 / (2.0**0.38 - 1.0)),  # rises
+        ((4.0, 2.0, 0.5), 0.5),  # the smaller order of the last two pairs
+        ((4.0, 1.0, 0.5), 0.5),
+        ((9.0, 8.0, 2.0, 0.5), 0.5 / 3.0),  # what was seen before is past
+        ((0.0, 0.5), 0.5),
+        ((inf, 0.5), 0.5),
+        ((0.5, 0.0), 0.5 / 8.0),  # none at all: by chance
+    ],
+)
+def test_the_stated_error_is_the_last_difference_over_what_its_order_leaves(
+    differences: tuple[float, ...], expected: float
+) -> None:
+    assert stated(seen(*differences)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_local_errors_of_bonds_lower_the_order_and_never_raise_it() -> None:
+    assert stated(seen(1.2, 0.3, local=1.0)) == pytest.approx(0.3)
+    assert stated(seen(1.2, 0.3, local=3.0)) == pytest.approx(0.1)
+    # Without two differences to compare, at most order 1.5 is believed.
+    assert stated(seen(0.3, local=1.2)) == pytest.approx(0.3 / (2.0**1.2 - 1.0))
+    assert stated(seen(0.3, local=3.0)) == pytest.approx(0.3 / (2.0**1.5 - 1.0))
+    assert stated(seen(0.3, local=-1.0)) == pytest.approx(0.3 / (2.0**0.38 - 1.0))
+
+
+def test_runs_whose_bonds_failed_show_no_order() -> None:
+    assert stated(seen(1.2, 0.3, reliable=False, local=2.0)) == pytest.approx(0.3)
+    for one in (0, 1):
+        mixed = seen(1.2, 0.3, local=2.0)
+        mixed[one] = replace(mixed[one], reliable=False)
+        assert stated(mixed) == pytest.approx(0.3 if one else 0.3 / (2.0**1.5 - 1.0))
+
+
+def test_beside_a_component_that_holds_its_inputs_first_order_is_the_most() -> None:
+    assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
+    assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
+    assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
+
+
+def test_a_channel_that_only_the_last_runs_have_is_compared_once() -> None:
+    comparisons = [Comparison({}, True, None), Comparison({"car.v": 0.3}, True, None)]
+    assert stated(comparisons) == pytest.approx(0.3)
+
+
+def bond(velocity: float, force: float = 0.0) -> Coupled:
+    return Coupled(velocity, 1.0, force, 1.0, velocity_scale=1.0, force_scale=1.0)
+
+
+def outcome(time: Any, values: Any, *, clean: bool = True, **coupled: Coupled) -> Any:
+    found = series(time, v=("m/s", values))
+    return SimpleNamespace(settled=lambda: found, is_clean=clean, coupled=coupled)
+
+
+def test_two_runs_are_reliable_where_both_are_and_their_local_order_is_the_least_of_their_bonds() -> None:
+    time, values = [0, 1, 2], [0.0, 1.0, 0.0]
+    coarse = outcome(time, values, lf=bond(0.08), rf=bond(0.04), rr=bond(0.9), gone=bond(5.0))
+    fine = outcome(time, values, lf=bond(0.02), rf=bond(0.02), rr=bond(2e-4), new=bond(0.01))
+    found = compare(coarse, fine)
+    assert found.difference == {"v": 0.0}
+    assert found.reliable
+    assert found.local_order == pytest.approx(1.0)
+    for pair in ((coarse, fine), (fine, coarse)):
+        one, other = pair
+        unclean = outcome(time, values, clean=False)
+        assert not compare(one, unclean).reliable
+        assert not compare(unclean, other).reliable
+    assert compare(outcome(time, values), outcome(time, values)).local_order is None
+    # One that vanished, and one below a hundredth of the largest, tell nothing.
+    assert compare(outcome(time, values, a=bond(0.0)), outcome(time, values, a=bond(0.1))).local_order is None
+    negligible = compare(
+        outcome(time, values, a=bond(0.4), b=bond(1.01e-3)), outcome(time, values, a=bond(0.1), b=bond(1.005e-3))
+    )
+    assert negligible.local_order == pytest.approx(np.log2(1.01 / 1.005))
+    negligible = compare(
+        outcome(time, values, a=bond(0.4), b=bond(1.01e-3)), outcome(time, values, a=bond(0.1), b=bond(0.995e-3))
+    )
+    assert negligible.local_order == pytest.approx(2.0)
+
+
+# ---- The default --------------------------------------------------------------------------------
+
+MASS, STIFFNESS = 10.0, 4000.0
+
+
+def coupled(make: Any, damping: float, *, ramps: bool = True) -> System:
+    """A mass of 1 m/s on a spring and a damper; neither can go back to an earlier state."""
+    can = Capabilities(interpolates_inputs=ramps)
+    push = make.table(make.variable("force", "input", "N"), make.variable("velocity", "output", "m/s"))
+    pull = make.table(
+        make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]),
+    )  # fmt: skip
+    mass = make.component(
+        push, lambda v, _: {"velocity": v}, lambda v, a, b, h: v - 0.5 * (a["force"] + b["force"]) * h / MASS, 1.0,
+        capabilities=can,
+    )  # fmt: skip
+    damper = make.component(
+        pull, lambda x, u: {"force": STIFFNESS * x + damping * u["velocity"]},
+        lambda x, a, b, h: x + 0.5 * (a["velocity"] + b["velocity"]) * h, capabilities=can,
+    )  # fmt: skip
+    begin = mass.begin
+
+    def begun(start: float, stop: float, parameters: Any) -> None:
+        begin(start, stop, parameters)
+        mass.state = 1.0
+
+    def begun_too(start: float, stop: float, parameters: Any, begin: Any = damper.begin) -> None:
+        begin(start, stop, parameters)
+        damper.state = 0.0
+
+    mass.begin, damper.begin = begun, begun_too
+    return System({"car": mass, "shock": damper}, [Bond.between("car", "shock", displacement=False)])
+
+
+def exact(damping: float, time: Any) -> Any:
+    """Velocity of m x'' + c x' + k x = 0 from rest at 1 m/s."""
+    decay = 0.5 * damping / MASS
+    pulse = np.sqrt(STIFFNESS / MASS - decay**2)
+    return np.exp(-decay * time) * (np.cos(pulse * time) - decay / pulse * np.sin(pulse * time))
+
+
+def true_error(result: Result, damping: float) -> float:
+    velocity = result.series["car.velocity"]
+    miss = velocity - exact(damping, result.series.time)
+    return 100.0 * float(np.sqrt(np.mean(miss**2)) / np.std(velocity))
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 0.02, 5e-4])
+def test_the_default_halves_its_step_until_the_tolerance_is_met_and_no_further(make: Any, tolerance: float) -> None:
+    scenario = Scenario(0.4, record_step=0.01)
+    result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=tolerance), engine="python")
+    assert result.coupling_error is not None
+    assert result.coupling_error <= tolerance
+    assert true_error(result, 60.0) <= result.coupling_error
+    assert result.series.time.tolist() == pytest.approx([0.01 * k for k in range(41)])
+    halvings = round(np.log2(0.002 / result.step))
+    assert result.step == pytest.approx(0.002 / 2**halvings)
+    assert halvings >= 1
+    # Every run counts: steps of 2 ms, of 1 ms, and so on.
+    assert result.steps_of_all_runs == 200 * (2 ** (halvings + 1) - 1)
+    assert result.steps == 200 * 2**halvings
+    if halvings > 1:
+        coarser = replace(Automatic(tolerance=tolerance), least=2.0 * result.step)
+        before = run(coupled(make, 60.0), scenario, algorithm=coarser, engine="python")
+        assert before.step == pytest.approx(2.0 * result.step)
+        assert before.coupling_error > tolerance
+        assert "does not meet the tolerance" in " ".join(before.notes)
+
+
+@pytest.mark.parametrize(("least", "smallest"), [(6e-4, 1e-3), (5e-4, 5e-4), (4e-4, 5e-4)])
+def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(
+    make: Any, least: float, smallest: float
+) -> None:
+    request = Automatic(tolerance=1e-9, least=least)
+    result = run(coupled(make, 60.0), Scenario(0.1), algorithm=request, engine="python")
+    assert result.step == pytest.approx(smallest)
+    told = " ".join(result.notes)
+    assert f"does not meet the tolerance of 1e-09 %, and no step below {1e3 * least:g} ms was tried" in told
+    assert "2 ms not compared" in told
+
+
+@pytest.mark.parametrize(
+    ("stop", "record_step", "first"),
+    [(0.12, 0.003, 1.5), (0.12, 0.002, 2.0), (0.12, 0.004, 2.0), (0.12, 0.0005, 0.5), (0.0012, None, 1.2)],
+)
+def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds(
+    make: Any, stop: float, record_step: float | None, first: float
+) -> None:
+    scenario = Scenario(stop, record_step=record_step)
+    result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=50.0), engine="python")
+    told = " ".join(result.notes).replace(", not settled", "")
+    assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in told
+
+
+def test_the_default_aims_at_two_thousandths_as_the_documents_say() -> None:
+    assert Automatic() == Automatic(tolerance=0.2, least=1e-5)
+
+
+@pytest.mark.parametrize("arguments", [{"tolerance": 0.0}, {"tolerance": -1.0}, {"least": 0.0}, {"tolerance": np.nan}])
+def test_a_request_without_sense_is_refused(arguments: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="must be positive"):
+        Automatic(**arguments)
+
+
+def test_components_that_hold_their_inputs_are_refined_to_the_tolerance_too(make: Any) -> None:
+    request = Automatic(tolerance=1.0)
+    result = run(coupled(make, 60.0, ramps=False), Scenario(0.4), algorithm=request, engine="python")
+    assert result.coupling_error <= 1.0
+    assert 0.8 * true_error(result, 60.0) <= result.coupling_error <= 2.0 * true_error(result, 60.0)
+    assert result.step < 1e-3
+
+
+@pytest.mark.parametrize("step", [0.002, 0.004])
+def test_a_run_at_a_given_step_states_an_error_that_is_not_below_the_true_one(make: Any, step: float) -> None:
+    system, scenario = coupled(make, 60.0), Scenario(0.4, record_step=0.02)
+    result = run(system, scenario, algorithm=GaussSeidel(values="extrapolated"), step=step, engine="python")
+    assert result.step == step
+    assert true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
+    assert result.series.time.tolist() == pytest.approx([0.02 * k for k in range(21)])
+    # One companion at twice the step.
+    assert result.steps_of_all_runs == round(1.5 * 0.4 / step)
+
+
+@pytest.mark.parametrize(
+    ("stop", "variable", "steps"),
+    [(0.4, False, 100 + 50), (0.4, True, 100 + 50), (0.404, True, 101 + 51), (0.404, False, 101 + 202)],
+)
+def test_components_of_one_step_size_are_compared_at_half_the_step_where_twice_the_step_does_not_fit(
+    make: Any, stop: float, variable: bool, steps: int
+) -> None:
+    system = coupled(make, 60.0)
+    for component in system.components.values():
+        component.capabilities = replace(component.capabilities, variable_step=variable)
+    result = run(system, Scenario(stop), algorithm=GaussSeidel(), step=0.004, engine="python")
+    assert result.steps_of_all_runs == steps
+    assert result.steps == round(stop / 0.004)
+    assert result.series.time.tolist() == pytest.approx([0.004 * k for k in range(result.steps + 1)])
+    assert result.coupling_error is not None
+    assert 0.5 * true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("record_step", "fewest", "every"),
+    [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],
+)
+def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that_memory_takes(
+    make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
+) -> None:
+    system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
+    runs = dense_runs.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
+    # Two channels decide; at 1 ms there are 2400 values.
+    monkeypatch.setattr(dense_runs, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
+    time = runs.run(GaussSeidel(), 0.001).series.time
+    assert np.diff(time)[0] == pytest.approx(every)
