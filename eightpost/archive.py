@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-from eightpost.errors import EightpostError, FmuError
+from eightpost.errors import EightpostError, FmuError, OutputError
 from eightpost.files import atomic_path, writing
 
 #: The earliest date a zip entry can carry: a real one would make every build differ.
@@ -98,10 +98,13 @@ def extract_archive(path: str | Path, folder: str | Path) -> None:
     with open_archive(path) as archive:
         for entry in _safe_files(path, archive):
             target = folder / entry.filename
-            with writing(target):
-                target.parent.mkdir(parents=True, exist_ok=True)
-            with archive.open(entry) as source:
-                _copy(source, target)
+            try:
+                with writing(target):
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(entry) as source:
+                    _copy(source, target)
+            except OutputError as error:
+                raise OutputError(f"{path}: cannot be unpacked: {error}") from error
 
 
 def _copy(source: IO[bytes], target: Path) -> None:
