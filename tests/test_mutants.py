@@ -53,9 +53,11 @@ def test_a_python_source_is_changed_in_operators_signs_bounds_and_constants():
     assert all(text.endswith("# 1 + 2") for text in found)
 
 
-def test_what_is_no_python_any_more_is_no_mutant():
-    (site,) = python_sites("def f(*, a):\n    return a\n")
-    assert [change("def f(*, a):\n    return a\n") for change in site.changes] == [None] * len(site.changes)
+def test_the_stars_of_parameters_and_arguments_are_no_products():
+    assert (
+        python_sites("def f(*a, **b):\n    return f(*a, **b), [*a], {**b}\n\n\ndef g(a, *, b):\n    return a\n") == []
+    )
+    assert len(python_sites("a = b * c\n")) == len(python_sites("a = f(b * c)\n")) == 1
 
 
 @pytest.mark.parametrize("area", read_areas(), ids=lambda area: area.name)

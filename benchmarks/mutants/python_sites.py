@@ -29,6 +29,10 @@ OPERATORS = (
 )
 
 
+#: What parso calls nodes in which a star is no product.
+_STARRED = ("parameters", "param", "argument", "star_expr", "dictorsetmaker", "lambdef")
+
+
 def python_sites(source: str) -> list[Site]:
     """Return the places of a Python source, in the order of the text."""
     changes: defaultdict[tuple[int, int], list[Change]] = defaultdict(list)
@@ -36,28 +40,21 @@ def python_sites(source: str) -> list[Site]:
     for name in OPERATORS:
         for occurrence, (line, column) in enumerate(_positions(name, nodes)):
             changes[line, column].append(partial(_changed, name, occurrence))
+    changes.pop((-1, -1), None)
     return [Site(line, column, tuple(found)) for (line, column), found in sorted(changes.items())]
 
 
 def _positions(name: str, nodes: list[Any]) -> Iterator[tuple[int, int]]:
+    """Yield where an operator applies; (-1, -1) where it takes a star of parameters or arguments for a product."""
     operator = _operator(name)
     for node in nodes:
         for start, _ in operator.mutation_positions(node):
-            yield start
+            yield (-1, -1) if node.parent is not None and node.parent.type in _STARRED else start
 
 
 def _changed(name: str, occurrence: int, source: str) -> str | None:
     changed: str | None = mutate_code(source, _operator(name), occurrence)
-    return changed if changed is not None and _is_python(changed) else None
-
-
-def _is_python(source: str) -> bool:
-    """Whether it compiles: the star before keyword-only arguments, too, is taken for an operator."""
-    try:
-        compile(source, "mutant", "exec")
-    except SyntaxError:
-        return False
-    return True
+    return changed
 
 
 @cache

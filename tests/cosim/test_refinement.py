@@ -36,6 +36,11 @@ def test_times_that_differ_by_rounding_are_the_same_and_no_others() -> None:
     fine = series([0.0, 0.1 + 1e-14, 0.2], v=("m/s", [0.0, 1.0, 0.0]))
     assert difference(series([0.1], v=("m/s", [1.0])), fine) == {"v": 0.0}
     assert difference(series([0.1 + 1e-10], v=("m/s", [1.0])), fine) == {"v": inf}
+    # Of a step that is no decimal fraction, added up on one side and multiplied on the other.
+    thirds = np.cumsum([1.0 / 3000.0] * 300)
+    same = series(thirds, v=("m/s", np.arange(300.0)))
+    multiplied = series(np.arange(1, 301) / 3000.0, v=("m/s", np.arange(300.0) + 1.0))
+    assert difference(same, multiplied) == {"v": pytest.approx(100.0 / np.std(np.arange(300.0)))}
 
 
 @pytest.mark.parametrize(("unit", "floor"), [("m/s", 1e-6), ("m", 1e-8), ("N", 1e-3), ("m/s2", 1e-3), ("rad", 1e-9)])
@@ -243,6 +248,24 @@ def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds
     result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=50.0), engine="python")
     told = " ".join(result.notes).replace(", not settled", "")
     assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in told
+
+
+def test_a_step_at_which_the_coupling_diverges_is_told_and_halved(make: Any) -> None:
+    result = run(coupled(make, 8000.0), Scenario(0.4), algorithm=Automatic(tolerance=1.0), engine="python")
+    assert "comparing runs: 2 ms diverged, 1 ms " in " ".join(result.notes)
+    assert result.step < 1e-3
+
+
+def test_a_run_at_a_given_step_is_compared_unless_that_is_declined(make: Any) -> None:
+    scenario = Scenario(0.4)
+    alone, compared = (
+        run(coupled(make, 60.0), scenario, algorithm=GaussSeidel(), step=0.004, engine="python", compared=compared)
+        for compared in (False, True)
+    )
+    assert (alone.steps_of_all_runs, compared.steps_of_all_runs) == (100, 150)
+    assert alone.stated_error == {}
+    assert compared.stated_error.keys() == set(compared.series.names)
+    assert alone.series.values.tobytes() == compared.series.values.tobytes()
 
 
 def test_the_default_aims_at_two_thousandths_as_the_documents_say() -> None:

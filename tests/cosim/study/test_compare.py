@@ -198,3 +198,15 @@ def _list(folder, *lines: str):
     path = folder / "runs.csv"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def test_without_noise_a_perfect_prediction_ranks_perfectly():
+    assert comparison(PREDICTED[::-1]).attainable == 1.0
+
+
+def test_levels_of_other_setups_than_predicted_are_refused():
+    with pytest.raises(InputError, match="3 setups or more must be predicted and measured"):
+        Comparison("m", np.arange(5), PREDICTED, PREDICTED[:4], np.ones(5, dtype=int))
+    with pytest.raises(InputError, match="3 setups or more must be predicted and measured"):
+        comparison(PREDICTED[:2], PREDICTED[:2])
+    comparison(PREDICTED[:3], PREDICTED[:3])

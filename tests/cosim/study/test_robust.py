@@ -8,6 +8,7 @@ import pytest
 from cosim.study.choice.robust import Spread, run_to_run, spreads_of
 from cosim.study.choice.robust_draws import Uncertain, drawn_studies
 from cosim.study.choice.robust_table import read_spreads, write_spreads
+from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
 
 from .constructed import result, study
@@ -146,6 +147,19 @@ def test_spreads_come_back_from_their_file(tmp_path, draws):
     assert (found.measure, found.run_to_run, found.runs) == ("ride height", 0.5, 2)
     for one, other in ((found.setups, kept.setups), (found.values, kept.values), (found.draws, kept.draws)):
         np.testing.assert_array_equal(one, other)
+
+
+def test_the_objective_has_a_spread_of_its_own_beside_those_of_its_measures():
+    measures = {"front": lambda digits: 1.0 + digits.sum(axis=1), "rear": lambda digits: 2.0 + digits[:, 0]}
+    study = result(measures, objective=(Term("front", 2.0, "m"), Term("rear", 3.0, "m")))
+    spreads = {found.measure: found for found in spreads_of(study, [], {"front": 0.5, "rear": 0.25}, runs=4)}
+    assert list(spreads) == ["objective", "front", "rear"]
+    np.testing.assert_allclose(spreads["objective"].values, 2.0 * study.values("front") + 3.0 * study.values("rear"))
+    np.testing.assert_array_equal(spreads["front"].values, study.values("front"))
+    # Of four runs: the measures vary each by itself.
+    expected = {"front": 0.25, "rear": 0.125, "objective": np.hypot(2.0 * 0.25, 3.0 * 0.125)}
+    for name, deviation in expected.items():
+        np.testing.assert_allclose(spreads[name].deviation, deviation)
 
 
 def test_spreads_of_another_study_are_refused(tmp_path):
