@@ -4,7 +4,8 @@
 
 One vehicle and four shocks (benchmarks/case.py), 14 recorded outputs, 30 s of the demo's track; with --quick 5 s, fewer
 rates, and no large systems. The reference integrates the same equations as one system with scipy (tests/monolithic.py).
-Costs are microseconds per coupling step of everything, without loading. Prints Markdown; --json leaves rows {engine,
+Costs are microseconds of processor time per coupling step: those of each row's own steps, without loading, over their
+number. Prints Markdown; --json leaves rows {engine,
 scheme, damping, rate_hz, us_per_step, error_velocity_percent, error_tire_force_percent}: percent of the reference
 signal's standard deviation, worst corner, without the first second; null where it diverged. Times are of this machine
 and this run: compare them within one table only.

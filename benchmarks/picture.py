@@ -18,11 +18,11 @@ Row = dict[str, Any]
 #: Okabe and Ito's colours, told apart by colour-blind readers.
 COLORS = {
     "eightpost": "#0072B2", "fmpy": "#E69F00", "fmpy-ssp": "#CC79A7", "libcosim": "#009E73", "ecos": "#D55E00",
-    "fmu-container": "#000000",
+    "fmu-container": "#000000", "C loop": "#999999",
 }  # fmt: skip
 MARKERS = {
     "jacobi, held": "o", "jacobi, extrapolated": "s", "gauss-seidel, held": "^", "gauss-seidel, interpolated": "v",
-    "gauss-seidel, extrapolated": "D", "implicit": "P", "adaptive": "X", "default": "*",
+    "gauss-seidel, extrapolated": "D", "gauss-seidel, parabolic": "p", "implicit": "P", "adaptive": "X", "default": "*",
 }  # fmt: skip
 OURS = "eightpost"
 QUANTITY = "error_tire_force_percent"

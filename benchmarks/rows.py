@@ -170,7 +170,7 @@ def row(case: cases.Case, label: tuple[str, str, str, float | None], found: Reco
     velocity, tire_force = cases.errors(case, found.time, found.values[:4], found.values[4:8])
     return named | {
         "rate_hz": found.rate,
-        "us_per_step": 1e6 * found.seconds / found.steps,
+        "us_per_step": 1e6 * found.seconds / found.steps if found.seconds > 0.0 and found.steps > 0 else None,
         "error_velocity_percent": velocity,
         "error_tire_force_percent": tire_force,
     }

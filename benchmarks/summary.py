@@ -67,7 +67,9 @@ def _equal_accuracy(rows: Sequence[Row]) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for one in found:
         mark = " (extrapolated by its measured order)" if one.extrapolated else ""
-        cells = [one.engine, one.scheme, f"{one.rate:.0f}{mark}", number(one.cost), number(one.cost / least)]
+        sign = "about " if one.extrapolated else ""
+        costs = [f"{sign}{number(cost)}" for cost in (one.cost, one.cost / least)]
+        cells = [one.engine, one.scheme, f"{one.rate:.0f}{mark}", *costs]
         yield f"| {' | '.join(cells)} |"
 
 

@@ -4,16 +4,22 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from benchmarks import case as cases
-from benchmarks.engines.job import Diverged, Recording
+from benchmarks.engines import c_loop, fmpy_loop, ours
+from benchmarks.engines.drive_fmu import write_drive
+from benchmarks.engines.job import Diverged, Job, Recording
 from benchmarks.picture import draw
 from benchmarks.rows import row
 from benchmarks.summary import reaches, summary
 from benchmarks.table import markdown
+from eightpost.signals import TimeSeries
 
 ROOT = Path(__file__).resolve().parents[1]
 KEYS = {
@@ -41,8 +47,10 @@ def test_a_run_of_one_engine_leaves_rows_whose_errors_fall_with_the_rate(tmp_pat
     assert ran.returncode == 0, ran.stderr[-2000:]
     rows = json.loads(told.read_text())
     assert [set(one) for one in rows] == [KEYS] * len(rows)
-    assert {(one["engine"], one["scheme"], one["damping"]) for one in rows} == {("fmpy", "jacobi, held", "full")}
-    by_rate = {one["rate_hz"]: one for one in rows}
+    assert {(one["engine"], one["scheme"], one["damping"]) for one in rows} == {
+        ("fmpy", scheme, "full") for scheme in c_loop.SCHEMES
+    }
+    by_rate = {one["rate_hz"]: one for one in rows if one["scheme"] == "jacobi, held"}
     assert all(one["us_per_step"] > 0.0 for one in rows if one["error_velocity_percent"] is not None)
     assert by_rate[4000.0]["error_tire_force_percent"] < by_rate[1000.0]["error_tire_force_percent"] < 100.0
     assert ran.stdout.startswith("| engine | scheme |")
@@ -58,16 +66,12 @@ def test_what_diverges_has_neither_errors_nor_a_cost():
 @pytest.fixture
 def solved():
     """A case whose signals are known: 2 s of sines, without a run."""
-    import numpy as np  # noqa: PLC0415
-
     time = np.arange(0.0, 2.0, 0.008)
     signal = np.sin(2.0 * np.pi * 5.0 * time) * np.ones((4, 1))
     return cases.Case(None, None, 2.0, time, signal, 1e3 * signal)
 
 
 def recorded(case, factor):
-    import numpy as np  # noqa: PLC0415
-
     static = cases.read_vehicle(ROOT / "examples" / "car.toml").static
     totals = factor * case.tire_force + np.array([[static[f"{c}.tire_force"]] for c in cases.CORNERS])
     return Recording(case.time, np.vstack([factor * case.velocity, totals]), 1e-3, 1000, 125.0)
@@ -79,6 +83,49 @@ def test_errors_are_in_percent_of_the_signals_standard_deviation(solved, factor,
     for name in ("error_velocity_percent", "error_tire_force_percent"):
         assert found[name] == pytest.approx(expected, rel=1e-2, abs=1e-9)
     assert found["us_per_step"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1e-3])
+def test_a_time_that_is_none_is_no_cost(solved, seconds):
+    found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), replace(recorded(solved, 1.1), seconds=seconds))
+    assert found["us_per_step"] is None
+    assert markdown([found]).splitlines()[-1] == "| fmpy | jacobi, held | full | 125 | - | - | 10 | 10 |"
+    assert not list(reaches([found]))
+
+
+def test_the_default_costs_what_its_own_runs_took(monkeypatch):
+    """Its stepping time over the steps of its last run, of the quickest call; no difference of two times."""
+    names, took = ours.NAMES, iter((0.5, 0.3, *[0.4] * 100))
+    scenarios = []
+
+    def run(_system, scenario, **_options):
+        scenarios.append(scenario)
+        time = np.linspace(0.0, scenario.stop, 5)
+        series = TimeSeries(time, np.zeros((len(names), 5)), names, ("1",) * len(names))
+        return SimpleNamespace(series=series, stepping_seconds=next(took), steps=2000, partial=False)
+
+    monkeypatch.setattr(ours.cosim, "run", run)
+    found = ours.run_default(None, cases.track(), 2.0, repeats=3)
+    assert (found.seconds, found.steps, found.rate) == (0.3, 2000, 1000.0)
+    assert {scenario.stop for scenario in scenarios} == {2.0}
+
+
+@pytest.mark.slow
+def test_the_loop_in_c_and_the_one_over_fmpy_are_the_same_schemes(tmp_path):
+    drive = cases.track()
+    cases.build_fmus(cases.fitted_law(), tmp_path)
+    write_drive(drive, tmp_path)
+    for scheme in c_loop.SCHEMES:
+        values = []
+        for engine in (c_loop, fmpy_loop):
+            work = tmp_path / f"{engine.__name__} {scheme}"
+            work.mkdir()
+            found = engine.run(Job(str(tmp_path), scheme, 500.0, 1.0, str(work)))
+            assert found.seconds > 0.0
+            assert found.steps == 500
+            values.append(found.values)
+        assert np.ptp(values[0], axis=1).min() > 1e-3
+        np.testing.assert_allclose(values[0], values[1], rtol=1e-9, atol=1e-9)
 
 
 def test_an_error_of_ten_standard_deviations_is_no_answer(solved):
@@ -94,7 +141,9 @@ def test_cost_at_equal_accuracy_follows_the_measured_order_and_says_where_it_is_
     ours, theirs = sorted(reaches(rows), key=lambda one: one.cost)
     assert (ours.rate, ours.cost, ours.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
     assert (theirs.rate, theirs.cost, theirs.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
-    assert "20000 (extrapolated by its measured order)" in summary(rows)
+    said = summary(rows)
+    assert "| fmpy | jacobi, held | 20000 (extrapolated by its measured order) | about 400 | about 400 |" in said
+    assert "| eightpost | gauss-seidel | 1000 | 1 | 1 |" in said
 
 
 def test_an_error_that_does_not_fall_reaches_nothing():

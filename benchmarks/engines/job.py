@@ -86,7 +86,7 @@ class Recording:
     Args:
         time: (K,) [s].
         values: (14, K) in the order of RECORDED, or the first eight of them.
-        seconds: Wall time of `steps` coupling steps, without loading.
+        seconds: Processor time of `steps` coupling steps, without loading, as measured.
         steps: Their number.
         rate: Mean rate [Hz].
     """

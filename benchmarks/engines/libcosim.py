@@ -37,10 +37,10 @@ def run(job: Job) -> Recording:
     for one in RECORDED:
         observer.start_time_series(*end(*one), CosimVariableType.REAL)
     with job.stepping():
-        began = clock.perf_counter()
+        began = clock.process_time()
         if not execution.step(job.count):
             raise Diverged("libcosim: a step failed")
-        seconds = clock.perf_counter() - began
+        seconds = clock.process_time() - began
     columns = [observer.time_series_real_samples(*end(*one), from_step=1, sample_count=job.count) for one in RECORDED]
     time = np.array(columns[0][0]) * 1e-9
     return Recording(time, np.array([c[2] for c in columns]), seconds, job.count, job.rate)

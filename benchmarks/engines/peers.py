@@ -39,16 +39,23 @@ class Peer:
 
 
 HELD = ("jacobi, held",)
+RAMPED = ("jacobi, extrapolated", "gauss-seidel, extrapolated", "gauss-seidel, parabolic")
 PEERS = (
     Peer(
-        "fmpy_loop", "fmpy", "fmpy", HELD,
-        "a loop over fmpy's FMU2Slave; the arrays that its calls take are made once; time of the loop alone",
+        "c_loop", "ziglang", "C loop", (*HELD, *RAMPED),
+        "no engine: a loop in C over the same FMUs and nothing else (benchmarks/engines/master.c, compiled by zig), "
+        "the limit of what an engine can reach; time of the loop alone, of which it records every step",
+    ),
+    Peer(
+        "fmpy_loop", "fmpy", "fmpy", (*HELD, *RAMPED),
+        "a loop over fmpy's FMU2Slave; the arrays that its calls take are made once; but for `held` it sets input "
+        "derivatives, of the road too; time of the loop alone",
     ),
     Peer(
         "fmpy_ssp", "fmpy", "fmpy-ssp", HELD,
         "fmpy.ssp.simulation.simulate_ssp. The drive reaches the car a step late, and its rows carry the time of a "
-        "step's start with the values of its end: the two cancel; it starts with every input at 0; difference of a "
-        "long and a short run",
+        "step's start with the values of its end: the two cancel; it starts with every input at 0; time of "
+        "its steps alone",
         slow=True,
     ),
     Peer(
