@@ -328,3 +328,10 @@ def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that
     monkeypatch.setattr(dense_runs, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
     time = runs.run(GaussSeidel(), 0.001).series.time
     assert np.diff(time)[0] == pytest.approx(every)
+
+
+def test_a_run_of_two_steps_keeps_what_is_to_be_recorded(make: Any) -> None:
+    scenario = Scenario(0.004, record_step=0.004)
+    result = run(coupled(make, 60.0), scenario, algorithm=GaussSeidel(), step=0.002, engine="python")
+    assert result.series.time.tolist() == [0.0, 0.004]
+    assert result.steps == 2

@@ -11,7 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Algorithm, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from cosim import (
+    Adaptive,
+    Algorithm,
+    Bond,
+    Capabilities,
+    GaussSeidel,
+    Implicit,
+    Jacobi,
+    Result,
+    Scenario,
+    System,
+    dense_runs,
+    run,
+)
 from cosim.algorithm import VALUES
 from cosim.engine import calls, march
 from cosim.engine.implicit import _broyden, _invert
@@ -294,6 +307,23 @@ def test_an_adaptive_run_stays_near_the_exact_motion_and_takes_larger_steps_as_i
     assert series.time.tolist() == pytest.approx([0.05 * k for k in range(41)])
     assert result.step < 0.5 * result.largest_step
     assert result.largest_step <= 0.05 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(("relative", "others"), [(1e-4, [8.0]), (0.3, [8.0, 1.0 / 8.0])])
+def test_an_adaptive_run_is_compared_with_one_of_eight_times_its_tolerance_and_if_need_be_an_eighth(
+    parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
+) -> None:
+    made = []
+    plain = dense_runs.DenseRuns.run
+
+    def spied(self: Any, scheme: Any, step: float) -> Result:
+        made.append(scheme.relative / relative)
+        return plain(self, scheme, step)
+
+    monkeypatch.setattr(dense_runs.DenseRuns, "run", spied)
+    result = ran(parts(), Adaptive(relative=relative, largest=0.2), step=0.1, stop=0.3)
+    assert made == pytest.approx([1.0, *others])
+    assert result.coupling_error is not None
 
 
 def test_rejected_steps_leave_no_trace_in_what_is_added_up(parts: Any) -> None:

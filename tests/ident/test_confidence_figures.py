@@ -325,5 +325,6 @@ def test_models_are_sampled_as_often_as_is_asked(monkeypatch):
     noise = np.concatenate([sample.reshape(-1, 4000) for sample in drawn])
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(1.0, abs=0.03)
     assert np.var(noise.imag) == pytest.approx(0.5, abs=0.02)
+    assert abs(np.mean(noise**2)) < 0.03  # both parts are noise of their own
     alike = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
     assert alike == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)

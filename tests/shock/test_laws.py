@@ -182,6 +182,12 @@ def test_gas_and_seal_add_to_the_valves():
     assert response.dissipated_power == pytest.approx((static + 18.0 * np.tanh(20.0)) * 0.1, rel=1e-14)
 
 
+def test_a_port_adds_nothing_and_scales_nothing_unless_it_is_told_to():
+    response = Polylinear(curve()).response(0.0, 0.1, 0.02)
+    assert response.force == response.static_force == curve().force(0.1)
+    assert Polylinear(curve()).response(0.0, -0.1, 0.02).force == curve().force(-0.1)
+
+
 def test_the_scales_act_on_their_own_side():
     law = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5))
     assert law.static_force(0.3) == 1.5 * curve().force(0.3)
