@@ -12,7 +12,7 @@ at once; for k without bound it is Polylinear.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import copysign, isfinite
+from math import copysign, inf, isfinite
 
 from .lag import advance
 from .law import STRAIGHT, FitParameter, Piece, ShockLaw, Valve, valve_force
@@ -28,8 +28,17 @@ _MOST_PARTS = 1000
 _MOST_TRIES = 100
 #: From so many time constants on, nothing is left of where a lag began: exp(-1000) = 0.
 _SETTLED = 1000.0
+#: From so many on, next to nothing: exp(-40) = 4e-18.
+_AT_REST = 40.0
 #: Where the force is known to so many of itself, it is found.
 _FOUND = 4e-16
+#: A chord is found where its time constant is that of where it leads, to so much of itself; the most corrections.
+_AGREEMENT = 1e-5
+_MOST_CORRECTIONS = 10
+#: The least slope of a secant that is believed.
+_LEAST_BEND = 0.2
+#: A Newton step of so much of the whole leaves an error of its square.
+_NEAR = 1e-9
 
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
@@ -40,29 +49,45 @@ def weight_core(static_force: float, own: tuple[float, ...]) -> float:
 def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
     """Return F [N] after a piece; own = (k,).
 
-    The piece is gone through in parts in which w moves by at most `STRAIGHT`. In each the curve is its chord, under
-    which the equation is a first-order lag and is solved exactly: second order in the step, exact for a straight curve,
-    and w never leaves the velocities that it lies between, for any step.
+    The piece is gone through in parts in which w moves by at most `STRAIGHT`, and no farther than the next kink.
+    In each the curve is its chord, under which the equation is a first-order lag and is solved exactly; the curve's bow
+    over the chord is added as a correction. So the step is of second order, across kinks too, and exact for a straight
+    curve, and w never leaves the velocities that it lies between, for any step.
     """
     w = velocity_under(lagged, piece.velocity_start, piece.static_start, valve)
     force, time = lagged, 0.0
     most = max(STRAIGHT, 2.0 * reach(w, piece.velocity_start, piece.velocity_end) / _MOST_PARTS)
     for part in range(_MOST_PARTS):
-        v = velocity_at(piece, time)
-        left = piece.step - time
-        far = reach(w, v, piece.velocity_end)
-        if far == 0.0 or left <= 0.0:
+        v, left = velocity_at(piece, time), piece.step - time
+        gap, last = v - w, piece.velocity_end - w
+        if (gap == 0.0 and last == 0.0) or left <= 0.0:
             return force
-        towards = v - w if abs(v - w) >= abs(piece.velocity_end - w) else piece.velocity_end - w
-        tau = time_constant(w, force, copysign(min(far, most), towards), own[0], valve)
+        if gap * last < 0.0 and abs(gap) > _SHORTEST:  # w will turn: first to where v is at w
+            left, last = left * (gap / (gap - last)), 0.0
+        towards = gap if abs(gap) >= abs(last) else last
+        far, room = abs(towards), room_before_kink(w, towards, valve)
+        tau = time_constant(w, force, copysign(min(far, most, room), towards), own[0], valve)
         if far > most and part < _MOST_PARTS - 1:
             if tau == 0.0:  # flat: w is across it at once
-                w += copysign(most, towards)
+                w += copysign(min(most, room), towards)
                 force = valve_force(valve, w)
                 continue
             left = min(left, tau * most / far)  # |dw/dt| is at most far / tau
         end = piece.velocity_end if time + left >= piece.step else velocity_at(piece, time + left)
-        w = moved(w, force, tau, v, end, left, own[0], valve)
+        tau = chord_time_constant(w, force, tau, v, end, left, room, own[0], valve)
+        change = followed(w, v, end, tau, left) - w
+        if abs(change) > room:
+            whole = left
+            left = time_across(room, abs(change), w, v, end, tau, whole)
+            change = copysign(room, change)
+            gained = bow_of_curve(w, force, change, tau, left, own[0], valve)
+            left = min(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole)
+        else:
+            # Where w has long come to rest behind the velocity, only the velocity's ramp is gone through evenly.
+            even = 1.0 if left < _AT_REST * tau else min(abs(end - v) / max(abs(change), _SHORTEST), 1.0)
+            change += even * bow_of_curve(w, force, change, tau, left, own[0], valve)
+        after = w + copysign(min(abs(change), room), change)
+        w = min(max(after, min(w, v, end)), max(w, v, end))
         force = valve_force(valve, w)
         time = piece.step if time + left >= piece.step else time + left
     return force
@@ -84,20 +109,85 @@ def time_constant(w: float, force: float, change: float, stiffness: float, valve
     return max((valve_force(valve, there) - force) / (there - w) / stiffness, 0.0)
 
 
-def moved(
-    w: float, force: float, tau: float, v: float, end: float, step: float, stiffness: float, valve: Valve
-) -> float:
-    """Return w [m/s] after `step` [s] in which the velocity goes from v to end [m/s] and the curve is straight.
+def room_before_kink(w: float, towards: float, valve: Valve) -> float:
+    """Return how far [m/s] the next kink of the curve is from w [m/s], in a direction; infinite where there is none."""
+    side = copysign(1.0, towards)
+    curve, half = valve.curve, 0.5 * valve.curve.transition_width
+    inside, outside = curve.transition_speed - half, curve.transition_speed + half
+    room = inf
+    for kink in (-curve.rebound_speed, -outside, -inside, 0.0, inside, outside, curve.compression_speed):
+        distance = side * (kink - w)
+        if _SHORTEST < distance < room and (kink != 0.0 or valve.compression_scale != valve.rebound_scale):
+            room = distance
+    return room
 
-    First with a tau [s] from nearby, then twice with that of the chord to where the last one led.
+
+def chord_time_constant(
+    w: float, force: float, tau: float, v: float, end: float, step: float, room: float, stiffness: float, valve: Valve
+) -> float:
+    """Return tau [s] of the chord from w [m/s] to where w is after `step` [s], or to the kink `room` [m/s] away.
+
+    The velocity goes from v to end [m/s]. It begins with a tau nearby and goes on by secants.
     """
-    first = followed(w, v, end, tau, step)
-    if first == w:
-        return w
-    second = followed(w, v, end, time_constant(w, force, first - w, stiffness, valve), step)
-    if second == w:
-        return w
-    return followed(w, v, end, time_constant(w, force, second - w, stiffness, valve), step)
+    before, miss_before = tau, 0.0
+    for tries in range(_MOST_CORRECTIONS):
+        change = followed(w, v, end, tau, step) - w
+        if change == 0.0:
+            return tau
+        found = time_constant(w, force, copysign(min(abs(change), room), change), stiffness, valve)
+        miss = found - tau
+        bend = 0.0 if tries == 0 else (miss_before - miss) / (tau - before)  # 1 where the chord is that of any tau
+        after = tau + miss / bend if bend > _LEAST_BEND else found
+        before, miss_before, tau = tau, miss, max(after, 0.0)
+        if abs(miss) <= _AGREEMENT * found:
+            return tau
+    return tau
+
+
+def bow_of_curve(
+    w: float, force: float, change: float, tau: float, step: float, stiffness: float, valve: Valve
+) -> float:
+    """Return what the bow of the curve over its chord adds [m/s] to a change of w [m/s] in `step` [s].
+
+    The bow is taken as a parabola that w goes through evenly in time. With z = step / tau its factor is that of the
+    exact integral for small z, z / 6 - z^2 / 12 + ..., and for large z, 1 / z.
+    """
+    bow = valve_force(valve, w + 0.5 * change) - (force + 0.5 * stiffness * tau * change)
+    return 4.0 * bow * step / (stiffness * (6.0 * tau * tau + 3.0 * tau * step + step * step))
+
+
+def time_across(room: float, change: float, w: float, v: float, end: float, tau: float, step: float) -> float:
+    """Return the time [s] after which w [m/s] has moved by `room` [m/s]; after `step` [s] it has by `change` [m/s].
+
+    By Newton's method inside a bracket: w goes one way, and ever slower or ever faster.
+    """
+    low, high, time = 0.0, step, step * (room / change)
+    for _ in range(_MOST_TRIES):
+        here = v + (end - v) * (time / step)
+        after = followed(w, v, here, tau, time)
+        miss = abs(after - w) - room
+        if miss > 0.0:
+            high = time
+        else:
+            low = time
+        rate = abs(here - after)
+        there = time - miss * tau / rate if rate > 0.0 else low
+        is_newton = low < there < high
+        if not is_newton:
+            there = 0.5 * (low + high)
+        if abs(there - time) <= (_NEAR if is_newton else _FOUND) * step:
+            return there
+        time = there
+    return time
+
+
+def time_less_bow(time: float, gained: float, tau: float, gap: float) -> float:
+    """Return the time [s] of a crossing at which w is ahead by `gained` [m/s] and changes by gap / tau.
+
+    Not by more than half: where w hardly changes, this line says nothing.
+    """
+    earlier = gained * tau
+    return time - earlier / gap if abs(earlier) < 0.5 * abs(gap) * time else time
 
 
 def followed(w: float, v: float, end: float, tau: float, step: float) -> float:

@@ -5,10 +5,12 @@
 #include "shock.h"
 
 /* Most that w moves [m/s] while the curve is taken as straight; the shortest chord, and the first of the search [m/s]; where
- * nothing is left of a lag's beginning; where a force is found; most parts of a piece, tries of the search, looks at a side of
- * the curve: maxwell.py, law.py, curve.py. */
-static const double CHORD = 0.01, SHORTEST = 1e-9, FIRST = 1e-3, SETTLED = 1000.0, FOUND = 4e-16;
-enum { MOST_PARTS = 1000, MOST_TRIES = 100, LOOKS = 256 };
+ * nothing is left of a lag's beginning, and next to nothing; where a force is found; where a time constant is, and the least slope of a secant that
+ * is believed; where a Newton step is the last; most parts of a piece, corrections of a chord, tries of the search, looks at a
+ * side of the curve: maxwell.py, law.py, curve.py. */
+static const double CHORD = 0.01, SHORTEST = 1e-9, FIRST = 1e-3, SETTLED = 1000.0, AT_REST = 40.0, FOUND = 4e-16;
+static const double AGREEMENT = 1e-5, LEAST_BEND = 0.2, NEAR = 1e-9;
+enum { MOST_PARTS = 1000, MOST_CORRECTIONS = 10, MOST_TRIES = 100, LOOKS = 256 };
 
 static double signed_like(double size, double sign)
 {
@@ -18,6 +20,11 @@ static double signed_like(double size, double sign)
 static double larger(double a, double b)
 {
     return b > a ? b : a;
+}
+
+static double smaller(double a, double b)
+{
+    return b < a ? b : a;
 }
 
 /* w with f(w) = force, beginning at a guess with its force: secants inside a bracket. */
@@ -82,15 +89,86 @@ static double followed(double w, double v, double end, double tau, double h)
     return h >= SETTLED * tau ? end - (end - v) * (tau / h) : advance_lag(&none, w, v, end, tau, h);
 }
 
-/* First with a tau from nearby, then twice with that of the chord to where the last one led. */
-static double moved(const Parameters *p, double w, double force, double tau, double v, double end, double h)
+/* How far [m/s] the next kink of the curve is from w, in a direction; NO_LIMIT where there is none. */
+static double room_before_kink(const Parameters *p, double w, double towards)
 {
-    const double first = followed(w, v, end, tau, h);
-    if (first == w) {
-        return w;
+    const double half = 0.5 * p->curve_transition_width;
+    const double inside = p->curve_transition_speed - half, outside = p->curve_transition_speed + half;
+    const double kinks[] = {-p->curve_rebound_speed, -outside, -inside, inside, outside, p->curve_compression_speed, 0.0};
+    const int count = (int)(sizeof kinks / sizeof kinks[0]) - (p->compression_scale == p->rebound_scale);
+    double room = NO_LIMIT;
+    for (int k = 0; k < count; k++) {
+        const double distance = towards < 0.0 ? w - kinks[k] : kinks[k] - w;
+        room = distance > SHORTEST && distance < room ? distance : room;
     }
-    const double second = followed(w, v, end, time_constant_over(p, w, force, first - w), h);
-    return second == w ? w : followed(w, v, end, time_constant_over(p, w, force, second - w), h);
+    return room;
+}
+
+/* The time constant of the chord from w to where w is after h, or to the kink that is `room` away: from a tau nearby to that of
+ * the chord to where it leads, and on by secants. */
+static double chord_time_constant(const Parameters *p, double w, double force, double tau, double v, double end, double h,
+                                  double room)
+{
+    double before = tau, miss_before = 0.0;
+    for (int tries = 0; tries < MOST_CORRECTIONS; tries++) {
+        const double change = followed(w, v, end, tau, h) - w;
+        if (change == 0.0) {
+            return tau;
+        }
+        const double found = time_constant_over(p, w, force, signed_like(smaller(size_of(change), room), change));
+        const double miss = found - tau;
+        const double bend = tries == 0 ? 0.0 : (miss_before - miss) / (tau - before);
+        const double after = bend > LEAST_BEND ? tau + miss / bend : found;
+        before = tau;
+        miss_before = miss;
+        tau = larger(after, 0.0);
+        if (size_of(miss) <= AGREEMENT * found) {
+            return tau;
+        }
+    }
+    return tau;
+}
+
+/* What the bow of the curve over its chord adds to a change of w: a parabola that w goes through evenly in time. */
+static double bow_of_curve(const Parameters *p, double w, double force, double change, double tau, double h)
+{
+    const double stiffness = p->series_stiffness;
+    const double bow = valve_force(p, w + 0.5 * change) - (force + 0.5 * stiffness * tau * change);
+    return 4.0 * bow * h / (stiffness * (6.0 * tau * tau + 3.0 * tau * h + h * h));
+}
+
+/* The time after which w has moved by `room`; after h it has by `change`. By Newton's method inside a bracket: w goes one way,
+ * and ever slower or ever faster. */
+static double time_across(double room, double change, double w, double v, double end, double tau, double h)
+{
+    double low = 0.0, high = h, time = h * (room / change);
+    for (int tries = 0; tries < MOST_TRIES; tries++) {
+        const double here = v + (end - v) * (time / h), after = followed(w, v, here, tau, time);
+        const double miss = size_of(after - w) - room, rate = size_of(here - after);
+        if (miss > 0.0) {
+            high = time;
+        } else {
+            low = time;
+        }
+        double there = rate > 0.0 ? time - miss * tau / rate : low;
+        const int is_newton = low < there && there < high;
+        if (!is_newton) {
+            there = 0.5 * (low + high);
+        }
+        if (size_of(there - time) <= (is_newton ? NEAR : FOUND) * h) {
+            return there;
+        }
+        time = there;
+    }
+    return time;
+}
+
+/* The time of a crossing at which w is ahead by `gained` and changes by gap / tau; not by more than half: where w hardly
+ * changes, this line says nothing. */
+static double time_less_bow(double time, double gained, double tau, double gap)
+{
+    const double earlier = gained * tau;
+    return size_of(earlier) < 0.5 * size_of(gap) * time ? time - earlier / gap : time;
 }
 
 static double advance_force(const Parameters *p, double lagged, const Piece *piece)
@@ -98,25 +176,44 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
     double w = velocity_under(p, lagged, piece->velocity_start, piece->static_start), force = lagged, time = 0.0;
     const double most = larger(CHORD, 2.0 * reach(w, piece->velocity_start, piece->velocity_end) / MOST_PARTS);
     for (int part = 0; part < MOST_PARTS; part++) {
-        const double v = velocity_at(piece, time), gap = v - w, last = piece->velocity_end - w;
-        const double far = reach(w, v, piece->velocity_end), towards = size_of(gap) >= size_of(last) ? gap : last;
-        double left = piece->step - time;
-        if (far == 0.0 || left <= 0.0) {
+        const double v = velocity_at(piece, time), gap = v - w;
+        double left = piece->step - time, last = piece->velocity_end - w;
+        if ((gap == 0.0 && last == 0.0) || left <= 0.0) {
             return force;
         }
-        const double tau = time_constant_over(p, w, force, signed_like(far < most ? far : most, towards));
+        if (gap * last < 0.0 && size_of(gap) > SHORTEST) { /* w will turn: first to where v is at w */
+            left *= gap / (gap - last);
+            last = 0.0;
+        }
+        const double towards = size_of(gap) >= size_of(last) ? gap : last;
+        const double far = size_of(towards), room = room_before_kink(p, w, towards);
+        double tau = time_constant_over(p, w, force, signed_like(smaller(smaller(far, most), room), towards));
         if (far > most && part < MOST_PARTS - 1) {
             if (tau == 0.0) { /* flat: w is across it at once */
-                w += signed_like(most, towards);
+                w += signed_like(smaller(most, room), towards);
                 force = valve_force(p, w);
                 continue;
             }
-            left = tau * most / far < left ? tau * most / far : left; /* |dw/dt| is at most far / tau */
+            left = smaller(left, tau * most / far); /* |dw/dt| is at most far / tau */
         }
-        const int is_last = time + left >= piece->step;
-        w = moved(p, w, force, tau, v, is_last ? piece->velocity_end : velocity_at(piece, time + left), left);
+        const double end = time + left >= piece->step ? piece->velocity_end : velocity_at(piece, time + left);
+        tau = chord_time_constant(p, w, force, tau, v, end, left, room);
+        double change = followed(w, v, end, tau, left) - w;
+        if (size_of(change) > room) {
+            const double whole = left;
+            left = time_across(room, size_of(change), w, v, end, tau, whole);
+            change = signed_like(room, change);
+            const double gained = bow_of_curve(p, w, force, change, tau, left);
+            left = smaller(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole);
+        } else {
+            /* Where w has long come to rest behind the velocity, only the velocity's ramp is gone through evenly. */
+            const double ramp = smaller(size_of(end - v) / larger(size_of(change), SHORTEST), 1.0);
+            change += (left < AT_REST * tau ? 1.0 : ramp) * bow_of_curve(p, w, force, change, tau, left);
+        }
+        const double after = w + signed_like(smaller(size_of(change), room), change);
+        w = smaller(larger(after, smaller(smaller(w, v), end)), larger(larger(w, v), end));
         force = valve_force(p, w);
-        time = is_last ? piece->step : time + left;
+        time = time + left >= piece->step ? piece->step : time + left;
     }
     return force;
 }

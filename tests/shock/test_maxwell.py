@@ -67,10 +67,11 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert np.diff(np.log2(errors)) == pytest.approx(-2.0, abs=0.1)
 
 
-def test_a_held_velocity_too():
+def test_with_that_of_a_held_velocity_even_faster():
+    """The curve's bow over a part's chord is corrected for: 2.5e-7 N of 124 N in eight steps."""
     truth = exact(LAW, 0.0, lambda t: 0.05, 1e-3)
-    errors = [abs(followed(LAW, 0.0, lambda t: 0.05, 1e-3, n) - truth) for n in (8, 16, 32)]
-    assert np.diff(np.log2(errors)) == pytest.approx(-2.0, abs=0.2)
+    errors = [abs(followed(LAW, 0.0, lambda t: 0.05, 1e-3, n) - truth) for n in (4, 8, 16)]
+    assert np.diff(np.log2(errors)).max() < -3.0
 
 
 @pytest.mark.parametrize("velocity", [0.05, 0.3, -0.9, 1.6])
