@@ -8,7 +8,7 @@ The gains are fitted, none below zero, to pilot setups whose errors are known fr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +69,8 @@ def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
     measures = dict.fromkeys(name for pilot in pilots for name in pilot.measures)
     return ErrorModel(
         ends,
-        channels={name: _gains(squares, [p.channels.get(name) for p in pilots]) for name in pilots[0].channels},
-        measures={name: _gains(squares, [p.measures.get(name) for p in pilots]) for name in measures},
+        channels={n: _gains(squares, [p.channels.get(n) for p in pilots], _middle) for n in pilots[0].channels},
+        measures={n: _gains(squares, [p.measures.get(n) for p in pilots], _mean) for n in measures},
     )
 
 
@@ -82,10 +82,12 @@ def local_errors(result: Result) -> dict[str, float]:
     return found
 
 
-def _gains(squares: Array, errors: Sequence[float | None]) -> tuple[float, ...]:
+def _gains(
+    squares: Array, errors: Sequence[float | None], excess: Callable[[Array, Array], float]
+) -> tuple[float, ...]:
     """Return the gains (E,) for the pilots that have the error; zeros where it is zero for all.
 
-    They are scaled so that errors are overstated for some pilots by as much as they are understated for others.
+    `excess` says how much too large the squares are that they state; they are divided by it.
     """
     from scipy.optimize import nnls  # noqa: PLC0415 -- only the process that chooses the coupling needs it
 
@@ -96,8 +98,16 @@ def _gains(squares: Array, errors: Sequence[float | None]) -> tuple[float, ...]:
     rows = squares[known]
     sizes = rows.mean(axis=0)  # of order 1, for the solver
     gains = np.asarray(nnls(rows / sizes, wanted / wanted.mean())[0] * wanted.mean() / sizes, dtype=np.float64)
-    stated, usual = rows @ gains, wanted > 1e-2 * wanted.mean()
+    return tuple((gains / excess(rows @ gains, wanted)).tolist())
+
+
+def _middle(stated: Array, wanted: Array) -> float:
+    """So that the errors of channels are overstated for some pilots by as much as understated for others."""
+    usual = wanted > 1e-2 * wanted.mean()
     ratios = stated[usual] / wanted[usual]
-    if ratios.size and ratios.min() > 0.0:
-        gains /= np.sqrt(ratios.min() * ratios.max())
-    return tuple(gains.tolist())
+    return float(np.sqrt(ratios.min() * ratios.max())) if ratios.min() > 0.0 else 1.0
+
+
+def _mean(stated: Array, wanted: Array) -> float:
+    """So that the errors of measures are right in the mean square: they change sign, and may be zero by chance."""
+    return float(stated.mean() / wanted.mean()) or 1.0

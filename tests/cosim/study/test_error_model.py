@@ -48,6 +48,17 @@ def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understate
     assert min(ratios) * max(ratios) == pytest.approx(1.0)
 
 
+def test_errors_of_measures_are_right_in_the_mean_square() -> None:
+    """One of them is zero by chance: the others are not understated for it."""
+    found = [
+        replace(p, measures={"grip": 1e-3 * k})
+        for p, k in zip(pilots(8, np.random.default_rng(5)), [0, 1, 2, 3, 2, 1, 2, 1], strict=True)
+    ]
+    model = fit_error_model(found)
+    stated = [model.of_measure("grip", p.result) for p in found]
+    assert np.mean(np.square(stated)) == pytest.approx(np.mean([p.measures["grip"] ** 2 for p in found]))
+
+
 def test_a_measure_without_any_error_has_gains_of_zero():
     found = [replace(p, measures={"mean": 0.0}) for p in pilots(5, np.random.default_rng(6))]
     model = fit_error_model(found)
