@@ -49,7 +49,7 @@ def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
         return {}  # it has steps of its own, longer than these: the change may be that of a whole one
     found = {}
     for variable, old, new, later in zip(bench.outputs, before, *after, strict=True):
-        size = max(abs(old), abs(new), variable.number("nominal") or 0.0)
+        size = max(abs(old), abs(new), variable.number("nominal") or 1.0)  # FMI: 1 where none is given
         jump, rate = abs(new - old), abs(later - new)
         if variable.variability == "continuous" and jump > max(_TIMES * rate, _ROUNDING * size):
             found[variable.name] = f"{variable.name} is {old:.6g} before the first step, {new:.6g} {_TINY[0]:g} s later"
