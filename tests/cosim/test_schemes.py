@@ -147,6 +147,20 @@ def test_an_implicit_step_feels_the_parabola_through_the_end_that_it_found(parts
     assert 2 * result.steps <= result.iterations <= 3 * result.steps + 3
 
 
+def test_groups_that_nothing_couples_are_solved_each_as_if_alone(parts: Any) -> None:
+    one, other = parts(damping=6000.0), parts(damping=2500.0, speed=-0.5)
+    both = {f"{name}_{k}": part for k, pair in enumerate((one, other)) for name, part in pair.items()}
+    bonds = [Bond.between(f"car_{k}", f"shock_{k}", displacement=False) for k in (0, 1)]
+    algorithm, scenario = Implicit(tolerance=1e-10), Scenario(0.043)
+    joined = run(System(both, bonds), scenario, algorithm=algorithm, step=0.004, engine="python").series
+    alone = [ran(parts(damping=6000.0), algorithm), ran(parts(damping=2500.0, speed=-0.5), algorithm)]
+    for k, result in enumerate(alone):
+        for name in ("car.velocity", "shock.force"):
+            part, _, signal = name.partition(".")
+            expected = result.series[name]
+            assert joined[f"{part}_{k}.{signal}"] == pytest.approx(expected, rel=1e-8, abs=1e-8 * abs(expected).max())
+
+
 def test_the_first_step_holds_what_it_starts_with(parts: Any) -> None:
     for algorithm in EXPLICIT:
         t, v, f, _ = columns(ran(parts(), algorithm))
@@ -189,6 +203,20 @@ def test_the_local_error_of_a_bond_is_what_its_ends_assumed_wrongly(parts: Any, 
     (found,) = ran(parts(), algorithm, stop=0.04).coupled.values()
     assert found.velocity_spread == pytest.approx(float(np.std(v[1:])), rel=1e-9)
     assert found.force_spread == pytest.approx(float(np.std(f[1:])), rel=1e-9)
+
+
+def test_the_local_error_of_an_implicit_step_is_that_of_a_guess_on_a_parabola(parts: Any) -> None:
+    """Of the force, which is guessed; the velocity is known when the damper steps."""
+    algorithm, squares = Implicit(tolerance=1e-10), {}
+    for stop in (0.012, 0.04):
+        result = ran(parts(), algorithm, stop=stop)
+        (found,) = result.coupled.values()
+        squares[stop] = found.force_error**2 * result.series.time[-1]
+        assert found.velocity_error == pytest.approx(0.0, abs=1e-12)
+    t, _, f, _ = columns(result)
+    ahead = [np.polyval(np.polyfit(t[n - 2 : n + 1], f[n - 2 : n + 1], 2), t[n + 1]) for n in range(3, t.size - 1)]
+    expected = float(np.sum((np.array(ahead) - f[4:]) ** 2) * 0.004)
+    assert squares[0.04] - squares[0.012] == pytest.approx(algorithm.accuracy.share**2 * expected, rel=1e-4)
 
 
 def past_of(t: np.ndarray, y: np.ndarray) -> SimpleNamespace:
@@ -347,7 +375,10 @@ def test_a_step_that_a_part_discards_is_made_again_smaller_and_one_that_fails_en
     assert not result.partial
     assert result.rejected_steps > 0
     assert result.series.time[-1] == 0.04
-    assert max(entry[1] for entry in made["shock"].log if len(entry) == 4) <= 0.003
+    steps = [entry[1] for entry in made["shock"].log if len(entry) == 4]
+    assert max(steps) <= 0.003
+    # A fifth of 20 ms, and a fifth of that.
+    assert steps[0] == pytest.approx(0.0008)
     failing = parts()
     advance = failing["shock"].advance
 

@@ -277,6 +277,15 @@ def test_a_tire_at_exactly_a_hundredth_of_its_mean_load_has_lifted():
     assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 1000.0}).keys() == {"lift-off"}
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_how_far_a_misfit_is_alike_does_not_depend_on_its_size(size):
+    rng = np.random.default_rng(6)
+    white = rng.normal(size=(3, 4, 2003)) + 1j * rng.normal(size=(3, 4, 2003))
+    shared = sum(white[..., k : k + 2000] for k in range(4))
+    assert correlation_length(size * white) == 1
+    assert correlation_length(size * shared) == 4
+
+
 def test_no_misfit_at_all_is_alike_nowhere():
     assert correlation_length(np.zeros((1, 2, 50), dtype=complex)) == 1
 

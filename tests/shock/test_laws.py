@@ -182,6 +182,13 @@ def test_gas_and_seal_add_to_the_valves():
     assert response.dissipated_power == pytest.approx((static + 18.0 * np.tanh(20.0)) * 0.1, rel=1e-14)
 
 
+def test_a_gas_spring_acts_through_the_motion_ratio_twice():
+    port = Port(gas_stiffness=700.0, gas_preload=90.0, motion_ratio=0.8)
+    assert port.gas_force(0.02) == pytest.approx(90.0 + 700.0 * 0.8 * 0.02, rel=1e-14)
+    response = Polylinear(curve(), port=port).response(0.0, 0.0, 0.02)
+    assert response.force == pytest.approx(0.8 * (90.0 + 700.0 * 0.8 * 0.02), rel=1e-14)
+
+
 def test_a_port_adds_nothing_and_scales_nothing_unless_it_is_told_to():
     response = Polylinear(curve()).response(0.0, 0.1, 0.02)
     assert response.force == response.static_force == curve().force(0.1)

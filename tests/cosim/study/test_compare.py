@@ -210,3 +210,11 @@ def test_levels_of_other_setups_than_predicted_are_refused():
     with pytest.raises(InputError, match="3 setups or more must be predicted and measured"):
         comparison(PREDICTED[:2], PREDICTED[:2])
     comparison(PREDICTED[:3], PREDICTED[:3])
+
+
+def test_the_attainable_rank_is_that_of_the_noise_which_averaged_runs_leave():
+    one, four = (
+        Comparison("m", np.arange(5), PREDICTED, PREDICTED + 0.1, np.full(5, runs), run_to_run=noise).attainable
+        for runs, noise in ((1, 2.0), (4, 4.0))
+    )
+    assert one == four < 1.0

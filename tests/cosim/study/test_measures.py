@@ -66,6 +66,13 @@ def test_a_section_of_the_lap_is_all_that_is_looked_at():
     assert Measure("m", ("x",), "mean", section=(2.0, 5.0)).of(series) == 1.0
 
 
+def test_a_section_of_two_samples_is_enough_and_of_one_is_not():
+    series = run(x=TIME)
+    assert Measure("m", ("x",), "mean", section=(4.0, 4.002)).of(series) == pytest.approx(4.001)
+    with pytest.raises(InputError, match="no two samples"):
+        Measure("m", ("x",), "mean", section=(4.0, 4.001)).of(series)
+
+
 def test_settling_is_left_out():
     series = run(x=np.where(TIME < 2.0, 1000.0, 0.0))
     assert Measure("m", ("x",), "peak").of(series, start=2.0) == 0.0
