@@ -63,7 +63,7 @@ def object_file(request: Request) -> bytes:
         input=pickle.dumps(request),
         capture_output=True,
         check=False,
-        env=os.environ | {"NUMBA_OPT": "0"},
+        env=os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"},
     )
     if ran.returncode != 0:
         said = ran.stderr.decode(errors="replace").strip()
