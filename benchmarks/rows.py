@@ -168,9 +168,10 @@ def row(case: cases.Case, label: tuple[str, str, str, float | None], found: Reco
         print(f"{', '.join(map(str, label))} Hz: {found}", file=sys.stderr)
         return named | dict.fromkeys(("us_per_step", "error_velocity_percent", "error_tire_force_percent"))
     velocity, tire_force = cases.errors(case, found.time, found.values[:4], found.values[4:8])
+    is_measured = velocity is not None and found.seconds > 0.0 and found.steps > 0
     return named | {
         "rate_hz": found.rate,
-        "us_per_step": 1e6 * found.seconds / found.steps if found.seconds > 0.0 and found.steps > 0 else None,
+        "us_per_step": 1e6 * found.seconds / found.steps if is_measured else None,
         "error_velocity_percent": velocity,
         "error_tire_force_percent": tire_force,
     }
