@@ -171,6 +171,17 @@ def test_values_that_overflow_discard_the_step_and_leave_everything(host):
     assert fmu.step(0.0) == OK
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_a_transition_that_reaches_zero_velocity_keeps_initialization_open(host, name):
+    """Its speed is 0.381 m/s."""
+    fmu = host(name)
+    assert fmu.call("EnterInitializationMode") == OK
+    assert fmu.set_named({"curve.transition_width": 0.7621}) == OK
+    assert fmu.call("ExitInitializationMode") == ERROR
+    assert fmu.set_named({"curve.transition_width": 0.0127}) == OK
+    assert fmu.call("ExitInitializationMode") == OK
+
+
 @pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
 def test_a_car_whose_state_overflows_discards_the_step_and_leaves_everything(host, name):
     fmu = host(name).start()
