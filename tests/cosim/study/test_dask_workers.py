@@ -126,7 +126,7 @@ def test_a_setup_that_kills_its_worker_takes_no_other_with_it(eight_setups, here
 
 def test_a_scheduler_that_ends_is_said(eight_setups, tmp_path, cluster, here):
     workers = dask_workers.DaskWorkers(cluster.scheduler_address)
-    coupling = Coupling("gauss-seidel", 1e-3, share=1.0, stated_error=0.1)
+    coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
     try:
         with pytest.raises(StepError, match=r"the Dask scheduler has ended .* goes on from there"):
             Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.close())

@@ -18,6 +18,7 @@ from cosim.study.choice.robust_study import Draws, leading, run_draws
 from cosim.study.running.sweep import run_study
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError
+from eightpost.verdict import Verdict
 
 from .constructed import CORNERS, result
 from .coupled import InProcess, study
@@ -130,7 +131,7 @@ def test_how_runs_differ_is_taken_from_repeated_runs_on_the_rig(tmp_path):
     setups = np.array([0, 0, 100, 2000])
     made = result({"front": front, "rear": front})
     found = comparisons(made, Measured(setups, {n: np.array([1.0, 3.0, 5.0, 9.0]) for n in ("front", "rear")}, {}))
-    write_comparisons(found, {"front": "m", "rear": "m"}, tmp_path / "comparison.json")
+    write_comparisons(found, {"front": "m", "rear": "m"}, tmp_path / "comparison.json", Verdict())
     path = tmp_path / "uncertain.toml"
     path.write_text('schema = 1\ncompared = "comparison.json"\n[run_to_run]\nrear = 0.5\n')
     noise = read_uncertainty(path, made).run_to_run
@@ -140,7 +141,7 @@ def test_how_runs_differ_is_taken_from_repeated_runs_on_the_rig(tmp_path):
 def test_a_comparison_without_repeated_runs_does_not_say_how_runs_differ(tmp_path):
     made = result({"front": front})
     found = comparisons(made, Measured(np.array([0, 100, 2000]), {"front": np.array([1.0, 5.0, 9.0])}, {}))
-    write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json")
+    write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json", Verdict())
     (tmp_path / "uncertain.toml").write_text('schema = 1\ncompared = "comparison.json"\n')
     with pytest.raises(FileFormatError, match="no setup was run twice"):
         read_uncertainty(tmp_path / "uncertain.toml", made)
