@@ -1,4 +1,4 @@
-"""What the stated coupling error is worth on real runs; by hand in test_error_estimate.py."""
+"""What the stated coupling error is worth on real runs; by hand in test_refinement.py."""
 
 from __future__ import annotations
 
