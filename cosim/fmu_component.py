@@ -46,7 +46,7 @@ class FmuComponent(OpenedFmu):
 
     Args:
         path: The .fmu file.
-        name: Of the component.
+        name: Name of the component.
         compile_missing: Whether to compile the FMU's sources where it has no binary for this platform.
         folder: Where the FMU is unpacked already; None unpacks it into a temporary folder, once for all components.
 

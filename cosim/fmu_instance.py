@@ -49,7 +49,7 @@ class FmuInstance:
 
     Args:
         fmu: The unpacked file.
-        name: Of the component.
+        name: Name of the component.
         log: Takes what it says.
         shared: Kept until the end, so that the folder is; None leaves the FMU where it is unpacked.
     """

@@ -55,7 +55,7 @@ class IsolatedComponent(OpenedFmu):
 
     Args:
         path: The .fmu file.
-        name: Of the component.
+        name: Name of the component.
         time_limit: How long the FMU may take to answer [s]; then it is ended.
         compile_missing: Whether to compile the FMU's sources where it has no binary for this platform.
 

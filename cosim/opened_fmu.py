@@ -17,7 +17,7 @@ class OpenedFmu:
 
     Args:
         fmu: The unpacked file.
-        name: Of the component.
+        name: Name of the component.
         messages: Takes what the FMU says.
     """
 

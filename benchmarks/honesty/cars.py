@@ -83,7 +83,7 @@ def build_fmus(names: Iterable[str]) -> Path:
     """Return a folder with an FMU of each name, `<name>.fmu`; those that are not there yet are built.
 
     Args:
-        names: Of vehicles, of laws, and of both with `_python` added for python FMUs.
+        names: Names of vehicles and laws; `_python` is added for python FMUs.
     """
     folder = cache_folder() / "honesty" / _digest()
     folder.mkdir(parents=True, exist_ok=True)

@@ -35,8 +35,8 @@ class DrawnCar:
     """One vehicle with its shocks.
 
     Args:
-        name: Of the component.
-        model: Of the bank (`cars.vehicle`).
+        name: Name of the component.
+        model: Name of the vehicle in the bank (`cars.vehicle`).
         shocks: By port: "" for a quarter car's, else a corner.
         friction: Suspension friction by port: force [N] and velocity [m/s].
     """
@@ -65,7 +65,7 @@ class Case:
     """A system, what is done to it, and what it is called.
 
     Args:
-        seed: What it was drawn from.
+        seed: Seed that the case is drawn from.
         cars: Vehicles with their shocks.
         scenario: Duration, drive, recording.
         road: Kinds of road.

@@ -20,7 +20,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Draw the distribution of stated over true, and stated against true errors, of the worst decisive channels.
 
     Args:
-        rows: Of a campaign.
+        rows: Rows of a campaign.
         path: Where the picture goes.
     """
     ended = [row for row in compared(rows) if worst(row).stated is not None]

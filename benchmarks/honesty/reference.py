@@ -31,8 +31,8 @@ class Answer:
     Args:
         time: Since the start of the run.
         values: Channels by time (C, N), SI.
-        names: Of the channels (C,), as the product names them.
-        units: Of the channels (C,).
+        names: Names of the channels (C,), as the product names them.
+        units: SI units of the channels (C,).
         steps: Steps of the integration, of all vehicles.
     """
 

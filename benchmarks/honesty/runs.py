@@ -64,9 +64,9 @@ class Finding:
 
     Args:
         scheme: `default`, or an algorithm and a step.
-        result: What the product returned; None where it raised an error.
+        result: Result of the product; None where it raised an error.
         fine: The same run, recorded at (almost) every coupling step.
-        error: What it raised.
+        error: Message of the error that the product raised.
         trials: All runs that it made.
         seconds: Processor time.
     """
@@ -84,7 +84,7 @@ def compare(case: Case, folder: Path, schemes: Mapping[str, dict[str, Any]]) -> 
     """Run a case with every scheme and return a row for each.
 
     Args:
-        case: What to run.
+        case: Case to run.
         folder: Where the FMUs are.
         schemes: Arguments of `cosim.run` by name.
     """

@@ -28,7 +28,7 @@ class DrawnShock:
     """A shock as it was drawn.
 
     Args:
-        law: Its name.
+        law: Name of the law.
         curve: Static curve.
         port: Motion ratio, scales, gas spring, seal drag.
         own: Parameters of the law itself, by name, SI.

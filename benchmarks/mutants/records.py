@@ -21,7 +21,7 @@ class Record:
         area: Name of the area.
         file: Path from the root of the checkout.
         line: Line number of the change, from 1.
-        outcome: What became of the mutant.
+        outcome: Result for the mutant.
         seconds: Duration of the trial [s].
         tests: Digest of the tests that were run.
         diff: The change as a patch.

@@ -41,7 +41,7 @@ class Trial:
     """What the tests of an area gave.
 
     Args:
-        outcome: What became of the mutant.
+        outcome: Result for the mutant.
         seconds: Duration [s].
         output: What pytest printed.
     """

@@ -32,7 +32,7 @@ class Part:
     """One component of an assembly.
 
     Attributes:
-        name: Of the component.
+        name: Name of the component.
         file: The FMU's file name.
         text: What the FMU says it is.
         guid: The FMU's.

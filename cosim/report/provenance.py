@@ -25,7 +25,7 @@ class Origin:
     """Where a component came from.
 
     Args:
-        name: Of the component.
+        name: Name of the component.
         file: Its file's name.
         identity: Its GUID.
         made_by: The tool and the model's version that its description states; empty where not known.
