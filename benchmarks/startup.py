@@ -43,8 +43,8 @@ class Times:
     """Processor times [s] of one command, per version.
 
     Args:
-        before: Of the earlier version.
-        now: Of this one.
+        before: Times of the earlier version.
+        now: Times of this version.
     """
 
     before: list[float] = field(default_factory=list)

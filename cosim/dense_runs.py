@@ -31,7 +31,7 @@ class DenseRuns:
 
     Args:
         system: Components and connections.
-        scenario: What the final result has to record.
+        scenario: Scenario with the channels that the final result has to record.
         record_step: Time between samples of the final result [s].
         engine: Engine of the loop, as for `cosim.run`.
         progress: Called with the share of each run that is done.

@@ -59,7 +59,7 @@ def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) 
     were compared, else at most 1.5; 1 where nothing was observed; at most 1 beside a component that holds its inputs.
 
     Args:
-        comparisons: Of runs at steps that halve from one to the next, the coarsest first; at least one.
+        comparisons: Comparisons of runs at steps that halve, the coarsest first; at least one.
         held: Components that hold their inputs, and all that are coupled with them.
     """
     return {name: _stated(name, comparisons, held) for name in comparisons[-1].difference}

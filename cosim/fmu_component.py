@@ -150,7 +150,7 @@ class FmuComponent(OpenedFmu):
 
         Args:
             names: Of the inputs (N,).
-            values: Theirs (N,), in its own units; 1 is true.
+            values: Values of the variables (N,), in the FMU's own units; 1 is true.
 
         Raises:
             StepError: It has not begun, or refuses a value.

@@ -55,9 +55,9 @@ class _Companions:
     """Runs that one run is compared with.
 
     Args:
-        runs: What makes them.
+        runs: Maker of the runs.
         system: Components and connections.
-        scenario: What is done to them.
+        scenario: Drive, duration and recording.
         algorithm: Scheme of the run.
         run: The run that is to be judged.
     """

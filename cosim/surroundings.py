@@ -33,8 +33,8 @@ class Surroundings:
     """How a process was at one moment.
 
     Args:
-        folder: Its working directory; empty where there was none.
-        floating: Its floating-point environment, fenv_t; None where it cannot be read here.
+        folder: Working directory of the process; empty where there was none.
+        floating: Floating-point environment of the process, fenv_t; None where it cannot be read here.
     """
 
     folder: str

@@ -22,7 +22,7 @@ class TypedBuffer:
 
     Args:
         kind: Real, Integer or Boolean, as in fmi2GetReal.
-        places: Of the values among all that are asked for.
+        places: Positions of the values among all that are asked for.
         references: Value references, a C array.
         buffer: Values, a C array.
     """

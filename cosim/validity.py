@@ -87,8 +87,8 @@ class Model:
     """A component as the verdict sees it.
 
     Args:
-        validity: What it says of itself; None where it says nothing.
-        source: Its file.
+        validity: Range of use that the FMU states; None where it states none.
+        source: File of the FMU.
         channels: Recorded channel of each of its variables that has a range, and the factor from one to the other.
     """
 

@@ -148,8 +148,8 @@ def watching(names: Sequence[str], labels: Sequence[str]) -> Iterator[None]:
     """Watch a run.
 
     Args:
-        names: Its components, in the order of the loop's numbers.
-        labels: What to call each in a message.
+        names: Names of the components, in the order of the loop's numbers.
+        labels: Name of each component for messages.
     """
     if _current.record is None or _current.record.owner != os.getpid():
         _current.record, _current.places = _Record(), {}

@@ -126,7 +126,7 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
 
     Args:
         path: The file that the block reads.
-        advice: What to do if there is no such file.
+        advice: Advice for the case that there is no such file.
 
     Raises:
         FileFormatError: The file is missing, a folder, or not permitted to be read, or too large for the memory.
@@ -146,7 +146,7 @@ def read_bytes(path: str | Path, *, advice: str = "", limit: int = LARGEST_TEXT)
 
     Args:
         path: The file.
-        advice: What to do if there is no such file.
+        advice: Advice for the case that there is no such file.
         limit: Size limit [bytes].
 
     Raises:
@@ -169,7 +169,7 @@ def read_text(path: str | Path, *, advice: str = "") -> str:
 
     Args:
         path: The file.
-        advice: What to do if there is no such file.
+        advice: Advice for the case that there is no such file.
 
     Raises:
         FileFormatError: The file cannot be read, or is not UTF-8; the message names the line.
@@ -197,7 +197,7 @@ def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> 
 
     Args:
         path: The file.
-        advice: What to do if there is no such file.
+        advice: Advice for the case that there is no such file.
         finite: Whether to refuse NaN and infinities, which JSON does not know and some writers write.
 
     Raises:

@@ -24,7 +24,7 @@ def kept(function: Dispatcher) -> Dispatcher:
     """Let a function that numba compiles keep its machine code on disk, in files with a checksum.
 
     Args:
-        function: What `numba.njit` returned, without `cache=True`.
+        function: Function that `numba.njit` returned, without `cache=True`.
 
     Returns:
         The function itself. Where no folder takes files, it is compiled in every process.

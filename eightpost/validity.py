@@ -57,7 +57,7 @@ class Validity:
 
     Args:
         verdict: On the model itself: its fit, its validation.
-        ranges: What its records covered.
+        ranges: Ranges that the model's records covered.
     """
 
     verdict: Verdict

@@ -39,12 +39,12 @@ class Reason:
 
     Args:
         rule: Name of the rule that gave the reason.
-        about: What the reason is about: coupling, energy, shock, vehicle and so on.
+        about: Subject of the reason: coupling, energy, shock, vehicle and so on.
         grade: Grade that the reason alone would give.
-        statement: What was found, a clause without a full stop.
+        statement: Finding, a clause without a full stop.
         figure: The value that was found, with its unit and its limit.
         origin: File, component or step that the figure comes from.
-        remedy: What to do about it.
+        remedy: Advice on what to do.
     """
 
     rule: str
@@ -72,11 +72,11 @@ class Rule:
 
     Args:
         name: Unique name of the rule.
-        about: What its reasons are about.
+        about: Subject of the reasons.
         grade: Grade of its reasons.
         condition: When it applies, with the threshold; for docs/verdict.md.
         why: Why the threshold is where it is; for docs/verdict.md.
-        remedy: What the reader is to do.
+        remedy: Advice to the reader.
     """
 
     name: str

@@ -21,7 +21,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
     Args:
         rows: Rows of a campaign.
-        path: Where the picture goes.
+        path: Path of the picture.
     """
     ended = [row for row in compared(rows) if worst(row).stated is not None]
     stated = np.array([min(worst(row).stated or 0.0, _LARGEST) for row in ended])

@@ -85,7 +85,7 @@ def compare(case: Case, folder: Path, schemes: Mapping[str, dict[str, Any]]) -> 
 
     Args:
         case: Case to run.
-        folder: Where the FMUs are.
+        folder: Folder of the FMUs.
         schemes: Arguments of `cosim.run` by name.
     """
     system = case.system(folder)

@@ -43,7 +43,7 @@ class Trial:
     Args:
         outcome: Result for the mutant.
         seconds: Duration [s].
-        output: What pytest printed.
+        output: Text that pytest printed.
     """
 
     outcome: Outcome

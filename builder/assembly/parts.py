@@ -39,7 +39,7 @@ class Part:
         interface: The FMU's variables with its own start values.
         states: How many numbers its model keeps from step to step.
         data: vehicle_data.h of a vehicle; empty for a shock, whose numbers are all parameters.
-        validity: What the FMU says of how far its model can be used; None where it says nothing.
+        validity: Range of use that the FMU states for its model; None where it states none.
     """
 
     name: str

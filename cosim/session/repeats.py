@@ -46,8 +46,8 @@ def check_repeat(setup: Setup, series: TimeSeries) -> None:
     """Compare a run with the first one of the same system, scenario, algorithm and step, where there was one.
 
     Args:
-        setup: What was run.
-        series: What was recorded.
+        setup: Setup of the run.
+        series: Recorded series.
 
     Raises:
         StepError: The bits differ; the message names the foreign FMUs that gave other values first.

@@ -34,7 +34,7 @@ class Setup:
         layout: Where everything is in the loop's arrays.
         times: Coupling points (K+1,) [s]; of an adaptive run those that may be recorded.
         recorded: 1 for each of them that is recorded (K+1,).
-        discrete: What the loop does not know.
+        discrete: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
     """
 
     system: System

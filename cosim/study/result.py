@@ -50,7 +50,7 @@ class Provenance:
         settings: How it was run: scheme, coupling step [s], its stated error, and what else was decided.
         tool_version: Of eightpost.
         measure_units: SI unit of every measure.
-        models: What every FMU says of how far its model can be used (Validity), by its file; None where nothing.
+        models: Range of use that each FMU states (Validity), by its file; None where it states none.
     """
 
     digest: str

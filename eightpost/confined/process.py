@@ -29,7 +29,7 @@ class _EndedError(Exception):
     """The child crashed, or was ended because it took too long.
 
     Args:
-        how: What happened, for a message.
+        how: Description of what happened, for a message.
         late: Whether it took too long.
     """
 
@@ -108,7 +108,7 @@ def read_confined(function: str, path: str | Path, *options: Any, kind: str) -> 
         function: Module and function, `package.module:name`; it takes the path and the options.
         path: The file.
         options: Further arguments; they and the result must be picklable.
-        kind: What the file should be, for messages: "a MATLAB file".
+        kind: Kind of file that is expected, for messages: "a MATLAB file".
 
     Raises:
         FileFormatError: The library cannot read the file, crashed over it, or took more memory or time than it may.

@@ -22,7 +22,7 @@ def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str
     Args:
         path: The file.
         schema: Columns that it must have, by name and type; None takes it as it is.
-        advice: What to do if there is no such file.
+        advice: Advice for the case that there is no such file.
 
     Raises:
         FileFormatError: The file cannot be read, is no Parquet file, has other columns or too many cells.

@@ -27,9 +27,9 @@ class Curve:
         nose: Slope at 0 [N.s/m].
         bend: Share of the force at v_t that the cubic term takes.
         v_t: Transition speed [m/s].
-        width: Of the blend [m/s].
+        width: Width of the blend [m/s].
         slope: Beyond the blend, in compression and in rebound [N.s/m].
-        speed: Of the fitted range, on each side [m/s].
+        speed: End of the fitted range, on each side [m/s].
         beyond: Slope outside it, on each side [N.s/m].
         scale: Factors on compression and rebound.
     """

@@ -62,7 +62,7 @@ class Bench:
 
     Args:
         folder: Folder of the unpacked FMU.
-        library: Its binary.
+        library: Binary of the FMU for this platform.
         reach: Number of steps after which the FMU ends the simulation by itself; None where it does not.
     """
 

@@ -44,7 +44,7 @@ def comparison_verdict(found: Sequence[Comparison], *, rank: float, level: float
     """Return the verdict on comparisons of a study with the rig.
 
     Args:
-        found: Of each measure.
+        found: Comparison of each measure.
         rank: Least rank correlation (Spearman).
         level: Largest level error [%]; None where levels do not matter.
     """

@@ -102,10 +102,10 @@ def shock_validity(
     Args:
         tests: The records.
         percent: RMS of the residual, in percent of the force's standard deviation.
-        trouble: What kept the fit from converging; empty where nothing did.
+        trouble: Cause that kept the fit from converging; empty where it converged.
         parameters: The scalar ones.
-        doubts: What else is doubtful about the fit, a sentence each.
-        conditions: Of the measurement, as a shock file has them.
+        doubts: Further doubts about the fit, a sentence each.
+        conditions: Conditions of the measurement, as a shock file has them.
     """
     origin = ", ".join(dict.fromkeys(_name(test) for test in tests))
     reasons = [_misfit(percent, origin)]
