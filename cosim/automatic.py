@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
-from cosim.dense_runs import DenseRuns, diverged
+from cosim.dense_runs import DenseRuns
 from cosim.error_estimate import Comparison, compare, stated_error
 from cosim.given_step import run_at_step
 from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.system import System
-from eightpost.errors import InputError, StepError
+from eightpost.errors import DivergedError, InputError
 
 #: Largest first coupling step [s]: twice what suits race cars and their shocks (docs/coupling.md).
 FIRST_STEP = 2e-3
@@ -67,7 +67,8 @@ def run_automatic(
     """Run at steps that halve until the stated error is within the tolerance; return the last run.
 
     Raises:
-        StepError: A component failed, or the coupling diverged at every step.
+        DivergedError: The coupling diverged at every step.
+        StepError: A component failed.
     """
     return _Refinement(system, scenario, request, engine, progress).result()
 
@@ -85,13 +86,14 @@ def run_default_at_step(
     """Run the default's scheme at a given step: Gauss-Seidel, or Implicit where that diverges.
 
     Raises:
-        StepError: A component failed, or the coupling diverged.
+        DivergedError: The coupling diverged.
+        StepError: A component failed.
     """
     scheme = default_scheme()
     try:
         result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
-    except StepError as error:
-        if not (diverged(error) and can_repeat_steps(system)):
+    except DivergedError:
+        if not can_repeat_steps(system):
             raise
         scheme = default_scheme("implicit")
         result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
@@ -143,13 +145,11 @@ class _Refinement:
                 raise failure
             self._parts *= 2
 
-    def _run(self) -> StepError | None:
+    def _run(self) -> DivergedError | None:
         """Make one run and compare it with the one before; return why it diverged, if it did."""
         try:
             run = self._dense.run(self._scheme, self._step)
-        except StepError as error:
-            if not diverged(error):
-                raise
+        except DivergedError as error:
             self._forget()
             self._failed_runs += 1
             self._tried.append(f"{self._step * 1e3:g} ms diverged")

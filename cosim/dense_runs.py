@@ -14,16 +14,10 @@ from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import RunInterrupted, Session
 from cosim.system import System
-from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
 
 #: A run with more values than this is not recorded at every step [1]: 160 MB.
 _MOST_VALUES = 20_000_000
-
-
-def diverged(error: StepError) -> bool:
-    """Whether a run failed because its coupling diverged."""
-    return "diverged" in str(error)
 
 
 class DenseRuns:
@@ -57,7 +51,8 @@ class DenseRuns:
         """Make one run.
 
         Raises:
-            StepError: A component failed, or the coupling diverged.
+            DivergedError: The coupling diverged.
+            StepError: A component failed.
             RunInterrupted: Ctrl-C; it holds the result so far.
         """
         every = self._record_step if isinstance(scheme, Adaptive) else self._dense_step(step)

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from cosim.algorithm import Adaptive, Algorithm
-from cosim.dense_runs import DenseRuns, diverged
+from cosim.dense_runs import DenseRuns
 from cosim.error_estimate import Comparison, compare, stated_error
 from cosim.result import Result
 from cosim.scenario import Scenario
 from cosim.session import RunInterrupted, Session
 from cosim.system import System
 from cosim.verdict import LARGEST_ERROR
-from eightpost.errors import StepError
+from eightpost.errors import DivergedError
 
 #: An adaptive run is compared with runs at this many times its tolerance, or this share of it: about half the step.
 _TOLERANCE_RATIO = 8.0
@@ -34,7 +34,8 @@ def run_at_step(
     Where that run cannot be had or compared, or the error so stated is too large, another run is made at half the step.
 
     Raises:
-        StepError: A component failed, or the coupling diverged.
+        DivergedError: The coupling diverged.
+        StepError: A component failed.
         RunInterrupted: Ctrl-C; it holds the result so far, of a companion the result without a stated error.
     """
     Session(system, scenario, algorithm, step)  # refuses what does not fit before the recording is changed
@@ -100,9 +101,7 @@ class _Companions:
                 found = self.runs.run(looser, self.run.step)
             else:
                 found = self.runs.run(self.algorithm, ratio * self.run.step)
-        except StepError as error:
-            if not diverged(error):
-                raise
+        except DivergedError:
             return None
         return None if found.partial else found
 

@@ -113,5 +113,9 @@ class StepError(EightpostError):
     """A component failed while it was initialised or stepped."""
 
 
+class DivergedError(StepError):
+    """The coupling diverged: a smaller step or another scheme may be stable."""
+
+
 class TerminatedError(StepError):
     """A component wants no more steps: the simulation has come to its end."""

@@ -6,7 +6,7 @@ from cosim.engine.plan import DISCARD, DIVERGED, STEP
 from cosim.functions import Callbacks, FunctionTable, Native
 from cosim.session.running import Running
 from cosim.session.setup import Setup
-from eightpost.errors import StepError, TerminatedError
+from eightpost.errors import DivergedError, StepError, TerminatedError
 
 #: By the loop's numbers of calls.
 _CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
@@ -67,9 +67,9 @@ def terminated_at(setup: Setup, running: Running, time: float, step: float) -> s
     return ""
 
 
-def _divergence(setup: Setup, running: Running, time: float) -> StepError:
+def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
     signal = int(running.memory.failure[1])
-    return StepError(
+    return DivergedError(
         f"the coupling diverged: {setup.layout.signals[signal]} is {running.memory.ahead[signal]:g} after {time:g} s; "
         f"take a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
     )

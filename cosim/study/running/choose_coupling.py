@@ -14,7 +14,7 @@ from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.running.signs import sign
 from cosim.study.setup import Setup
 from cosim.study.study import Drive
-from eightpost.errors import EightpostError, StepError
+from eightpost.errors import DivergedError, EightpostError, StepError
 
 #: So many setups are looked at closely, and at most so many roughly to find these.
 _CLOSE, _ROUGH = 3, 12
@@ -142,10 +142,8 @@ def _glance(evaluator: Evaluator, setup: Setup) -> float:
     coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / FIRST_STEP)))
     try:
         return local_error(evaluator.run(setup, short, coupling))
-    except StepError as error:
-        if "diverged" in str(error):
-            return float("inf")
-        raise
+    except DivergedError:
+        return float("inf")
 
 
 def _reference(evaluator: Evaluator, setup: Setup) -> Result:
@@ -162,9 +160,7 @@ def _errors(evaluator: Evaluator, pilots: list[Setup], references: list[Result],
     for setup, reference in zip(pilots, references, strict=True):
         try:
             run = evaluator.run(setup, evaluator.study.drives[0], coupling, extra=reference.series.names)
-        except StepError as error:
-            if "diverged" not in str(error):
-                raise
+        except DivergedError:
             errors.append(float("inf"))
             continue
         stated = max(reference.stated_error.values(), default=0.0)
