@@ -1,0 +1,112 @@
+"""What `eightpost check` prints, its JSON document and its exit codes."""
+
+import io
+import json
+
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from builder.check import GROUPS, check, json_document
+from eightpost.archive import read_archive, write_archive
+from eightpost.commands.check import show_report
+from eightpost.verbs.check import check as command
+
+
+def test_the_json_document_says_all_that_the_table_says(fmus, tmp_path):
+    report = check(fmus["polylinear"], groups=("static", "reference"))
+    document = json.loads(json.dumps(json_document([report])))
+    assert (document["kind"], document["schema"], document["acceptable"]) == ("check", 1, True)
+    (said,) = document["reports"]
+    assert said["identity"]["modelName"] == "polylinear" and len(said["identity"]["sha256"]) == 64
+    assert said["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
+    assert said["groups"] == ["static", "reference"]
+    assert said["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
+
+
+@pytest.fixture
+def quickly(monkeypatch):
+    """The command with the static rules only."""
+
+    def run(*arguments):
+        def static(path, *, scope):
+            return check(path, scope=scope, groups=("static",))
+
+        monkeypatch.setattr("eightpost.commands.check.check_fmu", static)
+        return CliRunner().invoke(command, [str(argument) for argument in arguments])
+
+    return run
+
+
+def test_hints_alone_exit_0_and_drop_in_rules_exit_1_unless_only_the_standard_counts(
+    quickly, fmus, python_fmus, tmp_path
+):
+    hinted, members = tmp_path / "lpf1.fmu", read_archive(fmus["lpf1"])
+    del members["model.png"]
+    write_archive(hinted, members)
+    shown = quickly(hinted)
+    assert shown.exit_code == 0 and "1 hint" in shown.output and "icon" in shown.output
+    shown = quickly(hinted, python_fmus["lpf1"])
+    assert shown.exit_code == 1 and "drop-in" in shown.output
+    shown = quickly("--standard", python_fmus["lpf1"])
+    assert shown.exit_code == 0 and "clean" in shown.output
+
+
+def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, python_fmus):
+    shown = quickly("--json", fmus["lpf1"], python_fmus["lpf1"])
+    document = json.loads(shown.output)
+    assert shown.exit_code == 1 and not document["acceptable"]
+    assert [report["acceptable"] for report in document["reports"]] == [True, False]
+    finding = document["reports"][1]["findings"][0]
+    assert set(finding) == {"rule", "level", "title", "source", "message", "advice"}
+
+
+@pytest.mark.parametrize("place", [0, 1], ids=["first", "last"])
+def test_one_bad_file_hides_no_report_of_the_others(quickly, fmus, tmp_path, place):
+    given = [fmus["lpf1"]]
+    given.insert(place, tmp_path / "missing.fmu")
+    shown = quickly(*given)
+    assert shown.exit_code == 2
+    assert "lpf1.fmu: clean" in shown.stdout and "missing.fmu" not in shown.stdout
+    assert "there is no such file" in " ".join(shown.stderr.split())
+
+
+def test_json_has_an_entry_for_a_bad_file_and_says_its_error_on_stderr_too(quickly, fmus, tmp_path):
+    (tmp_path / "text ä.fmu").write_text("no")
+    shown = quickly("--json", fmus["lpf1"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
+    document = json.loads(shown.stdout)
+    good, missing, text = document["reports"]
+    assert shown.exit_code == 2 and not document["acceptable"]
+    assert good["acceptable"] and "error" not in good
+    assert missing.keys() == text.keys() == {"path", "acceptable", "error"}
+    assert "no such file" in missing["error"] and text["path"].endswith("ä.fmu")
+    assert "no such file" in " ".join(shown.stderr.split())
+
+
+def test_the_command_says_that_it_runs_foreign_code_and_is_no_sandbox(fmus, monkeypatch):
+    def called(path, *, scope):
+        return check(path, scope=scope, groups=("simulation",))
+
+    monkeypatch.setattr("eightpost.commands.check.check_fmu", called)
+    shown = CliRunner().invoke(command, ["--json", str(fmus["lpf1"])])
+    assert "not a sandbox" in shown.stderr and json.loads(shown.stdout)["acceptable"]
+    assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
+
+
+def test_json_is_json_where_every_file_is_bad(quickly, tmp_path):
+    shown = quickly("--json", tmp_path / "missing.fmu")
+    (entry,) = json.loads(shown.stdout)["reports"]
+    assert shown.exit_code == 2 and not entry["acceptable"]
+
+
+def test_a_folder_is_refused_as_a_folder(quickly, tmp_path):
+    shown = quickly(tmp_path)
+    assert shown.exit_code == 2
+    assert "is a folder, and an .fmu file is wanted" in " ".join(shown.stderr.split())
+
+
+def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
+    report = check(fmus["lpf1"], groups=("static", "footprint", "surroundings"))
+    console = Console(file=io.StringIO(), width=40)
+    show_report(console, report)
+    assert "  did static, footprint, surroundings\n" in console.file.getvalue()
