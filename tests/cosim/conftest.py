@@ -12,6 +12,8 @@ from cosim.conversion import named_unit
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
+from .mass_and_damper import restorable_parts
+
 CORNERS = ("lf", "rf", "lr", "rr")
 
 
@@ -102,6 +104,12 @@ def make():
             return FunctionComponent(ports, lambda x, _: {"y": x}, advance, **options)
 
     return Make
+
+
+@pytest.fixture
+def parts(make):
+    """Make the mass and the damper of tests/cosim/mass_and_damper.py: parts(damping, law, speed)."""
+    return restorable_parts(make)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,150 @@
+"""Steps whose size the error chooses, on a mass with a spring and damper."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, dense_runs, run
+from cosim.engine import march
+from eightpost.errors import StepError
+from eightpost.signals import Drivefile, TimeSeries
+
+from .mass_and_damper import DAMPING, MASS, STIFFNESS, ran
+
+
+def control(order: int = 2, least: float = 1e-4, largest: float = 0.5) -> march.Control:
+    return march.Control(np.array([1]), np.array([0.01]), 1e-3, order, least, largest)
+
+
+def test_the_next_step_follows_the_last_two_errors() -> None:
+    chosen = march._next_step
+    assert chosen(control(), 0.01, 1.0, 1.0) == pytest.approx(0.009, rel=1e-14)
+    assert chosen(control(), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5 ** (-0.7 / 3.0), rel=1e-14)
+    assert chosen(control(), 0.01, 1.0, 0.5) == pytest.approx(0.009 * 0.5 ** (0.4 / 3.0), rel=1e-14)
+    assert chosen(control(order=1), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5**-0.35, rel=1e-14)
+
+
+def test_the_next_step_is_at_most_four_times_the_last_and_within_its_bounds() -> None:
+    chosen = march._next_step
+    assert chosen(control(), 0.01, 0.0, 1.0) == pytest.approx(0.04)
+    assert chosen(control(), 0.01, 1e9, 1.0) == pytest.approx(0.002)
+    assert chosen(control(largest=0.015), 0.01, 0.0, 1.0) == 0.015
+    assert chosen(control(least=0.005), 0.01, 1e9, 1.0) == 0.005
+    # No error at all counts as one of 1e-8.
+    factor = 1e-3 ** (-0.7 / 3.0) * 1e-8 ** (0.4 / 3.0)
+    assert chosen(control(), 0.01, 1e-3, 0.0) == pytest.approx(0.009 * factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(("order", "divisor"), [(1, 1.0), (2, 3.0), (3, 7.0)])
+def test_whole_step_and_halves_differ_by_the_error_of_the_halves_times_a_power_of_two_less_one(
+    order: int, divisor: float
+) -> None:
+    """Of what is allowed: 0.01, and a thousandth of the largest value so far."""
+    m = SimpleNamespace(now=np.array([9.0, -4.0]))
+    once = np.array([0.0, -4.07])
+    for scale, allowed in ((2.0, 0.014), (20.0, 0.03)):
+        found = march._difference(m, once, control(order), np.array([scale]))
+        assert found == pytest.approx(0.07 / (divisor * allowed), rel=1e-12)
+    assert np.isnan(march._difference(m, np.array([0.0, np.nan]), control(order), np.array([2.0])))
+
+
+@pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: s.name)
+def test_an_adaptive_run_stays_near_the_exact_motion_and_takes_larger_steps_as_it_dies_down(
+    parts: Any, scheme: Any
+) -> None:
+    """m v' = -c v, a velocity of exp(-6 t)."""
+    law = lambda x, v: 60.0 * v  # noqa: E731
+    result = ran(parts(law=law), Adaptive(scheme, relative=1e-4, largest=0.2), step=0.05, stop=2.0)
+    series = result.series
+    assert series["car.velocity"] == pytest.approx(np.exp(-6.0 * series.time), abs=3e-3)
+    assert series.time.tolist() == pytest.approx([0.05 * k for k in range(41)])
+    assert result.step < 0.5 * result.largest_step
+    assert result.largest_step <= 0.05 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(("relative", "others"), [(1e-4, [8.0]), (0.3, [8.0, 1.0 / 8.0])])
+def test_an_adaptive_run_is_compared_with_one_of_eight_times_its_tolerance_and_if_need_be_an_eighth(
+    parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
+) -> None:
+    made = []
+    plain = dense_runs.DenseRuns.run
+
+    def spied(self: Any, scheme: Any, step: float) -> Result:
+        made.append(scheme.relative / relative)
+        return plain(self, scheme, step)
+
+    monkeypatch.setattr(dense_runs.DenseRuns, "run", spied)
+    result = ran(parts(), Adaptive(relative=relative, largest=0.2), step=0.1, stop=0.3)
+    assert made == pytest.approx([1.0, *others])
+    assert result.coupling_error is not None
+
+
+def test_rejected_steps_leave_no_trace_in_what_is_added_up(parts: Any) -> None:
+    """The first step is far too large; time, energy and spread are those of the steps that stayed."""
+    result = ran(parts(), Adaptive(relative=1e-3, largest=0.2), step=0.15, stop=0.3)
+    assert result.rejected_steps > 0
+    (energy,), (found,) = result.energy.values(), result.coupled.values()
+    # The damper and spring take from the mass what it lost, less what is wrong with the coupling.
+    velocity = result.series["car.velocity"][-1]
+    x, f = (result.series[name][-1] for name in ("shock.travel", "shock.force"))
+    assert abs(energy.residual) < 0.05
+    assert energy.transferred > 0.5 * MASS * (1.0 - velocity**2)
+    assert f == pytest.approx(STIFFNESS * x + DAMPING * velocity, abs=1.0)
+    assert 0.1 < found.velocity_spread < 1.0
+
+
+def test_a_step_that_a_part_discards_is_made_again_smaller_and_one_that_fails_ends_the_run(parts: Any) -> None:
+    made = parts()
+    made["shock"].longest = 0.003
+    result = ran(made, Adaptive(relative=0.1), step=0.02, stop=0.04)
+    assert not result.partial
+    assert result.rejected_steps > 0
+    assert result.series.time[-1] == 0.04
+    steps = [entry[1] for entry in made["shock"].log if len(entry) == 4]
+    assert max(steps) <= 0.003
+    # A fifth of 20 ms, and a fifth of that.
+    assert steps[0] == pytest.approx(0.0008)
+    failing = parts()
+    advance = failing["shock"].advance
+
+    def refuse(x: float, start: Any, end: Any, step: float) -> float:
+        if step > 0.003:
+            raise StepError("the step is too long")
+        return float(advance(x, start, end, step))
+
+    failing["shock"].advance = refuse
+    with pytest.raises(StepError, match="refused to step"):
+        ran(failing, Adaptive(relative=0.1), step=0.02, stop=0.04)
+
+
+def test_a_system_at_rest_is_stepped_as_far_as_is_allowed(parts: Any) -> None:
+    """Its error is exactly zero."""
+    result = ran(parts(speed=0.0), Adaptive(largest=0.1), step=0.1, stop=1.0)
+    assert not result.partial
+    assert (result.steps, result.rejected_steps) == (20, 0)
+
+
+def test_a_tolerance_that_no_step_meets_ends_the_run_at_its_least_step(parts: Any) -> None:
+    rough = np.random.default_rng(3)
+    law = lambda x, v: float(rough.normal(scale=1e3))  # noqa: E731
+    result = ran(parts(law=law), Adaptive(relative=1e-6, least=1e-3), step=0.05, stop=0.2)
+    assert result.partial
+    assert not result.converged
+    assert "went down to its least" in " ".join(result.notes)
+
+
+def test_a_drive_is_straight_between_its_points_in_an_adaptive_run(make: Any, parts: Any) -> None:
+    """The mass is pushed by a drive with unequal points, through an input beside that of the bond."""
+    time = np.array([0.0, 0.03, 0.05, 0.2])
+    drive = Drivefile(TimeSeries.from_channels(time, {"push": ("N", np.array([0.0, 30.0, -20.0, 10.0]))}))
+    made = parts(law=lambda x, v: 0.0, speed=0.0)
+    mass = made["car"]
+    mass.variables = {**mass.variables, "push": make.variable("push", "input", "N")}
+    mass.advance = lambda v, a, b, h: v + 0.5 * (a["push"] + b["push"] - a["force"] - b["force"]) * h / MASS
+    system = System(made, [Bond.between("car", "shock", displacement=False)])
+    result = run(system, Scenario(0.2, drive, record_step=0.01), algorithm=Adaptive(), step=0.01, engine="python")
+    t = result.series.time
+    exact = [np.trapezoid(np.interp(fine := np.linspace(0.0, end, 20001), time, [0, 30, -20, 10]), fine) for end in t]
+    assert result.series["car.velocity"] == pytest.approx(np.array(exact) / MASS, abs=1e-6)
