@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from cosim.result import Result
     from eightpost.signals import TimeSeries
 
-#: Largest coupling error of a result that can be used [% of the standard deviation].
+#: Largest coupling error of a result that can be used [% of the scale].
 LARGEST_ERROR = 5.0
 
-#: Coupling error up to which a run without a tolerance of its own is good [% of the standard deviation].
+#: Coupling error up to which a run without a tolerance of its own is good [% of the scale].
 GOOD_ERROR = 1.0
 
 COUPLING_ERROR = Rule(
     "coupling error too large", "coupling", Grade.NOT_USABLE,
     condition=f"stated error of a bond's velocity or force or of a tire force above {LARGEST_ERROR:g} % of its "
-    "standard deviation",
+    "scale (its standard deviation, with a floor)",
     why="setups of one car differ by a few percent in these signals: a larger error ranks the scheme, not the setups",
     remedy="give a smaller coupling step, or use the default algorithm",
 )  # fmt: skip
@@ -44,7 +44,7 @@ COUPLING_UNKNOWN = Rule(
     "coupling error not stated", "coupling", Grade.UNKNOWN,
     condition="the run states no error",
     why="one run at one step cannot tell the error of the coupling",
-    remedy="use the default algorithm, which states the error, or add --verify",
+    remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error",
 )  # fmt: skip
 COUPLING_NONE = Rule(
     "nothing is coupled", "coupling", Grade.USABLE,
@@ -54,8 +54,8 @@ COUPLING_NONE = Rule(
 )  # fmt: skip
 LOCAL_ERROR = Rule(
     "local error of a bond", "coupling", Grade.NOT_USABLE,
-    condition=f"what the ends of a bond assume of each other is wrong by more than {LARGEST_ERROR:g} % of the standard "
-    "deviation in each step",
+    condition=f"what the ends of a bond assume of each other is wrong by more than {LARGEST_ERROR:g} % of its scale "
+    "in each step",
     why="two runs that alternate from step to step can agree at the recorded points; the error within the steps shows "
     "it, and so has a veto whatever the stated error is",
     remedy="give a smaller coupling step, or take the implicit algorithm",
@@ -182,7 +182,7 @@ def _local(result: Result) -> Iterator[Reason]:
         if not coupled.percent <= LARGEST_ERROR:
             yield LOCAL_ERROR.reason(
                 "what the ends of a bond assume of each other is wrong in every step",
-                figure=f"{_percent(coupled.percent)} of the standard deviation; limit {LARGEST_ERROR:g} %",
+                figure=f"{_percent(coupled.percent)} of the scale; limit {LARGEST_ERROR:g} %",
                 origin=f"bond {bond}",
             )
 
@@ -201,10 +201,10 @@ def _stated(result: Result, name: str, error: float) -> Reason:
     limit = result.tolerance or GOOD_ERROR
     origin = f"channel {name}, {result.scheme or result.algorithm} at {1e3 * result.step:g} ms"
     if error > LARGEST_ERROR:
-        figure = f"{_percent(error)} of the standard deviation; limit {LARGEST_ERROR:g} %"
+        figure = f"{_percent(error)} of the scale; limit {LARGEST_ERROR:g} %"
         return COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
     named = "tolerance" if result.tolerance else "good up to"
-    figure = f"{_percent(error)} of the standard deviation; {named} {limit:g} %"
+    figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
     if error > limit:
         return COUPLING_TOLERANCE.reason("the coupling error is larger than asked for", figure=figure, origin=origin)
     return COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)

@@ -261,12 +261,9 @@ def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, fina
 
 @shared
 def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int) -> int:
-    """Step part c from each of the drive's points to the next."""
-    ramps = plan.parts.ramps[c] == 1
+    """Step part c, which ramps its inputs, from each of the drive's points to the next."""
     for j in range(step.first, step.last):
-        if ramps and _ramp_between(plan, m, c, drive, step, j):
-            return 1
-        if not ramps and _hold(plan, m, c, drive, j, j + 1):
+        if _ramp_between(plan, m, c, drive, step, j):
             return 1
         if _do(plan, m, c, drive.times[j], drive.times[j + 1] - drive.times[j], final):
             return 1
