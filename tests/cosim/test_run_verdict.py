@@ -41,7 +41,7 @@ def only(verdict: Verdict, rule: rules.Rule):
 def test_a_sound_run_is_usable_and_says_by_which_figures():
     verdict = sound().verdict
     assert verdict.grade is Grade.USABLE
-    assert "0.1 % of the standard deviation" in only(verdict, rules.COUPLING_GOOD).figure
+    assert "0.1 % of the scale" in only(verdict, rules.COUPLING_GOOD).figure
     assert set(verdict.grades) == {"coupling", "energy", "convergence", "range of the models"}
 
 
