@@ -102,11 +102,4 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
     return fmi2OK;
 }
 
-const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-const char *fmi2GetVersion(void) { return fmi2Version; }
-#define ACCEPTED(name, ...) fmi2Status name(fmi2Component c, ##__VA_ARGS__) { return fmi2OK; }
-ACCEPTED(fmi2SetDebugLogging, fmi2Boolean on, size_t n, const fmi2String categories[])
-ACCEPTED(fmi2SetupExperiment, fmi2Boolean td, fmi2Real t, fmi2Real start, fmi2Boolean sd, fmi2Real stop)
-ACCEPTED(fmi2EnterInitializationMode)
-ACCEPTED(fmi2ExitInitializationMode)
-ACCEPTED(fmi2Terminate)
+#include "accepted_calls.h"
