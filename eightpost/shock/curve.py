@@ -15,8 +15,9 @@ INNER_ORDER = 15
 OUTER_ORDER = 3
 
 
-#: At how many speeds of each side `falls_at` looks.
+#: At how many speeds of each side `falls_at` looks, and at how many of its transition.
 LOOKS = 256
+TRANSITION_LOOKS = 12
 
 
 class CurveNumbers(NamedTuple):
@@ -152,16 +153,18 @@ class StaticCurve:
     def falls_at(self) -> float | None:
         """Return the slowest damper velocity [m/s] of a side at which the force does not rise; None: it rises all over.
 
-        Looked at on `LOOKS` equal steps of each side, and on the slopes beyond.
+        Looked at on `LOOKS` equal steps of each side, on `TRANSITION_LOOKS` of its transition, which may be narrower
+        than one of those, and on the slopes beyond.
         """
         for side, speed in ((1.0, self.compression_speed), (-1.0, self.rebound_speed)):
-            before = 0.0
-            for k in range(1, LOOKS + 1):
-                velocity = side * speed * (k / LOOKS)
-                force = curve_force(self, velocity)
-                if not side * (force - before) > 0.0:
-                    return velocity
-                before = force
+            even = [speed * (k / LOOKS) for k in range(LOOKS + 1)]
+            places = (self.transition_width * (k / TRANSITION_LOOKS - 0.5) for k in range(TRANSITION_LOOKS + 1))
+            transition = [self.transition_speed + place for place in places]
+            for speeds in (even, [one for one in transition if one <= speed]):
+                forces = [side * curve_force(self, side * one) for one in speeds]
+                for one, before, force in zip(speeds[1:], forces, forces[1:], strict=False):
+                    if not force > before:
+                        return side * one
         if self.compression_slope <= 0.0:
             return self.compression_speed
         return -self.rebound_speed if self.rebound_slope <= 0.0 else None

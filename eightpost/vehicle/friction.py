@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: A sub-step is at most this share of the friction's fastest time constant.
-SUB_STEP_SHARE = 0.25
+SUB_STEP_SHARE = 0.0625
 
 #: Sub-steps that one step may take.
 MOST_SUB_STEPS = 100_000

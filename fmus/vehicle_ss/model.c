@@ -20,7 +20,7 @@ enum { KEPT = 4 };
 enum { MOST_DOUBLINGS = 6 };
 
 /* A sub-step is at most this share of the friction's fastest time constant. */
-static const double SUB_STEP_SHARE = 0.25;
+static const double SUB_STEP_SHARE = 0.0625;
 static const double MOST_SUB_STEPS = 100000.0;
 
 /* No state is ever so large, in any unit. */

@@ -92,6 +92,12 @@ def test_a_curve_that_falls_is_told_with_the_slowest_velocity_where_it_does():
     falling = replace(rising, compression=(1000.0, -10.0, 0.0, 0.0))
     assert falling.falls_at() == pytest.approx(0.381, abs=falling.compression_speed / 128)
     assert replace(rising, rebound=(-1000.0, 10.0, 0.0, 0.0)).falls_at() == pytest.approx(-0.381, abs=1.1 / 128)
+    # Within a transition that is narrower than a 256th of the speeds.
+    narrow = replace(rising, compression=(990.0, 1000.0, 0.0, 0.0), transition_width=1e-3)
+    assert narrow.falls_at() == pytest.approx(0.381, abs=1e-3)
+    assert replace(rising, rebound=(-990.0, -1000.0, 0.0, 0.0), transition_width=1e-3).falls_at() == pytest.approx(
+        -0.381, abs=1e-3
+    )
     # Flat from the start: the first of 256 looks tells.
     assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
 

@@ -1,4 +1,4 @@
-"""Maxwell's law in the fit: marched on a table of the curve, its derivatives from its equation.
+"""Maxwell's law in the fit: stepped by its own functions, its derivatives from its equation.
 
 With F = f(w) and dF/dt = k (v - w), a change D of the force obeys, to first order,
 
@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.ident.shock.laws.compiled import lagged_columns
-from eightpost.ident.shock.laws.spring import Table, spring_force
 from eightpost.ident.shock.laws.stepped import SteppedLaw
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Points of the table of the curve: between them it is straight, to a hundredth of a newton.
+#: Points of the table that velocities are looked up in: between them the curve is straight, to a hundredth of a newton.
 _TABLE = 4001
 
 
@@ -42,11 +41,6 @@ class _Looked(NamedTuple):
 @dataclass(frozen=True)
 class SeriesSpring(SteppedLaw):
     """Maxwell: theta = (ln k,), k [N/m] the stiffness in series with the valves."""
-
-    def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        table, stiffness = _table(model.basis, b), float(np.exp(theta[0]))
-        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        return np.concatenate([spring_force(table, stiffness, model.runs.velocity[part], p.step) for p, part in pairs])
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """By one pass of a lag that varies over the curve's columns at w."""
@@ -73,18 +67,17 @@ def _grid(basis: WorkingBasis) -> tuple[Array, Array]:
     return velocity, np.asfortranarray(basis.at(velocity))
 
 
-def _table(basis: WorkingBasis, b: Array) -> Table:
-    """Return a curve b as a table; a curve on its way to its minimum may fall: what is looked up in must not."""
-    velocity, columns = _grid(basis)
-    rising = np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE)
-    return Table(float(velocity[0]), float(velocity[1] - velocity[0]), rising)
+def _rising(basis: WorkingBasis, b: Array) -> Array:
+    """Return the forces of a curve b at the grid (M,) [N]; a curve on its way to its minimum may fall: these do not."""
+    _, columns = _grid(basis)
+    return np.asarray(np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE))
 
 
 def _looked_up(basis: WorkingBasis, b: Array, force: Array) -> _Looked:
     """Look forces (N,) [N] up on a curve b."""
     velocity, columns = _grid(basis)
     slope = np.maximum(np.gradient(columns @ b, velocity), 1.0)
-    place = np.interp(force, _table(basis, b).force, np.arange(float(_TABLE)))
+    place = np.interp(force, _rising(basis, b), np.arange(float(_TABLE)))
     cell = np.minimum(place.astype(np.intp), _TABLE - 2)
     share = place - cell
     series = np.take(columns.T, cell, axis=1) * (1.0 - share) + np.take(columns.T, cell + 1, axis=1) * share
