@@ -1,0 +1,203 @@
+"""The parts of Maxwell's step: each does what its name says, and in few evaluations of the curve."""
+
+from math import copysign, exp, inf
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eightpost.shock import Maxwell, Port, maxwell
+from eightpost.shock.law import Piece
+from eightpost.shock.maxwell import (
+    bow_of_curve,
+    chord_time_constant,
+    followed,
+    reach,
+    room_before_kink,
+    time_across,
+    time_constant,
+    time_less_bow,
+    velocity_at,
+    velocity_under,
+)
+
+from .example_curve import curve
+
+STIFFNESS = 3.5e6
+LAW = Maxwell(curve(), STIFFNESS)
+KINKS = (-1.1, -0.38735, -0.37465, 0.37465, 0.38735, 1.2)
+
+velocities = st.floats(-1.5, 1.5)
+
+
+@pytest.fixture
+def evaluations(monkeypatch):
+    """A list that grows by the velocity of each evaluation of the curve."""
+    seen, force = [], maxwell.valve_force
+
+    def counted(valve, velocity):
+        seen.append(velocity)
+        return force(valve, velocity)
+
+    monkeypatch.setattr(maxwell, "valve_force", counted)
+    return seen
+
+
+def test_the_velocity_under_a_force_takes_few_evaluations_from_any_guess(evaluations):
+    """Two thousand random forces and guesses: at most 10 evaluations, and 4 for half of them."""
+    rng, counts = np.random.default_rng(1), []
+    for force, guess in zip(rng.uniform(-8e3, 8e3, 2000), rng.uniform(-2.0, 2.0, 2000), strict=True):
+        evaluations.clear()
+        found = velocity_under(force, guess, LAW.static_force(guess), LAW.valve)
+        counts.append(len(evaluations))
+        assert LAW.static_force(found) == pytest.approx(force, rel=1e-13, abs=1e-11)
+    assert max(counts) <= 10
+    assert np.median(counts) <= 4
+
+
+def test_at_the_force_of_the_guess_the_curve_is_not_evaluated(evaluations):
+    assert velocity_under(LAW.static_force(0.2), 0.2, LAW.static_force(0.2), LAW.valve) == 0.2
+    assert evaluations == []
+
+
+def test_the_first_secant_is_over_a_millimetre_per_second(evaluations):
+    velocity_under(50.0, 0.0, 0.0, LAW.valve)
+    slope = LAW.static_force(1e-3) / 1e-3
+    assert evaluations[:2] == pytest.approx([1e-3, 50.0 / slope], rel=1e-12)
+
+
+@given(velocities)
+def test_the_room_is_the_distance_to_the_next_kink_of_the_curve(w):
+    """Scales of both sides are equal: no kink at zero."""
+    for side in (1.0, -1.0):
+        ahead = [side * (kink - w) for kink in KINKS if side * (kink - w) > 1e-9]
+        assert room_before_kink(w, 0.3 * side, LAW.valve) == pytest.approx(min(ahead, default=inf), rel=1e-9)
+
+
+def test_where_the_sides_are_scaled_differently_zero_is_a_kink():
+    valve = Maxwell(curve(), STIFFNESS, port=Port(compression_scale=1.2)).valve
+    assert room_before_kink(-0.1, 1.0, valve) == pytest.approx(0.1)
+    assert room_before_kink(0.1, -1.0, valve) == pytest.approx(0.1)
+    assert room_before_kink(-0.1, 1.0, LAW.valve) == pytest.approx(0.47465)
+    assert room_before_kink(0.0, 1.0, valve) == pytest.approx(0.37465)
+
+
+def test_a_kink_that_w_is_at_is_passed():
+    valve = LAW.valve
+    assert room_before_kink(0.37465 - 0.5e-9, 1.0, valve) == pytest.approx(0.0127, rel=1e-6)
+    assert room_before_kink(0.37465 - 2e-9, 1.0, valve) == pytest.approx(2e-9, rel=1e-3)
+    assert room_before_kink(1.3, 1.0, valve) == inf
+
+
+@given(velocities, velocities, velocities)
+def test_the_reach_is_the_distance_to_the_farther_end(w, v, end):
+    assert reach(w, v, end) == max(abs(v - w), abs(end - w))
+
+
+def test_the_velocity_of_a_piece_is_linear():
+    piece = Piece(0.2, 0.6, 0.0, 0.0, 4e-3)
+    assert [velocity_at(piece, t) for t in (0.0, 1e-3, 4e-3)] == pytest.approx([0.2, 0.3, 0.6])
+
+
+def test_a_time_constant_is_the_slope_of_the_chord_over_the_stiffness():
+    force = LAW.static_force(0.1)
+    chord = (LAW.static_force(0.3) - force) / 0.2
+    assert time_constant(0.1, force, 0.2, STIFFNESS, LAW.valve) == pytest.approx(chord / STIFFNESS, rel=1e-12)
+    # A chord of no length is one of 1 nm/s, in its direction.
+    tangent = (LAW.static_force(0.1 + 1e-6) - LAW.static_force(0.1 - 1e-6)) / 2e-6
+    for change in (0.0, -1e-12):
+        assert time_constant(0.1, force, change, STIFFNESS, LAW.valve) == pytest.approx(tangent / STIFFNESS, rel=1e-4)
+    # Under a curve that falls, as a fit may try it, nothing lags.
+    assert time_constant(0.1, force + 1e3, 0.01, STIFFNESS, LAW.valve) == 0.0
+
+
+def test_w_follows_as_a_first_order_lag_for_any_time_constant():
+    w, v, end, step = 0.1, 0.3, 0.5, 1e-3
+    for tau in (1e-5, 1e-3, 0.1):
+        slope = (end - v) / step
+        expected = end - slope * tau + (w - v + slope * tau) * exp(-step / tau)
+        assert followed(w, v, end, tau, step) == pytest.approx(expected, rel=1e-10)
+    assert followed(w, v, end, 0.0, step) == end
+    assert followed(w, v, end, 1e-6, step) == pytest.approx(end - (end - v) * 1e-3, rel=1e-15)
+
+
+@given(velocities, velocities, velocities, st.floats(1e-5, 1e-1), st.floats(1e-5, 1e-2))
+def test_the_time_across_is_when_w_has_moved_by_the_room(w, v, end, tau, step):
+    whole = followed(w, v, end, tau, step) - w
+    gaps = v - w, end - w
+    if min(gaps) * max(gaps) < 0.0 or abs(whole) < 1e-6:  # a step is cut so that w goes one way
+        return
+    room = 0.3 * abs(whole)
+    time = time_across(room, abs(whole), w, v, end, tau, step)
+    assert 0.0 < time < step
+    moved = followed(w, v, v + (end - v) * time / step, tau, time) - w
+    assert abs(moved) == pytest.approx(room, rel=1e-6, abs=1e-12)
+
+
+def test_the_time_across_takes_few_steps(monkeypatch):
+    counts, calls, real = [], [], maxwell.followed
+    monkeypatch.setattr(maxwell, "followed", lambda *given: calls.append(1) or real(*given))
+    rng = np.random.default_rng(2)
+    for _ in range(500):
+        w, v, end = 0.0, *np.sort(rng.uniform(0.01, 1.0, 2))
+        tau, step = 10.0 ** rng.uniform(-5.0, -2.0), 10.0 ** rng.uniform(-4.0, -2.0)
+        whole = real(w, v, end, tau, step)
+        calls.clear()
+        time_across(rng.uniform(0.05, 0.95) * whole, whole, w, v, end, tau, step)
+        counts.append(len(calls))
+    assert np.median(counts) <= 3
+    assert max(counts) <= 60
+
+
+def test_a_crossing_comes_earlier_by_what_the_bow_has_gained():
+    """w is ahead by 1e-3 and changes by 0.1 / 0.01 m/s2."""
+    assert time_less_bow(1e-2, 1e-3, 1e-2, 0.1) == pytest.approx(1e-2 - 1e-4)
+    assert time_less_bow(1e-2, -1e-3, 1e-2, 0.1) == pytest.approx(1e-2 + 1e-4)
+    assert time_less_bow(1e-2, 1e-3, 1e-2, -0.1) == pytest.approx(1e-2 + 1e-4)
+    # By more than half of it, it says nothing.
+    assert time_less_bow(1e-4, 1e-3, 1e-2, 0.1) == 1e-4
+    assert time_less_bow(1e-2, 1e-3, 1e-2, 0.0) == 1e-2
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-4, 1e-3, 1e-1])
+def test_the_bow_adds_what_its_integral_says(step):
+    """z / 6 of four bows over the chord's slope for short steps, 1 / z of them for long ones."""
+    w, change, tau = 0.05, 0.2, 1e-3
+    force = LAW.static_force(w)
+    bow = LAW.static_force(w + 0.5 * change) - (force + 0.5 * STIFFNESS * tau * change)
+    z = step / tau
+    expected = 4.0 * bow / (STIFFNESS * tau) * z / (6.0 + 3.0 * z + z * z)
+    assert bow_of_curve(w, force, change, tau, step, STIFFNESS, LAW.valve) == pytest.approx(expected, rel=1e-9)
+
+
+@given(velocities, velocities, velocities, st.floats(1e-5, 1e-2), st.floats(1e5, 1e8))
+def test_a_chords_time_constant_is_that_of_the_chord_to_where_it_leads(w, v, end, step, stiffness):
+    force = LAW.static_force(w)
+    towards = v - w if abs(v - w) >= abs(end - w) else end - w
+    if towards == 0.0:
+        return
+    room = room_before_kink(w, towards, LAW.valve)
+    nearby = time_constant(w, force, copysign(min(abs(towards), 0.01, room), towards), stiffness, LAW.valve)
+    tau = chord_time_constant(w, force, nearby, v, end, step, room, stiffness, LAW.valve)
+    change = followed(w, v, end, tau, step) - w
+    if abs(change) < 1e-7 or change * towards < 0.0:
+        return
+    found = time_constant(w, force, copysign(min(abs(change), room), change), stiffness, LAW.valve)
+    assert tau == pytest.approx(found, rel=1e-3)
+
+
+def test_a_chord_takes_few_evaluations(evaluations):
+    """Secants: two or three evaluations, ten at most."""
+    rng, counts = np.random.default_rng(3), []
+    for _ in range(1000):
+        w = rng.uniform(-1.0, 1.0)
+        v, end = w + rng.normal(0.0, 0.05, 2)
+        force, stiffness = LAW.static_force(w), 10.0 ** rng.uniform(5.0, 7.5)
+        room = room_before_kink(w, v - w if abs(v - w) >= abs(end - w) else end - w, LAW.valve)
+        tau = time_constant(w, force, 1e-3, stiffness, LAW.valve)
+        evaluations.clear()
+        chord_time_constant(w, force, tau, v, end, 10.0 ** rng.uniform(-4.0, -2.0), room, stiffness, LAW.valve)
+        counts.append(len(evaluations))
+    assert np.mean(counts) < 2.6
+    assert max(counts) <= 10
