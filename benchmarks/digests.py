@@ -1,0 +1,125 @@
+"""Digests of the numbers in everything that the commands write: equal digests before and after a change, equal bits.
+
+    python -m benchmarks.digests [--folder FOLDER] [--against FILE] > digests.txt
+
+Runs the demonstration (fit, build, run, study), fits of all laws, a validation, runs with the default and at a given
+step, and the identification of a seven-DOF car and an 8-post stand-in from the virtual rig. A digest covers the numbers
+and booleans of a file in their order, to the last bit. Texts and durations of the calculation are left out, so that a
+reworded message changes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+
+#: Keys of JSON whose values are durations of the calculation, versions or names of this run.
+_NOT_RESULTS = {"seconds", "wall_seconds", "elapsed", "created", "version", "workers", "processor_seconds", "sources"}
+
+_RIG = ("--program", "identification", "--duration", "40 s")
+
+
+def main() -> int:
+    """Print a line for each file; with --against, end with 1 where one differs."""
+    options = _options()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        _run_commands(folder)
+        lines = [f"{digest}  {name}" for name, digest in _digests(folder)]
+    print("\n".join(lines))
+    if not options.against:
+        return 0
+    expected = set(options.against.read_text(encoding="utf-8").splitlines())
+    for line in sorted(expected ^ set(lines), key=lambda line: line.split(maxsplit=1)[1]):
+        print(f"{'now ' if line in lines else 'then'} {line}", file=sys.stderr)
+    return int(expected != set(lines))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, help="folder to keep the files in (default: a temporary one)")
+    parser.add_argument("--against", type=Path, help="digests of another version of the code to compare with")
+    return parser.parse_args()
+
+
+def _run_commands(folder: Path) -> None:
+    examples = Path(__file__).resolve().parents[1] / "examples"
+    dyno = str(examples / "data" / "dyno_A.csv")
+    _command(folder, "demo", "-o", "demo")
+    for law in ("polylinear", "lpf1", "lpnl2", "maxwell"):
+        _command(folder, "fit", dyno, "--law", law, "-o", f"fit/{law}.json")
+    _command(folder, "fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
+    shocks = ("fit/lpnl2.json", "fit/maxwell.json")
+    _command(folder, "validate", *shocks, str(examples / "data" / "dyno_B.csv"), "-o", "validated/")
+    for name in ("quarter_car", "seven_dof"):
+        _command(folder, "run", str(examples / f"{name}.toml"), "-o", f"run/{name}/")
+    step = ("--step", "1 ms", "--no-comparison")
+    _command(folder, "run", str(examples / "seven_dof.toml"), *step, "-o", "run/given/")
+    for car, recipe in (("seven_dof", "boggs"), ("eight_post", "common-poles")):
+        _command(folder, "rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
+        records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))
+        _command(folder, "identify", *records, "--recipe", recipe, "--plots", "none", "-o", f"cars/{car}.json")
+
+
+def _command(folder: Path, *arguments: str) -> None:
+    """Run a command in the folder; 1 says that a result is not acceptable, which is a result too."""
+    done = subprocess.run(
+        [sys.executable, "-m", "eightpost", *arguments], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"eightpost {' '.join(arguments)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+
+
+def _digests(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield every file of results with the digest of its numbers, in the order of their names."""
+    readers = {".json": _json_numbers, ".csv": _csv_numbers, ".parquet": _parquet_numbers}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in readers:
+            digest = hashlib.sha256("\n".join(readers[path.suffix](path)).encode()).hexdigest()[:16]
+            yield path.relative_to(folder).as_posix(), digest
+
+
+def _json_numbers(path: Path) -> Iterator[str]:
+    yield from _numbers(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _numbers(content: Any) -> Iterator[str]:
+    if isinstance(content, dict):
+        for key in sorted(set(content) - _NOT_RESULTS):
+            yield from _numbers(content[key])
+    elif isinstance(content, list):
+        for item in content:
+            yield from _numbers(item)
+    elif isinstance(content, int | float):
+        yield float(content).hex()
+
+
+def _csv_numbers(path: Path) -> Iterator[str]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        for row in csv.reader(stream):
+            for cell in row:
+                try:
+                    yield float(cell).hex()
+                except ValueError:
+                    continue
+
+
+def _parquet_numbers(path: Path) -> Iterator[str]:
+    table = pyarrow.parquet.read_table(path)
+    for name in table.column_names:
+        yield hashlib.sha256(table[name].to_numpy().tobytes()).hexdigest()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
