@@ -19,10 +19,11 @@ PACKAGES = ("eightpost", "builder", "cosim", "fmus", "benchmarks", "tests", "exa
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs", "fmus")
 
 #: A description of an argument begins with a noun phrase or a verb phrase, so with none of these.
-NO_BEGINNING = frozenset(
-    "after and are as at before beside between by for from has have how if in into is it its like not of on or out "
-    "over per than that their theirs them then these they this those to under until what when where which who whose "
-    "with without".split()
+NO_BEGINNING = re.compile(
+    r"(after|and|are|as|at|before|beside|between|by|for|from|has|have|how|if|in|into|is|it|its|like|not|of|on|or|out|"
+    r"over|per|than|that|their|theirs|them|then|these|they|this|those|to|under|until|what|when|where|which|who|whose|"
+    r"with|without)\b",
+    re.IGNORECASE,
 )
 
 #: Expressions that a native engineer would not use, and what to write.
@@ -100,10 +101,8 @@ def fragments(path: Path) -> Iterator[Finding]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
             for line, name, text in _descriptions(node):
-                if (word := re.split(r"\W+", text.lower())[0]) in NO_BEGINNING:
-                    yield Finding(
-                        path.relative_to(ROOT), line, f"the description of {name} begins with {word!r}: {text}"
-                    )
+                if NO_BEGINNING.match(text):
+                    yield Finding(path.relative_to(ROOT), line, f"the description of {name} is a fragment: {text}")
 
 
 def expressions(path: Path) -> Iterator[Finding]:
