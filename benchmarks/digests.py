@@ -2,7 +2,7 @@
 
     python -m benchmarks.digests [--folder FOLDER] [--against FILE] > digests.txt
 
-Runs the demonstration (fit, build, run, study), fits of all laws, a validation, runs with the default and at a given
+Runs the demonstration (fit, build, run, study), fits of all laws, runs with the default and at a given
 step, and the identification of a seven-DOF car and an 8-post stand-in from the virtual rig. A digest covers the numbers
 and booleans of a file in their order, to the last bit. Texts and durations of the calculation are left out, so that a
 reworded message changes nothing.
@@ -60,8 +60,6 @@ def _run_commands(folder: Path) -> None:
     for law in ("polylinear", "lpf1", "lpnl2", "maxwell"):
         _command(folder, "fit", dyno, "--law", law, "-o", f"fit/{law}.json")
     _command(folder, "fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
-    shocks = ("fit/lpnl2.json", "fit/maxwell.json")
-    _command(folder, "validate", *shocks, str(examples / "data" / "dyno_B.csv"), "-o", "validated/")
     for name in ("quarter_car", "seven_dof"):
         _command(folder, "run", str(examples / f"{name}.toml"), "-o", f"run/{name}/")
     step = ("--step", "1 ms", "--no-comparison")
