@@ -3,9 +3,9 @@
     python -m benchmarks.structure [ROOT ...]
 
 Prints a Markdown table with a column for each root, a checkout of the project (default: this one). Counted are the
-packages eightpost, builder, cosim and fmus. A module with one importer is imported by one other module of these packages;
-the modules `__init__` of packages count neither as importers nor as imported. Function lengths are in lines without
-docstrings.
+packages eightpost, builder, cosim and fmus. A module with one importer is imported by one other module of these
+packages; the modules `__init__` of packages count neither as importers nor as imported. Function lengths are in lines
+without docstrings.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _import_lines(tree: ast.Module) -> int:
 
 
 def _importers(files: list[Source]) -> dict[str, set[str]]:
-    """Return the modules that import each module; a name imported through a package counts for the module it is from."""
+    """Return the modules that import each module; a name that a package exports counts for the module it is from."""
     modules = {file.module for file in files if not file.is_package}
     exported = {file.module: _exported(file) for file in files if file.is_package}
     found: dict[str, set[str]] = {module: set() for module in modules}
