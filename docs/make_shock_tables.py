@@ -53,7 +53,7 @@ def times(found: list) -> str:
         seconds = [one.seconds for one in found if isinstance(one, Found) and one.law == law]
         if seconds:
             lines.append([law_title(law), *(number(f(seconds)) for f in (min, statistics.median, max))])
-    return grid(("law", "least [s]", "median [s]", "most [s]"), lines)
+    return grid(("law", "minimum [s]", "median [s]", "maximum [s]"), lines)
 
 
 def rewrite(path: Path, regions: dict) -> None:
