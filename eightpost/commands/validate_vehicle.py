@@ -103,10 +103,10 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
         show_table(console, table)
     if study.fit.trust is not None and study.fit.trust.outputs:
         console.print(trust_table(study.fit.trust))
-    for note in (note for case in study.cases for note in case.beyond + case.notes):
+    for note in (note for case in study.cases for note in case.extrapolations + case.notes):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, validation_verdict(study, limits))
-    console.print(limits.said(), highlight=False, soft_wrap=True)
+    console.print(limits.summary(), highlight=False, soft_wrap=True)
 
 
 def _kind(word: str | None) -> Kind | None:

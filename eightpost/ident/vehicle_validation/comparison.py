@@ -1,4 +1,4 @@
-"""Predicted beside measured, output by output, both in the band of the fit."""
+"""Comparison of predicted and measured outputs in the band of the fit."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ if TYPE_CHECKING:
 #: The sum of the four tire forces: the measure of grip (2.5).
 TOTAL = "total_tire_force"
 
-#: Quantities that setups are judged by.
+#: Quantities that setups are judged by; the criteria of the verdict apply to them.
 JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)
 
-#: An output with less than this part of the largest of its quantity hardly moves in a record.
+#: An output below this fraction of the largest of its quantity barely moves in a record.
 _QUIET = 0.1
 
-#: Order of the low-pass, run twice; its last part, where it rings, is left out [s].
+#: Order of the low-pass, run forward and backward; time omitted at the end, where the filter rings [s].
 _ORDER, _END = 4, 0.5
 
-#: Most of a record that settling may take [1].
+#: Largest fraction of a record that is omitted for settling [1].
 _MOST_SETTLING = 0.25
 
 
 def quantity(name: str) -> str:
-    """Return what a channel is, without its corner or axle."""
+    """Return the quantity of a channel: its name without corner or axle."""
     return name.rpartition(".")[2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """One output of one record.
+    """Measured and predicted values of one output of one record.
 
     Attributes:
-        name: Of the output.
-        unit: SI.
-        measured: (N,), without its mean.
-        predicted: (N,), without its mean.
-        is_judged: Whether setups are judged by its quantity and it moves enough here to be judged itself.
+        name: Name of the output.
+        unit: SI unit.
+        measured: Measured values without their mean (N,).
+        predicted: Predicted values without their mean (N,).
+        is_judged: Whether the criteria apply: setups are judged by the quantity, and the output moves enough here.
     """
 
     name: str
@@ -59,65 +59,66 @@ class Comparison:
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Measured and predicted."""
+        """RMS, measured and predicted."""
         return float(self.measured.std()), float(self.predicted.std())
 
     @property
     def level(self) -> float:
-        """By how much the predicted RMS is too large [1]."""
+        """Relative error of the predicted RMS [1]; positive if it is too large."""
         measured, predicted = self.rms
         return predicted / measured - 1.0
 
     @property
     def error(self) -> float:
-        """RMS of the difference over that of the measured output [1]."""
+        """RMS of measured minus predicted, over the measured RMS [1]."""
         return float((self.measured - self.predicted).std() / self.rms[0])
 
     @property
     def correlation(self) -> float:
-        """Of predicted and measured [1]; 0 where the prediction stands."""
+        """Correlation of predicted and measured values [1]; 0 if the prediction is constant."""
         measured, predicted = self.rms
         return float(np.mean(self.measured * self.predicted) / (measured * predicted)) if predicted else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Judging:
-    """The part of records and signals that is judged.
+    """Band and time span that the criteria apply to.
 
     Attributes:
-        band: Upper end of the low-pass that both sides pass [Hz].
-        settling: Left out at the start [s], at most a quarter of the record: the car's state at the start is not known.
+        band: Cut-off frequency of the low-pass that measurement and prediction pass [Hz].
+        settling: Time omitted at the start, because the car's initial state is not known [s]; at most a quarter of the
+            record.
     """
 
     band: float
     settling: float = 4.0
 
     def inside(self, series: TimeSeries) -> TimeSeries:
-        """Return the part of a series that is judged, low-passed, without means."""
+        """Return the judged part of a series, low-passed and without means."""
         rate = series.sample_rate
         rows = lowpass(series.values, rate, min(self.band, 0.4 * rate), order=_ORDER)
         start = min(self.settling, _MOST_SETTLING * series.duration)
         kept = slice(round(start * rate), len(series) - round(_END * rate))
         rows = rows[:, kept]
         if rows.shape[1] < rate:
-            raise TooShortError(f"of {series.duration:.3g} s less than 1 s is left to be judged; give a longer record")
+            raise TooShortError(f"less than 1 s of {series.duration:.3g} s is left to be judged; give a longer record")
         rows = rows - rows.mean(axis=1, keepdims=True)
         channels = {n: (u, row) for n, u, row in zip(series.names, series.units, rows, strict=True)}
         return TimeSeries.from_channels(series.time[kept], channels)
 
 
 def with_total(series: TimeSeries) -> TimeSeries:
-    """Return a series with the sum of its four tire forces, where it has them."""
+    """Return a series with the sum of its four tire forces added; unchanged if it does not have all four."""
     forces = [series[name] for name in series.names if quantity(name) == "tire_force"]
     return series.with_channel(TOTAL, "N", np.sum(forces, axis=0)) if len(forces) == 4 else series
 
 
 def compare(measured: TimeSeries, predicted: TimeSeries) -> tuple[Comparison, ...]:
-    """Return the outputs that both have and that are alive in the measurement.
+    """Return the comparisons of all outputs that are in both series and not constant in the measurement.
 
     Args:
-        measured: As `Judging.inside` gives it.
-        predicted: As well.
+        measured: Measured outputs, processed by `Judging.inside`.
+        predicted: Predicted outputs, processed by `Judging.inside`.
     """
     names = [name for name in predicted.names if name in measured and measured[name].std() > 0.0]
     moving = _moving(measured, names)
@@ -127,7 +128,7 @@ def compare(measured: TimeSeries, predicted: TimeSeries) -> tuple[Comparison, ..
 
 
 def _moving(measured: TimeSeries, names: Iterable[str]) -> set[str]:
-    """Return the outputs that are not quiet beside others of their quantity."""
+    """Return the outputs that move enough, compared with the largest of their quantity."""
     sizes = {name: float(measured[name].std()) for name in names}
     largest: dict[str, float] = {}
     for name, size in sizes.items():

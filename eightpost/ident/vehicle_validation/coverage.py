@@ -1,4 +1,4 @@
-"""Whether a record stays within what the tests of a fit covered, in amplitude and in frequency."""
+"""Check that a record stays within the amplitudes and frequencies that the tests of a fit covered."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[str, tuple[float, float]]
 
-#: A channel may go this much beyond the tests; an output may have this part of its RMS above the fit's band.
+#: Largest ratio of a channel's peak to that of the tests; largest fraction of an output's RMS above the fit's band.
 _BEYOND, _ABOVE = 1.1, 0.1
 
-#: Band of the records that fits are made of [Hz]: peaks are compared in it.
+#: Band of the records that fits are made from [Hz]; peaks are compared in it.
 _BAND = 50.0
 
-#: Shocks that stay under this part of the tests' velocities hardly move: friction holds them.
+#: Shocks below this fraction of the tests' velocities barely move: friction holds them.
 _GENTLE = 0.05
 
 
 def beyond(series: TimeSeries, ranges: Ranges) -> tuple[str, ...]:
-    """Return where a record leaves what the tests covered, a sentence for amplitudes and one for frequencies.
+    """Return up to two sentences on where a record leaves the amplitudes and the frequencies of the tests.
 
     Args:
         series: The record, without means.
-        ranges: As a fit keeps them: smallest and largest value by channel, and of `frequency` [Hz].
+        ranges: Ranges that a fit stores: smallest and largest value by channel, and of `frequency` [Hz].
     """
     return (*_amplitudes(series, ranges), *_frequencies(series, ranges))
 
 
 def is_gentle(series: TimeSeries, ranges: Ranges) -> bool:
-    """Say whether no shock gets beyond 5 % of the velocities that the tests covered; not known is no."""
+    """Return whether all shocks stay below 5 % of the velocities of the tests; False if that is not known."""
     names = [name for name in ranges if quantity(name) == "velocity" and name in series]
     return bool(names) and all(_peak(series, name) < _GENTLE * _covered(ranges, name) for name in names)
 
@@ -47,7 +47,7 @@ def _amplitudes(series: TimeSeries, ranges: Ranges) -> Iterator[str]:
     times = {name: _peak(series, name) / _covered(ranges, name) for name in names}
     over = sorted((name for name in names if times[name] > _BEYOND), key=lambda name: -times[name])
     if over:
-        yield f"amplitudes beyond the tests of the fit: {', '.join(f'{name} {times[name]:.2g} times' for name in over)}"
+        yield f"amplitudes beyond the fit's tests: {', '.join(f'{name} {times[name]:.2g} times' for name in over)}"
 
 
 def _frequencies(series: TimeSeries, ranges: Ranges) -> Iterator[str]:
@@ -58,7 +58,7 @@ def _frequencies(series: TimeSeries, ranges: Ranges) -> Iterator[str]:
     over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
     if over:
         listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
-        yield f"RMS above {high:.3g} Hz, where the model was not fitted and nothing is judged: {listed}"
+        yield f"RMS above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
 
 
 def _peak(series: TimeSeries, name: str) -> float:

@@ -1,4 +1,4 @@
-"""The verdict on a vehicle that was held against records: what is over a limit, and what is doubtful."""
+"""Verdict on a vehicle that was compared with records: exceeded limits and doubtful results."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 ABOUT = "validation of the vehicle"
 
-#: Share of an error's power that is linear in the prediction from which the model lacks a linear part, and the error
-#: [1] from which that matters.
+#: Fraction of an error's power that is linear in the prediction above which the model lacks a linear part, and the
+#: error above which that is reported [1].
 _LINEAR, _MATTERS = 0.5, 0.1
 
-#: Records of trends from which a wrong order is more than one swap.
+#: Number of records from which a wrong order is more than one swap.
 _RANKED = 4
 
-#: What a fit may flag and its model has not, in words.
+#: Display names of the nonlinear effects that a fit may flag and its model lacks.
 _FLAGS = {
-    "springs": "springs that are not straight",
+    "springs": "nonlinear springs",
     "lift-off": "tires that leave the ground",
     "misfit": "a misfit beyond noise",
 }
@@ -32,12 +32,12 @@ _FLAGS = {
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """From where on a vehicle is not usable.
+    """Limits beyond which a vehicle is not usable.
 
     Attributes:
-        level: Error of the RMS of an output that setups are judged by, on random records [1].
-        error: RMS of the difference over that of the measured output, on random, sine and bump records [1].
-        rank: Lowest rank correlation of RMS over four random records or more [1].
+        level: Largest relative error of the RMS of a judged output on random records [1].
+        error: Largest RMS of measured minus predicted, over the measured RMS, on random, sine and bump records [1].
+        rank: Lowest rank correlation of RMS over four or more random records [1].
     """
 
     level: float = 0.05
@@ -47,99 +47,99 @@ class Limits:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not (self.level > 0.0 and self.error > 0.0 and -1.0 <= self.rank <= 1.0):
-            raise ParameterError(f"{self}: level and error must be above 0, rank between -1 and 1")
+            raise ParameterError(f"{self}: level and error must be above 0, and rank must be between -1 and 1")
 
-    def said(self) -> str:
+    def summary(self) -> str:
         """Return the limits as a sentence."""
         return (
-            f"Usable: RMS within {100 * self.level:g} % on random records, errors within {100 * self.error:g} % of "
-            f"the measured RMS, rank correlation over {_RANKED} records or more at least {self.rank:g}."
+            f"Limits: RMS within {100 * self.level:g} % on random records, errors within {100 * self.error:g} % of "
+            f"the measured RMS, rank correlation over {_RANKED} or more records at least {self.rank:g}."
         )
 
 
 UNSTABLE = Rule(
     "validated vehicle not stable", ABOUT, Grade.NOT_USABLE,
-    condition="the fit says that the car does not settle with each damper that was tried",
-    why="a run with such shocks goes to infinity, or near it",
+    condition="according to the fit, the car does not settle with every damper that was tried",
+    why="a run with such shocks diverges, or nearly does",
     remedy="identify with more tests of other shocks",
 )  # fmt: skip
 WRONG_LEVEL = Rule(
     "level of an output wrong", ABOUT, Grade.NOT_USABLE,
     condition="on a random record, the RMS of a judged output is off by more than --level (5 %)",
     why="setups differ by a few percent in these outputs",
-    remedy="look at the output's response in the report; identify again with more tests",
+    remedy="check the output's response in the report; identify again with more tests",
 )  # fmt: skip
 LARGE_ERROR = Rule(
     "large error of an output", ABOUT, Grade.NOT_USABLE,
     condition="the error of a judged output is above --limit (25 % of the measured RMS)",
-    why="above, phase or gain are off by so much that measures of several outputs together mean little",
-    remedy="look at the output's response in the report; identify again with more tests",
+    why="above the limit, phase or gain is so wrong that measures that combine several outputs mean little",
+    remedy="check the output's response in the report; identify again with more tests",
 )  # fmt: skip
 WRONG_RANK = Rule(
     "setups ranked otherwise than by the rig", ABOUT, Grade.NOT_USABLE,
-    condition=f"over {_RANKED} random records or more, the rank correlation of an output's RMS is below 0.9",
-    why="the order of setups is what a study is for",
+    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9",
+    why="a study exists to find the order of setups",
     remedy="do not choose setups by this output; identify again with more tests",
 )  # fmt: skip
 NOT_VALIDATED = Rule(
     "vehicle not validated", ABOUT, Grade.NOT_USABLE,
     condition="all records are the fit's own, static or too gentle",
-    why="errors there say nothing of other records, and the command was asked to validate",
-    remedy="give a record that the car was not identified from",
+    why="errors on such records do not show how well the car predicts other records",
+    remedy="give a held-out record: one that the car was not identified from",
 )  # fmt: skip
 PREDICTS = Rule(
     "the vehicle predicts its records", ABOUT, Grade.USABLE,
-    condition="nothing is over a limit on records that the car was not fitted to",
+    condition="no limit is exceeded on held-out records",
     why="the limits above",
     remedy="nothing",
 )  # fmt: skip
 OWN_RECORD = Rule(
     "the fit's own records among them", ABOUT, Grade.LIMITED,
     condition="a record is one that the car was fitted to",
-    why="errors there validate nothing",
-    remedy="leave these records out",
+    why="errors on these records do not validate the car",
+    remedy="omit these records",
 )  # fmt: skip
 GENTLE = Rule(
     "shocks hardly move", ABOUT, Grade.LIMITED,
-    condition="no shock gets beyond 5 % of the velocities of the fit's tests",
-    why="friction holds the car: such a record is shown and not judged",
+    condition="all shocks stay below 5 % of the velocities of the fit's tests",
+    why="friction holds the car; such a record is shown, but no criterion applies to it",
     remedy="validate on records with larger motions",
 )  # fmt: skip
 LIFTED = Rule(
     "tires leave the road", ABOUT, Grade.LIMITED,
     condition="a tire is at 1 % of its mean load or less",
-    why="no linear car does that",
+    why="a linear car cannot model that",
     remedy="do not use the car for drives in which tires lift off",
 )  # fmt: skip
 LINEAR_ERROR = Rule(
     "error linear in the prediction", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * _LINEAR:g} % of an error above {100 * _MATTERS:g} % is linear in the prediction",
-    why="gain or phase of the model is off, which a linear model could have right",
+    why="the model's gain or phase is wrong, which a better linear model would correct",
     remedy="identify again with more tests, or with another recipe",
 )  # fmt: skip
 BEYOND = Rule(
     "records beyond the fit's tests", ABOUT, Grade.LIMITED,
-    condition="a record leaves the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
+    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
     "above the fit's band",
-    why="what is judged there is an extrapolation",
+    why="the model extrapolates there",
     remedy="identify from tests with the amplitudes of these records",
 )  # fmt: skip
 DOUBT = Rule(
     "doubt of a record", ABOUT, Grade.LIMITED,
-    condition="anything else that a record makes doubtful",
-    why="it may be harmless; the reason says what it is",
-    remedy="look at the record",
+    condition="any other doubtful property of a record",
+    why="it may be harmless; the reason names it",
+    remedy="check the record",
 )  # fmt: skip
 FLAGGED = Rule(
     "flag of the fit", ABOUT, Grade.LIMITED,
-    condition="the fit found in the car what its model has not",
-    why="the model is right near the tests' amplitudes only",
-    remedy="see what the fit says of itself, in the report",
+    condition="the fit found an effect in the car that its model lacks",
+    why="the model is valid near the tests' amplitudes only",
+    remedy="read the fit's self-assessment in the report",
 )  # fmt: skip
 NO_LEVELS = Rule(
     "levels not validated", ABOUT, Grade.LIMITED,
     condition="there is no random or track record",
-    why="levels of setups are of such drives",
+    why="a study compares setups by their levels on such drives",
     remedy="validate on a random or track record",
 )  # fmt: skip
 
@@ -147,7 +147,7 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 
 
 def validation_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
-    """Return the verdict on a vehicle that was held against records."""
+    """Return the verdict on a vehicle that was compared with records."""
     limits = limits or Limits()
     reasons = [*_faults(study, limits), *_doubts(study)]
     if study.independent and not any(reason.grade is Grade.NOT_USABLE for reason in reasons):
@@ -158,19 +158,20 @@ def validation_verdict(study: VehicleValidation, limits: Limits | None = None) -
 
 def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
     if not study.fit.stable:
-        yield UNSTABLE.reason("the car does not settle", figure="with 1 damper or more", origin=study.fit.vehicle.name)
+        figure = "with 1 or more dampers"
+        yield UNSTABLE.reason("the car does not settle", figure=figure, origin=study.fit.vehicle.name)
     if not study.independent:
-        said = "no record validates the car: all are the fit's own, static or too gentle"
+        statement = "no record validates the car: all are the fit's own, static or too gentle"
         names = listed(case.record.name for case in study.cases)
-        yield NOT_VALIDATED.reason(said, figure=f"0 of {len(study.cases)} records are judged", origin=names)
+        yield NOT_VALIDATED.reason(statement, figure=f"0 of {len(study.cases)} records are judged", origin=names)
         return
     yield from _levels(study, limits)
     yield from _errors(study, limits)
     wrong = [t for t in study.trends if len(t.measured) >= _RANKED and not t.is_flat and t.rank < limits.rank]
     if wrong:
         figure = f"rank correlation {min(t.rank for t in wrong):.2f}; limit {limits.rank:g}"
-        said = "the car ranks setups otherwise than the rig"
-        yield WRONG_RANK.reason(said, figure=figure, origin=listed(trend.name for trend in wrong))
+        statement = "the car ranks setups differently from the rig"
+        yield WRONG_RANK.reason(statement, figure=figure, origin=listed(trend.name for trend in wrong))
 
 
 def _levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
@@ -192,22 +193,26 @@ def _errors(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
 
 
 def _doubts(study: VehicleValidation) -> Iterator[Reason]:
-    """Yield what else a person must know."""
+    """Yield the reasons that limit the use of the car."""
     cases = study.cases
     groups = (
         (
             OWN_RECORD,
-            "the car was fitted to a record: errors there validate nothing",
+            "the car was fitted to a record, so errors on it do not validate the car",
             [c for c in cases if c.is_fit_record],
         ),
-        (GENTLE, "the shocks hardly move: friction holds them", [c for c in cases if c.is_gentle]),
+        (GENTLE, "the shocks barely move: friction holds them", [c for c in cases if c.is_gentle]),
         (LIFTED, "tires leave the road", [c for c in cases if c.lifted]),
-        (BEYOND, "a record leaves the amplitudes or frequencies of the fit's tests", [c for c in cases if c.beyond]),
+        (
+            BEYOND,
+            "a record exceeds the amplitudes or frequencies of the fit's tests",
+            [c for c in cases if c.extrapolations],
+        ),
     )
-    for rule, said, found in groups:
+    for rule, statement, found in groups:
         if found:
             figure = f"{len(found)} of {len(cases)} records"
-            yield rule.reason(said, figure=figure, origin=listed(case.record.name for case in found))
+            yield rule.reason(statement, figure=figure, origin=listed(case.record.name for case in found))
     yield from _linear(study)
     for case in cases:
         for note in case.notes:
@@ -221,7 +226,7 @@ def _doubts(study: VehicleValidation) -> Iterator[Reason]:
 
 
 def _linear(study: VehicleValidation) -> Iterator[Reason]:
-    """Say where the errors are of a kind that a linear model could have had right."""
+    """Yield a reason if errors are linear in the prediction, so that a better linear model would avoid them."""
     found: dict[str, float] = {}
     for case in study.independent:
         for output in case.judged:
@@ -234,16 +239,16 @@ def _linear(study: VehicleValidation) -> Iterator[Reason]:
 
 
 def _best(study: VehicleValidation) -> str:
-    """Return the figures that sum the validation up."""
+    """Return the main figures of a successful validation."""
     random = [o for c, o in _judged(study) if c.record.kind == "random"]
     judged = [o for _, o in _judged(study)]
-    said = [f"RMS within {100 * max(abs(o.level) for o in random):.3g} %"] if random else []
-    said += [f"errors up to {100 * max(o.error for o in judged):.3g} % of the measured RMS"] if judged else []
+    parts = [f"RMS within {100 * max(abs(o.level) for o in random):.3g} %"] if random else []
+    parts += [f"errors up to {100 * max(o.error for o in judged):.3g} % of the measured RMS"] if judged else []
     ranked = [trend.rank for trend in study.trends if not trend.is_flat]
     if ranked:
         count = len(study.trends[0].measured)
-        said.append(f"rank correlation of setups at least {min(ranked):.2f} over {count} records")
-    return f"{len(study.independent)} records that it was not fitted to: {', '.join(said)}"
+        parts.append(f"rank correlation of setups at least {min(ranked):.2f} over {count} records")
+    return f"{len(study.independent)} records that it was not fitted to: {', '.join(parts)}"
 
 
 def _judged(study: VehicleValidation) -> Iterator[tuple[Case, Comparison]]:

@@ -1,4 +1,4 @@
-"""What test a rig record is, told by what drives it (6.1.3)."""
+"""Recognition of the kind of test that a rig record contains, from its drive (6.1.3)."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
 
 Kind = Literal["random", "sine", "bump", "static"]
 
-#: Share of the road's power within `_NEAR` of one frequency from which a record is a sine.
+#: Fraction of the road power within the relative width `_NEAR` of one frequency from which a record is a sine.
 _PURE, _NEAR = 0.9, 0.2
 
-#: Share of the time from which a drive that stands makes a bump or a static test.
+#: Fraction of the time with a constant drive from which a record is a bump or a static test.
 _STANDING = 0.5
 
-#: An input stands while it changes by less than this part of its range in `_LOOK` [s].
+#: An input is constant while it changes by less than this fraction of its range in `_LOOK` [s].
 _STILL, _LOOK = 0.01, 0.05
 
-#: Roads whose standard deviation is below this [m] are at rest: an LVDT's noise.
+#: Standard deviation of a road input below which it is at rest, above the noise of an LVDT [m].
 _AT_REST = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What a record is and why.
+    """Kind of a record, with the reason.
 
     Attributes:
         kind: `random` (track records too), `sine`, `bump` or `static`.
-        reason: What was seen of its drive, for people.
-        frequency: Of a sine [Hz]; None of the others.
+        reason: Property of the drive that decided, as text.
+        frequency: Frequency of a sine [Hz]; None for the other kinds.
     """
 
     kind: Kind
@@ -47,31 +47,31 @@ class Recognition:
 
 
 def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) -> Recognition:
-    """Say what test a record without means is.
+    """Recognise the kind of test of a record without means.
 
-    In this order: static, where no road moves and the loads stand at least half of the time; sine, where 90 % of the
-    roads' power lies within 20 % of one frequency; bump, where the roads stand at least half of the time; random, all
-    else.
+    The kinds are tried in this order: static, if no road moves and the loads are constant at least half of the time;
+    sine, if 90 % of the roads' power lies within 20 % of one frequency; bump, if the roads are constant at least half
+    of the time; otherwise random.
 
     Args:
         series: The record.
-        roads: Its wheelloaders.
-        loads: Its aeroloaders, or forces and moments on the chassis.
+        roads: Names of its wheelloader channels.
+        loads: Names of its aeroloaders, or of forces and moments on the chassis.
     """
     road = _rows(series, roads)
     if road.std(axis=1).max(initial=0.0) < _AT_REST:
         share = _standing(_rows(series, loads), series.sample_rate)
         if share >= _STANDING:
-            return Recognition("static", f"holds its loads {100.0 * share:.0f} % of the time, roads at rest")
-        return Recognition("random", "roads at rest, loads that move all the time")
+            return Recognition("static", f"loads constant {100.0 * share:.0f} % of the time, roads at rest")
+        return Recognition("random", "roads at rest, loads always moving")
     frequency, share = _one_frequency(road, series.sample_rate)
     if share >= _PURE:
-        reason = f"{100.0 * share:.0f} % of the roads' power lies about {frequency:.3g} Hz"
+        reason = f"{100.0 * share:.0f} % of the roads' power is near {frequency:.3g} Hz"
         return Recognition("sine", reason, frequency)
     share = _standing(road, series.sample_rate)
     if share >= _STANDING:
-        return Recognition("bump", f"roads that stand {100.0 * share:.0f} % of the time and step between")
-    return Recognition("random", "roads that move all the time, at many frequencies")
+        return Recognition("bump", f"roads constant {100.0 * share:.0f} % of the time, with steps between")
+    return Recognition("random", "roads always moving, at many frequencies")
 
 
 def _rows(series: TimeSeries, names: Sequence[str]) -> Array:
@@ -79,7 +79,7 @@ def _rows(series: TimeSeries, names: Sequence[str]) -> Array:
 
 
 def _one_frequency(rows: Array, rate: float) -> tuple[float, float]:
-    """Return the strongest frequency [Hz] and the share of the power about it."""
+    """Return the strongest frequency [Hz] and the fraction of the power near it."""
     power = np.sum(np.abs(np.fft.rfft(rows * np.hanning(rows.shape[1]), axis=1)) ** 2, axis=0)
     lines = np.fft.rfftfreq(rows.shape[1], 1.0 / rate)
     top = int(np.argmax(power[1:])) + 1
@@ -91,7 +91,7 @@ def _one_frequency(rows: Array, rate: float) -> tuple[float, float]:
 
 
 def _standing(rows: Array, rate: float) -> float:
-    """Return the share of the time in which no row changes."""
+    """Return the fraction of the time in which no row changes."""
     look = max(1, round(_LOOK * rate))
     span = np.ptp(rows, axis=1, keepdims=True)
     change = np.abs(rows[:, look:] - rows[:, :-look])

@@ -1,4 +1,4 @@
-"""Modes of an identified vehicle, and which of another car's they are (modal assurance criterion)."""
+"""Modes of an identified vehicle, matched with those of another car by the modal assurance criterion."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class VehicleMode:
-    """A mode, and the mode of another car that is most like it.
+    """A mode and the most similar mode of another car.
 
     Attributes:
-        frequency: [Hz].
-        damping: Ratio [1].
+        frequency: Frequency [Hz].
+        damping: Damping ratio [1].
         match: Frequency [Hz] and damping ratio of the other car's mode; None without another car.
-        mac: Of the two shapes [1]: 1 where they are one.
+        mac: Modal assurance criterion of the two shapes [1]: 1 if they are equal up to a factor.
     """
 
     frequency: float
@@ -36,43 +36,43 @@ class VehicleMode:
 
 
 def modes_of(model: StateSpace, other: StateSpace | None = None) -> tuple[VehicleMode, ...]:
-    """Return the oscillating modes, slowest first; each with the mode of another car whose shape is most like it.
+    """Return the oscillating modes, slowest first, each with the mode of another car that has the most similar shape.
 
         MAC = |a^H b|^2 / (a^H a  b^H b)
 
-    of shapes over the outputs that both have, each scaled by its largest over the model's modes, so that units do
-    not weigh.
+    of shapes over the outputs that both cars have. Each output is scaled by its largest value over the model's modes,
+    so that the result does not depend on units.
 
     Args:
-        model: The vehicle as identified.
-        other: The truth or another fit, around the same damping.
+        model: Identified vehicle.
+        other: True car or another fit, around the same damping.
 
     Raises:
-        ParameterError: The two have no output in common.
+        ParameterError: The two cars have no output in common.
 
     Source: R. J. Allemang, "The modal assurance criterion - twenty years of use and abuse", Sound and Vibration 37
     (2003) 14-21.
     """
     names = model.output_names if other is None else [n for n in model.output_names if n in other.output_names]
     if not names:
-        raise ParameterError(f"{model.name}: it has no output in common with the vehicle it is compared with")
+        raise ParameterError(f"{model.name} has no output in common with the vehicle it is compared with")
     poles, shapes = _shapes(model, names)
     if other is None:
-        return tuple(VehicleMode(*_said(pole)) for pole in poles)
-    theirs, their_shapes = _shapes(other, names)
+        return tuple(VehicleMode(*_frequency_and_damping(pole)) for pole in poles)
+    other_poles, other_shapes = _shapes(other, names)
     scale = np.abs(shapes).max(axis=1, keepdims=True)
     scale[scale == 0.0] = 1.0
-    mac = _assurance(shapes / scale, their_shapes / scale)
-    found = []
+    mac = _assurance(shapes / scale, other_shapes / scale)
+    modes = []
     for pole, row in zip(poles, mac, strict=True):
         k = int(np.argmax(row)) if row.size else -1
-        matched = (_said(theirs[k]), float(row[k])) if row.size else (None, None)
-        found.append(VehicleMode(*_said(pole), *matched))
-    return tuple(found)
+        match = (_frequency_and_damping(other_poles[k]), float(row[k])) if row.size else (None, None)
+        modes.append(VehicleMode(*_frequency_and_damping(pole), *match))
+    return tuple(modes)
 
 
 def _shapes(model: StateSpace, names: list[str] | tuple[str, ...]) -> tuple[Complex, Complex]:
-    """Return the oscillating poles (n,) [1/s] and their shapes at outputs (p, n), each of unit length."""
+    """Return the oscillating poles (n,) [1/s] and their shapes at the outputs (p, n), scaled to unit length."""
     z, V = np.linalg.eig(model.A)
     poles = z if model.dt is None else np.log(z.astype(np.complex128)) / model.dt
     upper = poles.imag > 1e-9 * np.abs(poles).max(initial=0.0)
@@ -89,5 +89,5 @@ def _assurance(a: Complex, b: Complex) -> Array:
     return np.asarray(across / np.outer(np.sum(np.abs(a) ** 2, axis=0), np.sum(np.abs(b) ** 2, axis=0)))
 
 
-def _said(pole: complex) -> tuple[float, float]:
+def _frequency_and_damping(pole: complex) -> tuple[float, float]:
     return float(abs(pole) / (2.0 * np.pi)), float(-pole.real / abs(pole))

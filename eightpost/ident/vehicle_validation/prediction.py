@@ -1,7 +1,8 @@
-"""What an identified vehicle says of a rig record: driven by its roads and loads, with one of two kinds of shocks.
+"""Prediction of a rig record by an identified vehicle that is driven by the record's roads and loads.
 
-Open at the ports, the record's own shock forces and velocities make the force difference; an error of the vehicle is
-then no error of a shock. Closed at the ports, shock laws answer the vehicle's own velocities, as in a setup study.
+With open ports, the force input is computed from the record's own shock forces and velocities, so that shock errors
+do not affect the result. With closed ports, shock laws receive the velocities that the vehicle computes, as in a
+setup study.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Finer steps that are tried where the forces of a step cannot be found: steep laws.
+#: Subdivisions of the step that are tried if a steep law prevents the solution of a step.
 _FINER = (1, 2, 4, 8)
 
 
@@ -46,18 +47,18 @@ def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
 
         dF = F + F_f tanh(v / v_f) - c v
 
-    with force F and velocity v as measured.
+    with the measured force F and the measured velocity v.
 
     Args:
-        vehicle: As identified.
-        record: Without means; inputs of the vehicle that are not in it are zero.
+        vehicle: Identified vehicle.
+        record: Record without means; inputs of the vehicle that are not in it are zero.
     """
     model = vehicle.state_space
-    rubbed = with_friction(record, vehicle.friction)
+    whole = with_friction(record, vehicle.friction)
     u = np.zeros((len(record), len(model.inputs)))
     for j, name in enumerate(model.input_names):
-        if name in rubbed:
-            u[:, j] = rubbed[name]
+        if name in whole:
+            u[:, j] = whole[name]
     for port in ports_of(model):
         rate = vehicle.baseline_damping.get(port, 0.0)
         u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
@@ -68,9 +69,9 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
     """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
 
     Args:
-        vehicle: As identified, with the friction of its ports.
-        record: Without means.
-        laws: Of every port.
+        vehicle: Identified vehicle, with the friction at its ports.
+        record: Record without means.
+        laws: Shock law of every port.
     """
     model, ports = vehicle.state_space, ports_of(vehicle.state_space)
     drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
@@ -84,32 +85,37 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
 
 
 def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
-    """Return the same for any law, at the drive's samples.
+    """Return the vehicle's outputs with arbitrary shock laws, at the drive's samples.
+
+    Args:
+        vehicle: Identified vehicle, with the friction at its ports.
+        drive: Roads and loads without means.
+        laws: Shock law of every port.
 
     Raises:
-        StepError: The laws are too stiff for an eighth of the drive's step too.
+        StepError: The laws are too stiff even for an eighth of the drive's step.
     """
     for finer in _FINER:
         fine = drive if finer == 1 else drive.resample(finer * drive.sample_rate)
         try:
-            found = simulate_with_shocks(vehicle, laws, fine).select(vehicle.state_space.output_names)
+            outputs = simulate_with_shocks(vehicle, laws, fine).select(vehicle.state_space.output_names)
         except StepError:
             if finer == _FINER[-1]:
                 raise
             continue
         channels = {n: (u, np.interp(drive.time, fine.time, row))
-                    for n, u, row in zip(found.names, found.units, found.values, strict=True)}  # fmt: skip
+                    for n, u, row in zip(outputs.names, outputs.units, outputs.values, strict=True)}  # fmt: skip
         return TimeSeries.from_channels(drive.time, channels)
     raise AssertionError("one of the steps was the last")
 
 
 def _is_plain(law: ShockLaw) -> bool:
-    """Say whether a law needs nothing at its port that the compiled loop has not."""
+    """Return whether the compiled loop supports the law's port."""
     return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
 
 
 def _respond(model: StateSpace, u: Array, step: float) -> Array:
-    """Return the outputs (p, N) under inputs (N, m): linear between samples, of a discrete model held."""
+    """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
     if model.dt is None:
         found = discretise_by_parts(model.A, model.B, step)
         A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T

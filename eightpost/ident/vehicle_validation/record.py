@@ -1,4 +1,4 @@
-"""A rig test, ready to hold a vehicle against."""
+"""Rig records that a vehicle is compared with."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace
 
-#: Rate that records are brought to [Hz], about: inputs that are linear over 1.6 ms lose 0.3 % at 20 Hz.
+#: Approximate rate of prepared records [Hz]: inputs that are linear over 1.6 ms lose 0.3 % at 20 Hz.
 RATE = 625.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigRecord:
-    """A rig test, ready to hold a vehicle against.
+    """A prepared rig test that a vehicle is compared with.
 
     Attributes:
-        name: Of its file, or its number.
-        kind: What test it is.
-        reason: What told so.
-        series: At the simulation's rate, without means.
-        means: By channel, SI.
-        conditions: As the file says.
+        name: Name of its file, or its number.
+        kind: Kind of test.
+        reason: Reason for the kind, as text.
+        series: Channels at the simulation's rate, without means.
+        means: Means by channel, SI.
+        conditions: Conditions stated in the file.
         digest: SHA-256 of its file; empty without one.
-        notes: What its preparation found, a sentence each: lags and drifts are told from random records only.
-        frequency: Of a sine [Hz].
+        notes: Notes of the preparation, a sentence each; lags and drifts are reported for random records only.
+        frequency: Frequency of a sine [Hz].
     """
 
     name: str
@@ -48,17 +48,18 @@ class RigRecord:
 
 
 def record_of(test: RigTest, model: StateSpace, *, kind: Kind | None = None, name: str = "record") -> RigRecord:
-    """Return a rig test as a vehicle is held against it.
+    """Return a rig test prepared for a comparison with a vehicle.
 
     Args:
-        test: As read.
-        model: Whose inputs drive it.
-        kind: What test it is; None tells it by what drives it.
-        name: Where it has no file.
+        test: Rig test.
+        model: Vehicle that the record's channels will drive.
+        kind: Kind of test; None recognises it from the drive.
+        name: Name of the record if it has no file.
 
     Raises:
-        MissingChannelError: A road, a shock's force or its velocity is not in it.
-        TooShortError: Next to nothing is left of it.
+        MissingChannelError: A road, a shock force or a shock velocity is missing.
+        ParameterError: The kind is sine, but the record has no dominant frequency.
+        TooShortError: The record is too short.
     """
     called = test.source.name if test.source else name
     rate = test.series.sample_rate
@@ -70,9 +71,9 @@ def record_of(test: RigTest, model: StateSpace, *, kind: Kind | None = None, nam
     loads = [n for n in model.input_names if n not in roads and n.rpartition(".")[2] != "force" and n in series]
     found = recognise(series, roads, loads)
     if kind == "sine" and found.frequency is None:
-        raise ParameterError(f"{called}: it is said to be a sine, but {found.reason}; leave --kind away")
+        raise ParameterError(f"{called}: --kind says that it is a sine, but {found.reason}; omit --kind")
     if kind is not None and kind != found.kind:
-        found = Recognition(kind, "was said to be one", found.frequency)
+        found = Recognition(kind, "kind given by the user", found.frequency)
     return RigRecord(
         called,
         found.kind,
@@ -91,7 +92,7 @@ def _check_channels(series: TimeSeries, model: StateSpace, test: RigTest, called
     ports = [n.removesuffix("force") for n in needed if n.rpartition(".")[2] == "force"]
     for name in (*needed, *(f"{port}velocity" for port in ports)):
         if name not in series:
-            what = f"{called} has no such channel, which the vehicle {model.name!r} is driven by; is it of another car?"
+            what = f"{called} lacks a channel that the vehicle {model.name!r} needs; is it a record of another car?"
             raise MissingChannelError(what, path=test.source, channel=name)
 
 
@@ -99,4 +100,4 @@ def _missing_loads(series: TimeSeries, model: StateSpace, called: str) -> tuple[
     lost = [name for name in model.input_names if name not in series]
     if not lost:
         return ()
-    return (f"{called}: {', '.join(lost)} is an input of the vehicle and not in the record; taken as constant",)
+    return (f"{called}: {', '.join(lost)} is an input of the vehicle but not in the record; assumed constant",)

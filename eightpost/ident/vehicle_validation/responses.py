@@ -1,4 +1,4 @@
-"""The model's responses beside the estimate that it was fitted to, with its coherence and confidence."""
+"""Responses of the model and of the estimate that it was fitted to, with coherence and confidence interval."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _WIDE = 1.96 / np.sqrt(2.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """A response of an output to an input.
+    """Response of an output to an input.
 
     Attributes:
-        output: Its name.
-        input: Its name.
-        unit: Of the response.
-        frequency: (K,) [Hz].
-        estimate: (K,), where the input had power.
-        model: (K,).
-        band: Lower and upper end of the estimate's magnitude at 95 % (2, K); None where it has no variance.
-        coherence: Multiple, of the output (K,) [1]; None where it is not known.
+        output: Name of the output.
+        input: Name of the input.
+        unit: Unit of the response.
+        frequency: Frequencies at which the input had power (K,) [Hz].
+        estimate: Estimated response (K,).
+        model: Response of the model (K,).
+        band: 95 % confidence interval of the estimate's magnitude (2, K); None if the estimate has no variance.
+        coherence: Multiple coherence of the output (K,) [1]; None if it is not known.
     """
 
     output: str
@@ -48,12 +48,12 @@ class Path:
 
     @property
     def misfit(self) -> float:
-        """RMS of model less estimate over RMS of the estimate [1]."""
+        """RMS of model minus estimate, over the RMS of the estimate [1]."""
         return float(np.sqrt(np.sum(np.abs(self.model - self.estimate) ** 2) / np.sum(np.abs(self.estimate) ** 2)))
 
     @property
     def inside(self) -> float | None:
-        """Share of the frequencies at which the model's magnitude lies in the band [1]; None without one."""
+        """Fraction of frequencies at which the model's magnitude is inside the band [1]; None without a band."""
         if self.band is None:
             return None
         size = np.abs(self.model)
@@ -61,12 +61,12 @@ class Path:
 
 
 def main_paths(response: FrequencyResponse, model: StateSpace, band: tuple[float, float]) -> tuple[Path, ...]:
-    """Return, for every output that setups are judged by, its strongest response to a road and to a shock force.
+    """Return the strongest response of every judged quantity's outputs to a road and to a shock force.
 
     Args:
-        response: What the model was fitted to.
-        model: As identified, around the same damping.
-        band: Of the fit [Hz].
+        response: Estimate that the model was fitted to.
+        model: Identified model, around the same damping.
+        band: Frequency range of the fit [Hz].
     """
     low, high = max(band[0], float(response.frequency[0])), min(band[1], float(response.frequency[-1]))
     estimate = response.band(low, high)

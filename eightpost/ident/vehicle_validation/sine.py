@@ -1,4 +1,4 @@
-"""Sine records: gain and phase of the prediction, and what of the measurement is no sine (Figs 6.29, 6.30)."""
+"""Sine records: gain and phase of the prediction, and the share that is not sinusoidal (Figs 6.29, 6.30)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class SineOutput:
     """One output of a sine record.
 
     Attributes:
-        name: Of the output.
-        unit: SI.
-        amplitude: Of the fundamental, measured and predicted.
-        phase: By how much the prediction leads [rad].
-        harmonics: RMS of what is not the fundamental over the measured RMS [1]: 6.5.2's harmonics of tire force.
+        name: Name of the output.
+        unit: SI unit.
+        amplitude: Amplitude of the fundamental, measured and predicted.
+        phase: Phase lead of the prediction [rad].
+        harmonics: RMS of the measurement without its fundamental, over the measured RMS [1]; see 6.5.2.
     """
 
     name: str
@@ -39,23 +39,23 @@ class SineOutput:
         return self.amplitude[1] / self.amplitude[0]
 
 
-def sine_output(found: Comparison, frequency: float, rate: float) -> SineOutput:
-    """Return how an output of a sine record is predicted.
+def sine_output(output: Comparison, frequency: float, rate: float) -> SineOutput:
+    """Return gain, phase and harmonics of an output of a sine record.
 
     Args:
-        found: The output.
-        frequency: Of the sine [Hz].
-        rate: Samples per second [Hz].
+        output: Measured and predicted output.
+        frequency: Sine frequency [Hz].
+        rate: Sample rate [Hz].
     """
-    turns = 2.0 * np.pi * frequency * np.arange(found.measured.size) / rate
+    turns = 2.0 * np.pi * frequency * np.arange(output.measured.size) / rate
     basis = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    fitted = np.linalg.lstsq(basis, np.stack([found.measured, found.predicted], axis=1), rcond=None)[0]
+    fitted = np.linalg.lstsq(basis, np.stack([output.measured, output.predicted], axis=1), rcond=None)[0]
     measured, predicted = (complex(a, -b) for a, b in fitted.T)
-    left = found.measured - basis @ fitted[:, 0]
+    rest = output.measured - basis @ fitted[:, 0]
     return SineOutput(
-        found.name,
-        found.unit,
+        output.name,
+        output.unit,
         (abs(measured), abs(predicted)),
         float(np.angle(predicted / measured)) if predicted else 0.0,
-        float(left.std() / found.rms[0]),
+        float(rest.std() / output.rms[0]),
     )

@@ -1,4 +1,4 @@
-"""Static records: levels of loads held, measured beside predicted (6.1.3, Fig 6.32)."""
+"""Static records: measured and predicted outputs while loads are constant (6.1.3, Fig 6.32)."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: What has a level.
+#: Quantities that have a static level.
 _STATIC = ("displacement", "tire_force", "ride_height")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticOutput:
-    """One output over the holds of a static record.
+    """One output over the holds of a static record: times of constant load.
 
     Attributes:
-        name: Of the output.
-        unit: SI.
-        load: Of each hold, all loads summed (H,) [N or N.m], about its mean.
-        measured: Of each hold (H,), about its mean.
-        predicted: Of each hold (H,), about its mean.
+        name: Name of the output.
+        unit: SI unit.
+        load: Sum of all loads during each hold, minus the mean over holds (H,) [N or N.m].
+        measured: Measured output during each hold, minus the mean over holds (H,).
+        predicted: Predicted output during each hold, minus the mean over holds (H,).
     """
 
     name: str
@@ -51,12 +51,12 @@ class StaticOutput:
 
 
 def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[str]) -> tuple[StaticOutput, ...]:
-    """Return the outputs at the holds; none where the loads are never held.
+    """Return the outputs during the holds; empty if the loads are never constant.
 
     Args:
         measured: The record.
-        predicted: The vehicle's outputs, at the same times.
-        loads: What is held.
+        predicted: Outputs of the vehicle at the same times.
+        loads: Names of the loads.
     """
     there = [name for name in loads if name in measured]
     if not there:
@@ -65,7 +65,7 @@ def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[
     held = holds(rows, measured.sample_rate)
     if len(held) < 2:
         return ()
-    signs = np.sign(rows @ rows[0])  # pitch and roll pull where others push
+    signs = np.sign(rows @ rows[0])  # in pitch and roll some loads pull while others push
     names = [name for name in predicted.names if name in measured and quantity(name) in _STATIC]
     load = _levels(signs @ rows, held)
     return tuple(

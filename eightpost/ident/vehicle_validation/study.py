@@ -1,4 +1,4 @@
-"""An identified vehicle held against rig records that it was not fitted to (6.5)."""
+"""Comparison of an identified vehicle with rig records that it was not fitted to (6.5)."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace, Vehicle
 
-#: A tire at this part of its mean load or less has lifted.
+#: Fraction of its mean load at or below which a tire has lifted.
 _LIFTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A vehicle on a record.
+    """Prediction of one record by the vehicle, compared with the measurement.
 
     Attributes:
-        record: What it was to predict.
-        shocks: What was at the ports, in words: the measured forces, or laws.
-        time: Of the part that is judged (N,) [s]; of static records the whole.
-        outputs: All outputs that were measured; none of static records.
-        without_friction: The same with the friction of the ports left out; None where there is none.
-        sines: Of sine records.
-        holds: Of static records.
-        spectra: Of random records, by output that setups are judged by.
-        beyond: Where the record leaves what the fit's tests covered, a sentence each.
-        notes: What else a person must know of it.
-        is_fit_record: Whether the vehicle was fitted to this very record, so that it validates nothing.
-        is_gentle: Whether the shocks hardly move beside the fit's tests: friction holds them, errors are not judged.
-        lifted: Tires that leave the road.
+        record: Record that was predicted.
+        shocks: Source of the port forces, as text: measured forces or shock laws.
+        time: Times of the judged part (N,) [s]; of static records the whole.
+        outputs: All measured outputs; empty for static records.
+        without_friction: Outputs predicted without the friction at the ports; None if the vehicle has no friction.
+        sines: Results of a sine record.
+        holds: Results of a static record.
+        spectra: Error spectra of a random record, by judged output.
+        extrapolations: Sentences on where the record leaves the range of the fit's tests.
+        notes: Other notes on the record.
+        is_fit_record: Whether the vehicle was fitted to this record, so that it does not validate the vehicle.
+        is_gentle: Whether the shocks barely move compared with the fit's tests: friction holds them, and no criterion
+            applies.
+        lifted: Names of the tires that leave the road.
     """
 
     record: RigRecord
@@ -61,7 +62,7 @@ class Case:
     sines: tuple[SineOutput, ...] = ()
     holds: tuple[StaticOutput, ...] = ()
     spectra: Mapping[str, ErrorSpectrum] = field(default_factory=dict)
-    beyond: tuple[str, ...] = ()
+    extrapolations: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     is_fit_record: bool = False
     is_gentle: bool = False
@@ -69,23 +70,23 @@ class Case:
 
     @property
     def judged(self) -> tuple[Comparison, ...]:
-        """The outputs that setups are judged by."""
+        """Outputs that the criteria apply to."""
         return tuple(found for found in self.outputs if found.is_judged)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleValidation:
-    """A vehicle on records.
+    """Predictions of all records by a vehicle, compared with the measurements.
 
     Attributes:
-        fit: The vehicle, what it was fitted to and what was said of it.
-        band: Of the fit [Hz]: what is judged ends at its upper end.
-        cases: In the order of the records.
-        trends: Over the random records that it was not fitted to.
-        paths: The model's main responses beside the fit's estimate.
-        modes: Around the baseline damping.
-        compared_with: The name of the car whose modes stand beside; empty without one.
-        judging: What part of the records was judged.
+        fit: Vehicle, with the data that it was fitted to and its self-assessment.
+        band: Frequency range of the fit [Hz]; outputs are compared up to its upper end.
+        cases: Predictions of the records, in the order of the records.
+        trends: Trends over the held-out random records.
+        paths: Main responses of the model and of the fit's estimate.
+        modes: Modes around the baseline damping.
+        compared_with: Name of the car whose modes are shown for comparison; empty without one.
+        judging: Band and time span that the criteria apply to.
     """
 
     fit: VehicleFit
@@ -103,7 +104,7 @@ class VehicleValidation:
 
     @property
     def independent(self) -> tuple[Case, ...]:
-        """The cases that are judged: records the vehicle was not fitted to, static and too gentle ones left out."""
+        """Cases that the criteria apply to: held-out records that are neither static nor too gentle."""
         return tuple(case for case in self.cases if case.outputs and not (case.is_fit_record or case.is_gentle))
 
 
@@ -115,18 +116,18 @@ def validate_vehicle(
     against: Vehicle | None = None,
     settling: float = 4.0,
 ) -> VehicleValidation:
-    """Hold an identified vehicle against rig records.
+    """Compare an identified vehicle with rig records.
 
     Args:
-        fit: The vehicle.
-        records: Of any kinds, as `record_of` makes them.
-        shocks: Laws by corner, or by the word with which a record's conditions name a corner's shock. A record with a
+        fit: Identified vehicle.
+        records: Records of any kinds, made by `record_of`.
+        shocks: Laws by corner, or by the name that a record's conditions give a corner's shock. A record with a
             law for every port is predicted with its ports closed, any other with its measured shock forces.
-        against: The truth or another fit, whose modes stand beside.
-        settling: Left out at the start of every record [s], at most a quarter of it.
+        against: True car or another fit, whose modes are shown for comparison.
+        settling: Time omitted at the start of every record [s], at most a quarter of it.
 
     Raises:
-        ParameterError: There is no record, or a shock is of no corner and no record.
+        ParameterError: No record was given, or a shock has the name of no corner and of no shock of a record.
         TooShortError: A record is too short.
     """
     if not records:
@@ -151,14 +152,14 @@ def validate_vehicle(
 
 @dataclass(frozen=True, slots=True)
 class _Judge:
-    """A vehicle and how it is judged."""
+    """Vehicle, shock laws and the part of records that is compared."""
 
     fit: VehicleFit
     judging: Judging
     shocks: Mapping[str, ShockLaw]
 
     def case(self, record: RigRecord) -> Case:
-        """Predict one record and compare."""
+        """Predict one record and compare it with the measurement."""
         vehicle, laws = self.fit.vehicle, self._laws(record)
         predicted = _predict(vehicle, record.series, laws)
         found = Case(
@@ -180,7 +181,7 @@ class _Judge:
             without_friction=self._without_friction(record, laws, measured),
             sines=self._sines(record, outputs),
             spectra=self._spectra(record, outputs),
-            beyond=tuple(f"{record.name}: {said}" for said in beyond(record.series, self.fit.ranges)),
+            extrapolations=tuple(f"{record.name}: {text}" for text in beyond(record.series, self.fit.ranges)),
             is_gentle=is_gentle(record.series, self.fit.ranges),
         )
 
@@ -193,14 +194,14 @@ class _Judge:
         return [name for name in names if name.rpartition(".")[2] not in ("road", "force")]
 
     def _laws(self, record: RigRecord) -> dict[str, ShockLaw] | None:
-        """Return the law of every port, by corner or by what the record calls it; None where one lacks."""
-        found = {}
-        for port, word in zip(self._ports, _words(record, len(self._ports)), strict=True):
-            law = self.shocks.get(port) or self.shocks.get(word)
+        """Return the law of every port, by corner or by the record's name of the shock; None if one is missing."""
+        laws = {}
+        for port, name in zip(self._ports, _shock_names(record, len(self._ports)), strict=True):
+            law = self.shocks.get(port) or self.shocks.get(name)
             if law is None:
                 return None
-            found[port] = law
-        return found
+            laws[port] = law
+        return laws
 
     @property
     def _ports(self) -> tuple[str, ...]:
@@ -209,9 +210,9 @@ class _Judge:
     def _unknown(self, record: RigRecord, laws: object) -> tuple[str, ...]:
         if not self.shocks or laws:
             return ()
-        words = ", ".join(dict.fromkeys(word for word in _words(record, len(self._ports)) if word))
-        called = f"it names {words}" if words else "it names none"
-        return (f"{record.name}: not every port has a law ({called}), so its measured shock forces were taken",)
+        names = ", ".join(dict.fromkeys(name for name in _shock_names(record, len(self._ports)) if name))
+        shocks = f"the record's shocks are {names}" if names else "the record does not name its shocks"
+        return (f"{record.name}: not every port has a law ({shocks}), so its measured shock forces were used",)
 
     def _without_friction(
         self, record: RigRecord, laws: Mapping[str, ShockLaw] | None, measured: TimeSeries
@@ -239,10 +240,10 @@ def _predict(vehicle: IdentifiedVehicle, series: TimeSeries, laws: Mapping[str, 
     return open_at_ports(vehicle, series) if laws is None else closed_at_ports(vehicle, series, laws)
 
 
-def _words(record: RigRecord, ports: int) -> tuple[str, ...]:
-    """Return how a record calls the shock of each port; empty words where it does not say."""
-    words = record.conditions.shocks
-    return words if len(words) == ports else ("",) * ports
+def _shock_names(record: RigRecord, ports: int) -> tuple[str, ...]:
+    """Return a record's name of the shock at each port; empty if it does not name them."""
+    names = record.conditions.shocks
+    return names if len(names) == ports else ("",) * ports
 
 
 def _check_shocks(laws: Mapping[str, ShockLaw], ports: Sequence[str], records: Sequence[RigRecord]) -> None:
@@ -250,7 +251,7 @@ def _check_shocks(laws: Mapping[str, ShockLaw], ports: Sequence[str], records: S
     for name in laws:
         if name not in known:
             listed = ", ".join(sorted(word for word in known if word)) or "the whole car"
-            raise ParameterError(f"the shock {name!r} is of no corner and named by no record; there are {listed}")
+            raise ParameterError(f"no corner and no record's shock is named {name!r}; the names are {listed}")
 
 
 def _around(other: Vehicle, vehicle: IdentifiedVehicle) -> StateSpace:
@@ -261,7 +262,7 @@ def _around(other: Vehicle, vehicle: IdentifiedVehicle) -> StateSpace:
 
 
 def _lifted(record: RigRecord) -> tuple[str, ...]:
-    """Return the tires that leave the road; records whose tire forces are changes from rest cannot say it."""
+    """Return the tires that leave the road; empty if the tire forces are changes from rest."""
     forces = [name for name in record.series.names if name.rpartition(".")[2] == "tire_force"]
     return tuple(
         name

@@ -1,4 +1,4 @@
-"""The figures of a vehicle's validation as tables, for the command line and the report alike."""
+"""Tables of a vehicle's validation, for the command line and the report."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def overview(study: VehicleValidation) -> ResultTable:
-    """Return a row for each record: how it was predicted, and its worst output."""
+    """Return a row for each record with its worst outputs."""
     heads = (
-        ("record", ""), ("number", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("of", ""),
-        ("worst error, %", ""), ("of", ""), ("beyond the fit", ""),
+        ("record", ""), ("number", ""), ("kind", ""), ("shocks", ""), ("worst RMS, %", ""), ("output", ""),
+        ("worst error, %", ""), ("output", ""), ("beyond the fit", ""),
     )  # fmt: skip
     rows = tuple(
         (
@@ -29,7 +29,7 @@ def overview(study: VehicleValidation) -> ResultTable:
             case.shocks,
             *_worst(case.judged, "level"),
             *_worst(case.judged, "error"),
-            "yes" if case.beyond else "no",
+            "yes" if case.extrapolations else "no",
         )
         for number, case in enumerate(study.cases, start=1)
     )
@@ -37,12 +37,12 @@ def overview(study: VehicleValidation) -> ResultTable:
 
 
 def _remark(case: Case) -> str:
-    remarks = [text for text, holds in (("of the fit", case.is_fit_record), ("gentle", case.is_gentle)) if holds]
+    remarks = [text for text, holds in (("used by the fit", case.is_fit_record), ("gentle", case.is_gentle)) if holds]
     return f" ({', '.join(remarks)})" if remarks else ""
 
 
-def _worst(found: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
-    worst = max(found, key=lambda one: abs(getattr(one, figure)), default=None)
+def _worst(outputs: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
+    worst = max(outputs, key=lambda one: abs(getattr(one, figure)), default=None)
     return (NONE, NONE) if worst is None else (_percent(getattr(worst, figure)), worst.name)
 
 
@@ -95,7 +95,7 @@ def static_table(study: VehicleValidation) -> ResultTable:
         ("output", ""),
         ("per load, SI", ""),
         ("predicted", ""),
-        ("predicted, % off", ""),
+        ("error of predicted, %", ""),
     )
     rows: list[tuple[Cell, ...]] = []
     for case in study.of_kind("static"):
@@ -110,7 +110,7 @@ def trend_table(study: VehicleValidation) -> ResultTable:
     """Return trends and correlation over the random records (Figs 6.27, 6.28)."""
     heads = (
         ("output", ""), ("records", ""), ("spread measured, %", ""), ("rank correlation", ""), ("correlation", ""),
-        ("level, %", ""), ("left without it, %", ""),
+        ("level, %", ""), ("error without the common level, %", ""),
     )  # fmt: skip
     rows = tuple(
         (
@@ -120,7 +120,7 @@ def trend_table(study: VehicleValidation) -> ResultTable:
             "flat" if trend.is_flat else f"{trend.rank:.3f}",
             "flat" if trend.is_flat else f"{trend.correlation:.4f}",
             _percent(trend.bias),
-            _percent(trend.left),
+            _percent(trend.remaining_error),
         )
         for trend in study.trends
     )
@@ -128,25 +128,25 @@ def trend_table(study: VehicleValidation) -> ResultTable:
 
 
 def path_table(study: VehicleValidation) -> ResultTable:
-    """Return how far the model is from the estimate it was fitted to."""
+    """Return the differences between the model's main responses and the estimate that it was fitted to."""
     heads = (
         ("output", ""), ("input", ""), ("misfit, %", ""), ("in the 95 % band, %", ""), ("lowest coherence", ""),
-        ("median", ""),
+        ("median coherence", ""),
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for path in study.paths:
         inside = NONE if path.inside is None else _percent(path.inside)
-        least, middle = (
+        lowest, median = (
             (NONE, NONE)
             if path.coherence is None
             else (f"{path.coherence.min():.3f}", f"{float(np.median(path.coherence)):.4f}")
         )
-        rows.append((path.output, path.input, _percent(path.misfit), inside, least, middle))
+        rows.append((path.output, path.input, _percent(path.misfit), inside, lowest, median))
     return ResultTable("Main responses", heads, tuple(rows))
 
 
 def mode_table(study: VehicleValidation) -> ResultTable:
-    """Return the modes around the baseline damping, beside another car's where one was given."""
+    """Return the modes around the baseline damping, with those of another car if one was given."""
     heads = [("frequency, Hz", ""), ("damping, %", "")]
     if study.compared_with:
         heads += [(f"{study.compared_with}: frequency, Hz", ""), ("damping, %", ""), ("MAC", "")]
@@ -161,9 +161,9 @@ def mode_table(study: VehicleValidation) -> ResultTable:
 
 
 def friction_table(study: VehicleValidation) -> ResultTable:
-    """Return how the mean errors of the judged outputs change where the friction of the ports is left out."""
+    """Return the mean errors of the judged outputs with and without the friction at the ports."""
     heads = (
-        ("record", ""), ("error with, %", ""), ("without, %", ""), ("RMS off with, %", ""), ("without, %", ""),
+        ("record", ""), ("error with, %", ""), ("without, %", ""), ("RMS error with, %", ""), ("without, %", ""),
     )  # fmt: skip
     rows = []
     for case in study.cases:

@@ -1,4 +1,4 @@
-"""Trends over records: does the vehicle rank setups as the rig does (Figs 6.27, 6.28)."""
+"""Trends of RMS over records, which show whether the vehicle ranks setups as the rig does (Figs 6.27, 6.28)."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewest records that make a trend.
+#: Minimum number of records for a trend.
 FEWEST = 3
 
-#: A measure that differs by less than this part between records has no trend to be predicted.
+#: Relative spread below which a measure has no trend.
 _FLAT = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
-    """The RMS of one output over records.
+    """RMS of one output over records.
 
     Attributes:
-        name: Of the output.
-        unit: SI.
-        measured: RMS of each record (R,).
-        predicted: RMS of each record (R,).
+        name: Name of the output.
+        unit: SI unit.
+        measured: Measured RMS of each record (R,).
+        predicted: Predicted RMS of each record (R,).
     """
 
     name: str
@@ -44,51 +44,51 @@ class Trend:
 
     @property
     def spread(self) -> float:
-        """Largest less smallest measured RMS over their mean [1]."""
+        """Largest minus smallest measured RMS, over their mean [1]."""
         return float(np.ptp(self.measured) / self.measured.mean())
 
     @property
     def is_flat(self) -> bool:
-        """Whether the records hardly differ, so that their order is chance."""
+        """Whether the records barely differ, so that their order is a matter of chance."""
         return self.spread < _FLAT
 
     @property
     def correlation(self) -> float:
-        """Pearson's, of predicted and measured [1]."""
+        """Pearson correlation of predicted and measured RMS [1]."""
         return _correlation(self.measured, self.predicted)
 
     @property
     def rank(self) -> float:
-        """Spearman's rank correlation [1]."""
+        """Spearman rank correlation of predicted and measured RMS [1]."""
         return _correlation(rankdata(self.measured), rankdata(self.predicted))
 
     @property
     def bias(self) -> float:
-        """Mean of predicted over measured less one [1]: a level that is wrong though the trend may be right."""
+        """Mean of predicted over measured RMS, minus one [1]; the trend may be right even if this level is wrong."""
         return float(np.mean(self.predicted / self.measured) - 1.0)
 
     @property
-    def left(self) -> float:
-        """Largest error of a ratio of RMS to their mean over records [1]: what the wrong level does not explain."""
+    def remaining_error(self) -> float:
+        """Largest error of RMS relative to its mean over records [1]; the common level error is removed."""
         return float(np.abs(self.predicted / self.predicted.mean() - self.measured / self.measured.mean()).max())
 
 
 def trends_of(records: Sequence[Sequence[Comparison]]) -> tuple[Trend, ...]:
-    """Return the trends of all outputs that setups are judged by; none of fewer than three records.
+    """Return the trends of all judged outputs; empty for fewer than three records.
 
     Args:
-        records: The comparisons of each record.
+        records: Comparisons of each record.
     """
     if len(records) < FEWEST:
         return ()
-    by_name = [{found.name: found for found in outputs} for outputs in records]
-    names = [n for n, found in by_name[0].items() if found.is_judged and all(n in other for other in by_name)]
+    by_name = [{output.name: output for output in outputs} for outputs in records]
+    names = [n for n, output in by_name[0].items() if output.is_judged and all(n in other for other in by_name)]
     return tuple(_trend([outputs[name] for outputs in by_name]) for name in sorted(names, key=quantity))
 
 
-def _trend(found: Sequence[Comparison]) -> Trend:
-    measured, predicted = np.array([one.rms for one in found]).T
-    return Trend(found[0].name, found[0].unit, measured, predicted)
+def _trend(outputs: Sequence[Comparison]) -> Trend:
+    measured, predicted = np.array([one.rms for one in outputs]).T
+    return Trend(outputs[0].name, outputs[0].unit, measured, predicted)
 
 
 def _correlation(first: Array, second: Array) -> float:

@@ -1,4 +1,4 @@
-"""Cars that are known exactly, as fits of them, and records of the virtual rig, which integrates by itself."""
+"""Fits of cars that are known exactly, and records of the virtual rig, which has its own integrator."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ INCH = 0.0254
 
 QUARTER = ("velocity", "displacement", "tire_force", "ride_height", "hub_acceleration")
 FREQUENCY = np.arange(0.1, 20.01, 0.1)
-#: What random tests of the quarter car cover.
+#: Ranges that random tests of the quarter car cover.
 RANGES = {"frequency": (0.1, 20.0), "velocity": (-1.5, 1.5), "tire_force": (-15e3, 15e3), "force": (-5e3, 5e3)}
 
 Recorder = Callable[..., RigTest]
 
 
 def truth_fit(name: str, *, friction: float = 0.0, ranges: dict[str, tuple[float, float]] | None = None) -> VehicleFit:
-    """The exact car of the dissertation around the baseline damper, as a fit would give it."""
+    """Return the exact car of the dissertation around the baseline damper, as a fit."""
     whole = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     ports = [n.removesuffix("force").rstrip(".") for n in whole.input_names if n in ("force",) or n.endswith(".force")]
     damping = dict.fromkeys(ports, BASELINE)
@@ -56,7 +56,7 @@ def truth_fit(name: str, *, friction: float = 0.0, ranges: dict[str, tuple[float
 
 
 def fit_of(vehicle: IdentifiedVehicle, *, ranges: dict[str, tuple[float, float]] | None = None) -> VehicleFit:
-    """A fit whose estimate is the model's own response with 1 % of noise that its variance says."""
+    """Return a fit whose estimate is the model's own response with 1 % of noise, and the variance of that noise."""
     exact = response_of(vehicle.state_space, FREQUENCY)
     generator = np.random.default_rng(3)
     deviation = 0.01 * np.sqrt(np.mean(np.abs(exact.H) ** 2, axis=2, keepdims=True))
@@ -70,7 +70,7 @@ def fit_of(vehicle: IdentifiedVehicle, *, ranges: dict[str, tuple[float, float]]
 
 
 def softer(fit: VehicleFit, factor: float = 0.6) -> VehicleFit:
-    """The same car answering all too slowly: its time runs at `factor`."""
+    """Return the same car with its time scaled by `factor`, so that it responds too slowly."""
     model = fit.vehicle.state_space
     slow = StateSpace(
         factor * model.A, factor * model.B, model.C, model.D, model.inputs, model.outputs, None, model.name
@@ -81,7 +81,7 @@ def softer(fit: VehicleFit, factor: float = 0.6) -> VehicleFit:
 def quarter_test(
     damping: float | Shock = BASELINE, *, kind: str = "random", seed: int = 1, friction: float = 0.0, **drive: float
 ) -> RigTest:
-    """A record of the quarter-car rig, 1 % of noise."""
+    """Return a record of the quarter-car rig with 1 % of noise."""
     one = np.ones((1, 1))
     rub = Friction(friction * one, 1.1 * friction * one, convert(4000.0, "lbf/in", "N/m") * max(friction, 1e-9) * one)
     car = replace(quarter_truth(), friction=rub)
@@ -103,39 +103,39 @@ def quarter_test(
 
 
 def seven_test(shocks: Sequence[Shock]) -> RigTest:
-    """A record of the seven-DOF car on the virtual rig, without noise."""
+    """Return a record of the seven-DOF car on the virtual rig, without noise."""
     car = seven_dof_truth()
     drive = random_drive(car, 5, duration=8.0)
     return run_test(car, drive, tuple(shocks), seed=1, sensors=RigSensors.perfect(), drift=NO_DRIFT)
 
 
 def records_of(fit: VehicleFit, *tests: RigTest) -> list[RigRecord]:
-    """The tests, ready, named by their number."""
+    """Return the prepared tests, named by their number."""
     return [record_of(test, fit.vehicle.state_space, name=f"r{k}") for k, test in enumerate(tests, start=1)]
 
 
 @pytest.fixture(scope="session")
 def corner() -> VehicleFit:
-    """The exact quarter car."""
+    """Fit of the exact quarter car."""
     return truth_fit("quarter_car")
 
 
 @pytest.fixture(scope="session")
 def setups() -> list[RigTest]:
-    """Four dampers on one drive."""
+    """Records of four dampers with one drive."""
     return [quarter_test(damping, seed=k) for k, damping in enumerate((SOFT, BASELINE, 1.2 * BASELINE, HARD))]
 
 
 @pytest.fixture(scope="session")
 def others() -> list[RigTest]:
-    """Two sines of Table 6.2, and a bump."""
+    """Records of two sines of Table 6.2 and of a bump."""
     sines = [quarter_test(kind="sine", frequency=f, amplitude=a * INCH) for f, a in ((6.0, 0.3), (10.0, 0.1))]
     return [*sines, quarter_test(kind="bump")]
 
 
 @pytest.fixture(scope="session")
 def rig_files(setups: list[RigTest], others: list[RigTest], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All of them as files."""
+    """Folder with all these records as files."""
     folder = tmp_path_factory.mktemp("rig")
     for name, test in zip(("soft", "base", "firm", "hard", "sine6", "sine10", "bump"), [*setups, *others], strict=True):
         test.write(folder / f"{name}.parquet")

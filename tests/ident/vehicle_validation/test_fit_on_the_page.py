@@ -1,4 +1,4 @@
-"""What a fit says of itself stands on the page and in the verdict."""
+"""Tests that the self-assessment of a fit is on the page and in the verdict."""
 
 from __future__ import annotations
 
@@ -41,16 +41,17 @@ def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
     assert not port_table(corner).rows
 
 
-def test_a_flag_of_the_fit_is_a_reason_to_look_and_stands_on_the_page(
+def test_a_flag_of_the_fit_limits_the_verdict_and_is_on_the_page(
     corner: VehicleFit, setups: list[RigTest], tmp_path: Path
 ) -> None:
     plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
     fit = replace(corner, trust=TRUST)
     study = validate_vehicle(fit, records_of(fit, *setups[:1]))
     assert not any("flags" in reason.statement for reason in validation_verdict(plain).reasons)
-    found = validation_verdict(study)
-    assert any("springs that are not straight" in reason.statement for reason in found.reasons)
-    assert found.grade is Grade.LIMITED
+    verdict = validation_verdict(study)
+    assert any("nonlinear springs" in reason.statement for reason in verdict.reasons)
+    assert verdict.grade is Grade.LIMITED
     page = write_vehicle_report(tmp_path / "car.html", study).read_text(encoding="utf-8")
-    for said in ("The fit of itself", "Springs are not straight.", "Stabilisation diagram", "4 states are taken"):
-        assert said in page
+    texts = ("Self-assessment of the fit", "Springs are not straight.", "Stabilisation diagram", "4 states were chosen")
+    for text in texts:
+        assert text in page

@@ -1,4 +1,4 @@
-"""Pictures of a fit: all that they say is in them, and nothing of the output that was drawn before."""
+"""Tests of the plots of a fit: all data are in them, and nothing of an output that was plotted before."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def differ(one: Image.Image, other: Image.Image) -> bool:
     return one.size != other.size or ImageChops.difference(one, other).getbbox() is not None
 
 
-def test_a_picture_is_the_same_alone_and_after_others(fit: VehicleFit, tmp_path: Path) -> None:
+def test_a_plot_does_not_depend_on_the_plots_before_it(fit: VehicleFit, tmp_path: Path) -> None:
     together = drawn(fit, tmp_path / "together", *OUTPUTS)
     alone = [drawn(fit, tmp_path / name, name)[0] for name in OUTPUTS]
     assert [differ(*pair) for pair in zip(together, alone, strict=True)] == [False] * 3
@@ -39,7 +39,7 @@ def test_a_picture_is_the_same_alone_and_after_others(fit: VehicleFit, tmp_path:
 
 
 @pytest.mark.parametrize("kind", ["coherence", "partial_coherence", "H"])
-def test_estimate_and_coherences_are_in_the_picture(fit: VehicleFit, tmp_path: Path, kind: str) -> None:
+def test_estimate_and_coherences_are_in_the_plot(fit: VehicleFit, tmp_path: Path, kind: str) -> None:
     estimate = fit.response
     shape = {"coherence": estimate.H.shape[::2], "partial_coherence": estimate.H.shape, "H": estimate.H.shape}[kind]
     high, low = (replace(fit, response=replace(estimate, **{kind: np.full(shape, level)})) for level in (0.9, 0.4))

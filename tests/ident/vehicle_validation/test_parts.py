@@ -1,4 +1,4 @@
-"""Parts with answers that are known in closed form."""
+"""Tests of parts of the validation whose results are known in closed form."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def _comparison(measured: np.ndarray, predicted: np.ndarray) -> Comparison:
 def test_gain_phase_and_harmonics_of_a_sine_are_found() -> None:
     turns = 2.0 * np.pi * 3.0 * TIME
     measured = np.sin(turns) + 0.1 * np.sin(3.0 * turns)
-    found = sine_output(_comparison(measured, 1.2 * np.sin(turns + 0.2)), 3.0, RATE)
-    assert found.gain == pytest.approx(1.2, rel=1e-6)
-    assert found.phase == pytest.approx(0.2, rel=1e-6)
-    assert found.harmonics == pytest.approx(0.1 / np.sqrt(1.01), rel=1e-3)
+    output = sine_output(_comparison(measured, 1.2 * np.sin(turns + 0.2)), 3.0, RATE)
+    assert output.gain == pytest.approx(1.2, rel=1e-6)
+    assert output.phase == pytest.approx(0.2, rel=1e-6)
+    assert output.harmonics == pytest.approx(0.1 / np.sqrt(1.01), rel=1e-3)
 
 
-def test_an_error_that_is_a_gain_is_linear_and_noise_is_not() -> None:
+def test_a_gain_error_is_linear_in_the_prediction_and_noise_is_not() -> None:
     generator = np.random.default_rng(1)
     predicted, noise = generator.standard_normal((2, TIME.size))
     gain = error_spectrum(_comparison(1.1 * predicted, predicted), RATE, 100.0)
@@ -51,7 +51,7 @@ def test_a_record_too_short_for_spectra_has_none() -> None:
     assert error_spectrum(_comparison(short, 0.9 * short), RATE, 20.0) is None
 
 
-def test_levels_that_are_held_give_the_static_rate() -> None:
+def test_constant_loads_give_the_static_rate() -> None:
     load = 100.0 * np.floor(TIME / 5.0)
     measured = TimeSeries.from_channels(TIME, {"aero_force": ("N", load), "ride_height": ("m", -2e-5 * load)})
     predicted = TimeSeries.from_channels(TIME, {"ride_height": ("m", -3e-5 * load)})
@@ -60,7 +60,7 @@ def test_levels_that_are_held_give_the_static_rate() -> None:
     assert found.slopes == pytest.approx((-2e-5, -3e-5), rel=1e-9)
 
 
-def test_loads_that_are_never_held_have_no_levels() -> None:
+def test_loads_that_are_never_constant_have_no_levels() -> None:
     moving = np.sin(2.0 * np.pi * TIME)
     measured = TimeSeries.from_channels(TIME, {"aero_force": ("N", moving), "ride_height": ("m", moving)})
     assert static_outputs(measured, measured.select(["ride_height"]), ["aero_force"]) == ()
@@ -76,11 +76,11 @@ def test_loads_that_are_never_held_have_no_levels() -> None:
         (0.01 * np.random.default_rng(2).standard_normal(TIME.size), 0.0 * TIME, "random"),
     ],
 )
-def test_a_record_is_what_drives_it(road: np.ndarray, load: np.ndarray, kind: str) -> None:
+def test_a_record_is_recognised_by_its_drive(road: np.ndarray, load: np.ndarray, kind: str) -> None:
     assert recognise(_series(road=road - road.mean(), load=load), ["road"], ["load"]).kind == kind
 
 
-def test_shapes_that_differ_in_one_sign_have_another_assurance() -> None:
+def test_shapes_that_differ_in_one_sign_have_a_lower_mac() -> None:
     def car(second: float) -> StateSpace:
         A = np.array([[0.0, 1.0], [-(20.0**2), -2.0]])
         C = np.array([[1.0, 0.0], [second, 0.0]])
@@ -101,14 +101,14 @@ def test_a_flat_trend_is_not_ranked() -> None:
     assert flat.rank == pytest.approx(-1.0)
 
 
-def test_what_is_judged_ends_at_the_fits_band() -> None:
+def test_outputs_are_compared_up_to_the_end_of_the_fits_band() -> None:
     low, high = np.sin(2.0 * np.pi * 2.0 * TIME), np.sin(2.0 * np.pi * 60.0 * TIME)
     inside = Judging(20.0, settling=4.0).inside(_series(x=low + high))
     assert inside.time[0] == pytest.approx(4.0)
     assert inside["x"].std() == pytest.approx(np.sqrt(0.5), rel=1e-3)
 
 
-def test_a_record_of_which_nothing_is_left_is_refused() -> None:
+def test_a_record_that_is_too_short_to_be_judged_is_rejected() -> None:
     short = TimeSeries.from_channels(TIME[:300], {"x": ("m", np.sin(TIME[:300]))})
-    with pytest.raises(TooShortError, match="less than 1 s is left"):
+    with pytest.raises(TooShortError, match="less than 1 s of"):
         Judging(20.0).inside(short)

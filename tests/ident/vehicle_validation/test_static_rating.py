@@ -1,4 +1,4 @@
-"""The static rating against a car whose stiffness is known."""
+"""Tests of the static rating on a car whose stiffness is known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LOADS = ("lf.aero", "rf.aero", "lr.aero", "rr.aero")
 
 @pytest.fixture(scope="module")
 def straight() -> Car:
-    """The stand-in without friction, on straight springs: then its stiffness matrix is exact."""
+    """The stand-in without friction and with linear springs, so that its stiffness matrix is exact."""
     car = stand_in_truth().without_friction()
     zero = np.zeros_like(car.springs.progression)
     return replace(car, springs=replace(car.springs, progression=zero, stop_gap=zero + np.inf))
@@ -26,7 +26,7 @@ def straight() -> Car:
 
 @pytest.fixture(scope="module")
 def records(straight: Car) -> list[TimeSeries]:
-    """Heave, pitch, roll, warp, so gentle that no tire lifts."""
+    """Records of heave, pitch, roll and warp, so small that no tire lifts."""
     return [_held(straight, kind) for kind in ("heave", "pitch", "roll", "warp")]
 
 
@@ -37,13 +37,13 @@ def _held(car: Car, kind: str) -> TimeSeries:
 
 
 def _stiffness(car: Car) -> np.ndarray:
-    """The spring matrix between the aeroloaders, from the car's own elements by virtual work."""
+    """Return the stiffness matrix at the aeroloaders, from the car's elements by virtual work."""
     springs, tires = car.springs.rate[:, 0], car.tires.stiffness[:, 0]
     whole = car.stiffness + car.spring.T @ np.diag(springs) @ car.spring + car.wheel.T @ np.diag(tires) @ car.wheel
     return np.linalg.inv(car.load @ np.linalg.solve(whole, car.load.T))
 
 
-def test_the_spring_matrix_is_that_of_the_cars_elements(straight: Car, records: list[TimeSeries]) -> None:
+def test_the_stiffness_matrix_follows_from_the_cars_elements(straight: Car, records: list[TimeSeries]) -> None:
     found = rate_statically(records, LOADS)
     assert found.stiffness is not None
     assert found.unexplained is not None
@@ -52,7 +52,7 @@ def test_the_spring_matrix_is_that_of_the_cars_elements(straight: Car, records: 
     assert found.unexplained.max() < 0.01
 
 
-def test_the_matrix_of_the_modes_is_that_of_the_aeroloaders_transformed(
+def test_the_modal_matrix_is_the_transformed_matrix_of_the_aeroloaders(
     straight: Car, records: list[TimeSeries]
 ) -> None:
     found = rate_statically(records, LOADS)
@@ -70,8 +70,8 @@ def test_tires_carry_the_car_at_zero_load(straight: Car, records: list[TimeSerie
     assert abs(found.zero["front.ride_height"]) < 1e-4
 
 
-def test_some_ways_of_loading_give_levels_and_no_matrix(straight: Car, records: list[TimeSeries]) -> None:
-    # A load cell that is off by 10 N is no way of loading: the level does not hang on it.
+def test_too_few_load_cases_give_levels_but_no_matrix(straight: Car, records: list[TimeSeries]) -> None:
+    # A load cell with an offset of 10 N is not a load case; the level does not depend on it.
     record = records[0].with_channel("lr.aero", "N", records[0]["lr.aero"] + 10.0)
     other = records[2].with_channel("rf.aero", "N", records[2]["rf.aero"] - 10.0)
     found = rate_statically([record, other], LOADS)
@@ -79,7 +79,7 @@ def test_some_ways_of_loading_give_levels_and_no_matrix(straight: Car, records: 
     assert found.zero["lf.tire_force"] == pytest.approx(float(straight.tires.static_load[0, 0]), rel=2e-3)
 
 
-def test_levels_at_which_a_tire_carries_nothing_are_left_out(straight: Car, records: list[TimeSeries]) -> None:
+def test_levels_at_which_a_tire_has_no_load_are_omitted(straight: Car, records: list[TimeSeries]) -> None:
     lifting = run_test(
         straight,
         static_drive(straight, "rf.aero", most=-12e3, levels=4, hold=3.0),
@@ -92,7 +92,7 @@ def test_levels_at_which_a_tire_carries_nothing_are_left_out(straight: Car, reco
     assert found.zero["rf.tire_force"] == pytest.approx(float(straight.tires.static_load[1, 0]), rel=2e-3)
 
 
-def test_records_that_hold_nothing_are_refused(records: list[TimeSeries]) -> None:
+def test_records_without_constant_loads_are_rejected(records: list[TimeSeries]) -> None:
     time = np.arange(1000) / 125.0
     moving = TimeSeries.from_channels(time, {"lf.aero": ("N", 1e3 * np.sin(6.0 * time)), "lf.tire_force": ("N", time)})
     with pytest.raises(InputError, match="0 levels"):

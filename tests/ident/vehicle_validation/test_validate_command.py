@@ -1,4 +1,4 @@
-"""`eightpost validate` on a vehicle: by what the file is, with its exit codes, and its page."""
+"""Tests of `eightpost validate` on a vehicle: recognition of the file, exit codes and page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Run = Callable[..., Result]
 def folder(
     corner: VehicleFit, rig_files: Path, shocks: dict[str, Shock], tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
-    """Vehicles and a shock beside the records."""
+    """Folder with vehicles and a shock."""
     place = tmp_path_factory.mktemp("cars")
     write_fit(place / "corner.json", corner)
     write_fit(place / "slow.json", softer(corner))
@@ -50,20 +50,20 @@ def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 
 @pytest.fixture(scope="module")
 def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
-    """Everything at once, with a page."""
+    """Result of a validation on all records, and its page."""
     page = folder / "out" / "page.html"
     words = ["validate", str(folder / "corner.json"), str(rig_files), "--against", str(shipped("quarter_car"))]
     return CliRunner().invoke(main, [*words, "--report", str(page)], env={"COLUMNS": "180"}), page
 
 
-def test_a_good_car_exits_0_and_says_so_with_its_figures(done: tuple[Result, Path]) -> None:
+def test_a_good_car_exits_0_with_a_summary(done: tuple[Result, Path]) -> None:
     result, _ = done
     assert result.exit_code == 0, result.output
-    for said in ("Each record and its worst outputs", "Trends of RMS", "MAC", "7 records that it was not fitted to"):
-        assert said in result.output, said
+    for text in ("Each record and its worst outputs", "Trends of RMS", "MAC", "7 records that it was not fitted to"):
+        assert text in result.output, text
 
 
-def test_the_page_says_the_verdict_first_and_loads_nothing(done: tuple[Result, Path]) -> None:
+def test_the_page_begins_with_the_verdict_and_is_self_contained(done: tuple[Result, Path]) -> None:
     text = done[1].read_text(encoding="utf-8")
     assert text.index('id="verdict"') < text.index("<nav>") < text.index('id="records"')
     assert not re.findall(r'(?:src|href)="(?!#)', text)
@@ -78,12 +78,12 @@ def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     assert "the RMS of an output is wrong" in result.output
 
 
-def test_limits_are_the_users(run: Run) -> None:
+def test_the_user_can_set_the_limits(run: Run) -> None:
     assert run("slow.json", "--level", "500", "--limit", "500").exit_code == 0
     assert run("corner.json", "--limit", "0.01").exit_code == 1
 
 
-def test_a_record_of_the_fit_is_known_by_its_digest(run: Run) -> None:
+def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
     result = run("own.json")
     assert re.search(r"the car was fitted to a record.*\(soft[.)]", result.output)
     assert run("own.json", records=("soft",)).exit_code == 1
@@ -95,27 +95,27 @@ def test_a_record_of_the_fit_is_known_by_its_digest(run: Run) -> None:
         (("--cutoff", "40"), "it says nothing to a vehicle"),
         (("--configuration", "1"), "it says nothing to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
-        (("--shock", "rear=shock.json"), "of no corner and named by no record"),
+        (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),
         (("--kind", "other.csv=sine"), "none of the records"),
         (("--report", "page.pdf"), "a report ends in .html"),
         (("shock.json",), "is a vehicle: validate it alone"),
     ],
 )
-def test_what_cannot_be_used_exits_2(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_unusable_arguments_exit_2(run: Run, words: tuple[str, ...], said: str) -> None:
     result = run("corner.json", *words)
     assert result.exit_code == 2, result.output
     assert said in " ".join(re.sub(r"[│╭╰╮╯─]", " ", result.output + (result.stderr or "")).split())
 
 
-def test_options_of_vehicles_are_refused_for_shocks(run: Run) -> None:
+def test_options_of_vehicles_are_rejected_for_shocks(run: Run) -> None:
     result = run("shock.json", "--level", "3")
     assert result.exit_code == 2
     assert "it says nothing to a shock" in result.output
 
 
 @pytest.mark.slow
-def test_the_page_draws_every_figure_in_either_unit_system(browser: Any, done: tuple[Result, Path]) -> None:
+def test_the_page_draws_every_figure_in_both_unit_systems(browser: Any, done: tuple[Result, Path]) -> None:
     browser.call("Page.navigate", url=done[1].as_uri())
     browser.until("document.body && document.body.dataset.drawn === 'all'")
     assert browser.evaluate("document.getElementById('trouble').hidden")

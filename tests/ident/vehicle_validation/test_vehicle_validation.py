@@ -1,4 +1,4 @@
-"""A vehicle on records: known cars are recognised as good or bad, for the right reason."""
+"""Tests of the validation of vehicles: good and bad cars are recognised, for the right reason."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ def test_every_record_is_recognised_by_what_drives_it(good) -> None:  # type: ig
     assert [case.record.frequency for case in good.of_kind("sine")] == pytest.approx([6.0, 10.0], rel=0.01)
 
 
-def test_the_exact_car_predicts_the_rig_to_its_noise(good) -> None:  # type: ignore[no-untyped-def]
+def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ignore[no-untyped-def]
     for case in good.of_kind("random"):
-        for found in case.judged:
-            # 1 % of white noise at 1250 Hz leaves 0.2 % in 20 Hz; the measured force carries as much.
-            assert abs(found.level) < 0.003, (case.record.name, found.name)
-            assert found.error < 0.01, (case.record.name, found.name)
+        for output in case.judged:
+            # White noise of 1 % at 1250 Hz has 0.2 % below 20 Hz; the measured force has the same noise.
+            assert abs(output.level) < 0.003, (case.record.name, output.name)
+            assert output.error < 0.01, (case.record.name, output.name)
 
 
-def test_the_exact_car_can_be_trusted(good) -> None:  # type: ignore[no-untyped-def]
-    found = validation_verdict(good)
-    assert found.is_acceptable, found.reasons
-    (predicts,) = [reason for reason in found.reasons if reason.grade is Grade.USABLE]
-    assert {reason.rule for reason in found.decisive} == {"records beyond the fit's tests"}
+def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
+    verdict = validation_verdict(good)
+    assert verdict.is_acceptable, verdict.reasons
+    (predicts,) = [reason for reason in verdict.reasons if reason.grade is Grade.USABLE]
+    assert {reason.rule for reason in verdict.decisive} == {"records beyond the fit's tests"}
     assert "7 records" in predicts.figure
     assert "rank correlation of setups at least 1.00 over 4 records" in predicts.figure
 
@@ -62,20 +62,20 @@ def test_gain_and_phase_of_sines_are_those_of_the_rig(good) -> None:  # type: ig
             assert abs(found.phase) < np.radians(0.5)
 
 
-def test_modes_stand_beside_those_of_the_truth(good) -> None:  # type: ignore[no-untyped-def]
+def test_modes_match_those_of_the_true_car(good) -> None:  # type: ignore[no-untyped-def]
     printed = ((3.041, 0.0610), (18.438, 0.4219))  # Table 4.2, "ideal"
     for mode, (frequency, damping) in zip(good.modes, printed, strict=True):
         assert mode.match == pytest.approx((frequency, damping), rel=1e-3)
         assert mode.mac == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_band_of_the_estimate_holds_the_true_response_as_often_as_it_says(good) -> None:  # type: ignore[no-untyped-def]
+def test_the_95_percent_band_contains_the_true_response_95_percent_of_the_time(good) -> None:  # type: ignore[no-untyped-def]
     shares = [path.inside for path in good.paths]
     assert len(shares) == 6  # three outputs, from road and force
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
 
 
-def test_a_car_that_answers_too_slowly_is_not_to_be_trusted(corner: VehicleFit, setups: list[RigTest]) -> None:
+def test_a_car_that_responds_too_slowly_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
     wrong = softer(corner)
     study = validate_vehicle(wrong, records_of(wrong, *setups))
     found = validation_verdict(study)
@@ -84,7 +84,7 @@ def test_a_car_that_answers_too_slowly_is_not_to_be_trusted(corner: VehicleFit, 
     assert "limit 5 %" in found.reasons[0].figure
 
 
-def test_a_gain_that_is_off_alike_spoils_levels_and_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
+def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
     model = corner.vehicle.state_space
     row = model.output_names.index("tire_force")
     C, D = model.C.copy(), model.D.copy()
@@ -95,13 +95,13 @@ def test_a_gain_that_is_off_alike_spoils_levels_and_not_trends(corner: VehicleFi
     trend = next(one for one in study.trends if one.name == "tire_force")
     assert trend.bias == pytest.approx(0.1, abs=0.003)
     assert trend.rank == 1.0
-    assert trend.left < 0.003
+    assert trend.remaining_error < 0.003
     assert study.cases[0].spectra["tire_force"].linear > 0.9
     assert validation_verdict(study, Limits(level=0.12)).is_acceptable
     assert not validation_verdict(study).is_acceptable
 
 
-def test_friction_at_the_port_explains_what_the_linear_car_does_not() -> None:
+def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:
     fit = truth_fit("quarter_car", friction=COULOMB)
     (case,) = validate_vehicle(fit, records_of(fit, quarter_test(friction=COULOMB, seed=4))).cases
     assert case.without_friction is not None
@@ -110,7 +110,7 @@ def test_friction_at_the_port_explains_what_the_linear_car_does_not() -> None:
         assert one.error < 0.25 * smooth[one.name].error, one.name
 
 
-def test_shock_laws_close_the_ports_as_the_virtual_rig_does(shocks: dict[str, Shock]) -> None:
+def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> None:
     fit = truth_fit("seven_dof", ranges={})
     law = shocks["lpf1"].law
     test = seven_test((law,) * 4)
@@ -122,7 +122,7 @@ def test_shock_laws_close_the_ports_as_the_virtual_rig_does(shocks: dict[str, Sh
         assert one.error < 0.02, one.name
 
 
-def test_a_law_that_the_compiled_loop_does_not_know_is_followed_port_by_port_alike(
+def test_the_general_loop_agrees_with_the_compiled_loop(
     corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
 ) -> None:
     (record,) = records_of(corner, setups[0])
@@ -134,27 +134,29 @@ def test_a_law_that_the_compiled_loop_does_not_know_is_followed_port_by_port_ali
         assert difference.std() < 0.01 * plain[name].std(), name
 
 
-def test_shocks_go_to_the_records_that_name_them(
+def test_shocks_are_assigned_to_the_records_that_name_them(
     corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
 ) -> None:
     study = validate_vehicle(corner, records_of(corner, *setups[:2]), shocks={"soft": shocks["lpf1"].law})
     assert [case.shocks for case in study.cases] == ["shock laws, ports closed", "measured shock forces"]
-    assert "not every port has a law (it names other)" in study.cases[1].notes[0]
+    assert "not every port has a law (the record's shocks are other)" in study.cases[1].notes[0]
 
 
-def test_a_shock_of_no_corner_and_no_record_is_refused(
+def test_a_shock_with_an_unknown_name_is_rejected(
     corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
 ) -> None:
-    with pytest.raises(ParameterError, match="'rear' is of no corner and named by no record; there are other, soft"):
+    with pytest.raises(
+        ParameterError, match="no corner and no record's shock is named 'rear'; the names are other, soft"
+    ):
         validate_vehicle(corner, records_of(corner, *setups[:2]), shocks={"rear": shocks["lpf1"].law})
 
 
-def test_a_record_of_another_car_is_refused(corner: VehicleFit, setups: list[RigTest]) -> None:
-    with pytest.raises(MissingChannelError, match=r"lf\.road.*is it of another car"):
+def test_a_record_of_another_car_is_rejected(corner: VehicleFit, setups: list[RigTest]) -> None:
+    with pytest.raises(MissingChannelError, match=r"lf\.road.*is it a record of another car"):
         records_of(truth_fit("seven_dof"), setups[0])
 
 
-def test_the_fits_own_records_validate_nothing(corner: VehicleFit, setups: list[RigTest]) -> None:
+def test_the_fits_own_records_do_not_validate_the_car(corner: VehicleFit, setups: list[RigTest]) -> None:
     own = replace(corner, vehicle=replace(corner.vehicle, sources={"run.csv": "abc"}))
     study = validate_vehicle(own, records_of(own, replace(setups[1], sha256="abc")))
     found = validation_verdict(study)
@@ -162,25 +164,27 @@ def test_the_fits_own_records_validate_nothing(corner: VehicleFit, setups: list[
     assert found.reasons[0].statement.startswith("no record validates the car")
 
 
-def test_a_record_on_which_friction_holds_the_car_is_shown_and_not_judged() -> None:
+def test_no_criterion_applies_to_a_record_on_which_friction_holds_the_car() -> None:
     fit = truth_fit("quarter_car")
     gentle = quarter_test(kind="sine", frequency=1.0, amplitude=0.02 * INCH, friction=COULOMB)
     study = validate_vehicle(fit, records_of(fit, gentle, quarter_test()))
     assert [case.is_gentle for case in study.cases] == [True, False]
     found = validation_verdict(study)
     assert found.is_acceptable
-    assert any("hardly move" in reason.statement and reason.origin == "r1" for reason in found.reasons)
+    assert any("barely move" in reason.statement and reason.origin == "r1" for reason in found.reasons)
 
 
-def test_what_the_tests_did_not_cover_is_said_and_opens_the_verdict(corner: VehicleFit, setups: list[RigTest]) -> None:
+def test_a_record_beyond_the_fits_tests_is_reported_and_limits_the_verdict(
+    corner: VehicleFit, setups: list[RigTest]
+) -> None:
     small = replace(corner, ranges={"frequency": (0.1, 20.0), "velocity": (-0.1, 0.1)})
     study = validate_vehicle(small, records_of(small, *setups[:1]))
-    assert any("amplitudes beyond the tests of the fit: velocity" in said for said in study.cases[0].beyond)
+    assert any("amplitudes beyond the fit's tests: velocity" in text for text in study.cases[0].extrapolations)
     assert validation_verdict(study).grade is Grade.LIMITED
 
 
-def test_setups_ranked_the_other_way_are_a_fault(corner: VehicleFit, setups: list[RigTest]) -> None:
-    # The shock force with its sign turned: more damping is less.
+def test_a_car_that_ranks_setups_differently_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
+    # With the sign of the shock force inverted, more damping acts like less.
     model = corner.vehicle.state_space
     turned = model.B.copy()
     turned[:, model.input_names.index("force")] *= -1.0
@@ -188,10 +192,10 @@ def test_setups_ranked_the_other_way_are_a_fault(corner: VehicleFit, setups: lis
         replace(corner.vehicle, state_space=StateSpace(model.A, turned, model.C, model.D, model.inputs, model.outputs))
     )
     study = validate_vehicle(fit, records_of(fit, *setups))
-    assert any("ranks setups otherwise" in reason.statement for reason in validation_verdict(study).reasons)
+    assert any("ranks setups differently" in reason.statement for reason in validation_verdict(study).reasons)
 
 
 @pytest.mark.parametrize("limits", [{"level": 0.0}, {"error": -1.0}, {"rank": 2.0}])
-def test_limits_that_judge_nothing_are_refused(limits: dict[str, float]) -> None:
+def test_meaningless_limits_are_rejected(limits: dict[str, float]) -> None:
     with pytest.raises(ParameterError, match="must be above 0"):
         Limits(**limits)

@@ -1,4 +1,4 @@
-"""The page of a vehicle's validation."""
+"""HTML report of a vehicle's validation."""
 
 from eightpost.ident.vehicle_validation.report.page import write_vehicle_report
 

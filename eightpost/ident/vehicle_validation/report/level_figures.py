@@ -1,4 +1,4 @@
-"""RMS predicted over measured: trends and correlation (Figs 6.27, 6.28), sines (Fig 6.30), static levels (Fig 6.32)."""
+"""Plots of levels: trends and correlation (Figs 6.27, 6.28), sines (Fig 6.30), static levels (Fig 6.32)."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 _COLUMNS = 3
 
-#: Outputs of a static record that are drawn, from the last: tire forces and ride heights.
+#: Number of outputs of a static record that are plotted, counted from the last: tire forces and ride heights.
 _STATIC = 6
 
 
 def trend_figure(trends: Sequence[Trend]) -> Figure:
-    """Return the RMS of each record, measured and predicted, a panel for each output (Fig 6.27)."""
+    """Return a plot of the measured and predicted RMS of each record, with a panel for each output (Fig 6.27)."""
     number = np.arange(1.0, len(trends[0].measured) + 1.0)
     panels = [
         Panel(Axis("record"), Axis("RMS", one.unit), *place, title=f"{one.name}: rank {_rank(one)}")
         for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, _gap(len(trends)))), strict=True)
     ]
-    caption = "RMS of each random record, in the order of the table of records, as Fig 6.27."
+    caption = "RMS of each random record, in the order of the table of records, as in Fig 6.27."
     figure = Figure(caption, _height(len(trends)), panels)
     for k, one in enumerate(trends):
         figure.line(k, number, one.measured, name="measured", color=MEASURED)
@@ -39,12 +39,12 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
 
 
 def correlation_figure(trends: Sequence[Trend]) -> Figure:
-    """Return predicted over measured RMS with the line of equality, a panel for each output (Fig 6.28)."""
+    """Return a plot of predicted over measured RMS with the line of equality, a panel for each output (Fig 6.28)."""
     panels = [
         Panel(Axis("measured RMS", one.unit), Axis("predicted", one.unit), *place, title=_titled(one))
         for one, place in zip(trends, grid(len(trends), _COLUMNS, gap=(0.08, _gap(len(trends)))), strict=True)
     ]
-    caption = "Predicted over measured RMS of the random records, as Fig 6.28; the line is equality."
+    caption = "Predicted over measured RMS of the random records, as in Fig 6.28; the line is equality."
     figure = Figure(caption, _height(len(trends)), panels)
     for k, one in enumerate(trends):
         both = np.concatenate((one.measured, one.predicted))
@@ -55,14 +55,14 @@ def correlation_figure(trends: Sequence[Trend]) -> Figure:
 
 
 def sine_figure(cases: Sequence[Case]) -> Figure:
-    """Return gain and phase of the predicted fundamental over frequency, a line for each quantity's worst output."""
+    """Return a plot of gain and phase of the predicted fundamental, a line for each quantity's worst output."""
     rows = [(case.record.frequency or 0.0, case.sines) for case in cases if case.sines]
     rows.sort(key=lambda row: row[0])
     x = Axis("frequency [Hz]", kind="log")
     places = grid(3, 3, gap=(0.07, 0.0))
-    titles = ("predicted / measured amplitude", "predicted leads by [degrees]", "measured: not sinusoidal [%]")
+    titles = ("predicted / measured amplitude", "phase lead of predicted [degrees]", "measured: not sinusoidal [%]")
     panels = [Panel(x, Axis(""), *place, title=title) for place, title in zip(places, titles, strict=True)]
-    figure = Figure("Sine records: of each quantity the output of the worst gain at each frequency.", 330, panels)
+    figure = Figure("Sine records: for each quantity the output with the worst gain at each frequency.", 330, panels)
     figure.level(0, 1.0)
     figure.level(1, 0.0)
     names = sorted({quantity(one.name) for _, sines in rows for one in sines})
@@ -77,13 +77,15 @@ def sine_figure(cases: Sequence[Case]) -> Figure:
 
 
 def static_figure(case: Case) -> Figure:
-    """Return the holds of a static record, tire forces and ride heights."""
+    """Return a plot of tire forces and ride heights during the holds of a static record."""
     shown = case.holds[-_STATIC:]
     panels = [
         Panel(Axis("load", "N"), Axis("change", one.unit), *place, title=one.name)
         for one, place in zip(shown, grid(len(shown), _COLUMNS, gap=(0.08, _gap(len(shown)))), strict=True)
     ]
-    caption = f"{case.record.name}: levels held, about their means, as Fig 6.32. Friction makes the measured ones loop."
+    caption = (
+        f"{case.record.name}: levels minus their means, as in Fig 6.32. Friction causes loops in the measured ones."
+    )
     figure = Figure(caption, _height(len(shown)), panels)
     for k, one in enumerate(shown):
         figure.marks(k, one.load, one.measured, name="measured", color=MEASURED)
@@ -92,13 +94,13 @@ def static_figure(case: Case) -> Figure:
 
 
 def level_figure(study: VehicleValidation, limits: Limits) -> Figure:
-    """Return at a glance by how much RMS is off and how large errors are: a point for each output of each record."""
+    """Return an overview plot of RMS errors and errors, with a point for each output of each record."""
     places = grid(2, 2, gap=(0.08, 0.0))
-    titles = ("RMS predicted less measured [%]", "error [% of measured RMS]")
+    titles = ("RMS predicted minus measured [%]", "error [% of measured RMS]")
     cases = [case for case in study.cases if case.outputs and not case.is_gentle]
     panels = [Panel(Axis("record"), Axis(""), *place, title=title) for place, title in zip(places, titles, strict=True)]
     figure = Figure(
-        "Every judged output, records numbered as in the table. Dotted: the limits, which RMS has for random records.",
+        "All judged outputs, records numbered as in the table. Dotted: limits; that of RMS is for random records.",
         330,
         panels,
     )
@@ -136,5 +138,5 @@ def _height(count: int) -> int:
 
 
 def _gap(count: int) -> float:
-    """Return the gap between rows [1]: of 60 px, for a title and a label."""
+    """Return the gap between rows [1] that corresponds to 60 px, for a title and a label."""
     return 60.0 / (205.0 * (-(-count // _COLUMNS)))

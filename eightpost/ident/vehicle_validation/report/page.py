@@ -1,4 +1,4 @@
-"""The page: one vehicle's validation in one file that loads nothing, for the screen and for paper."""
+"""Self-contained HTML page of one vehicle's validation, for the screen and for print."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ if TYPE_CHECKING:
     Section = tuple[str, str, str, list[ResultTable], list[Figure]]
 
 _PACKAGE = "eightpost.ident.vehicle_validation.report"
-#: Style and script are those of the shocks' validation.
+#: Package with the style and script, shared with the validation of shocks.
 _SHARED = "eightpost.ident.validation.report"
 
 _UNITS = ("N", "m", "m/s")
 
-#: Most records of a kind whose times are drawn: a page of a hundred would not open.
+#: Maximum number of records of a kind that are plotted; with a hundred the page would not open.
 _MOST = 12
 
 
 def write_vehicle_report(
     path: str | Path, study: VehicleValidation, *, limits: Limits | None = None, title: str = "Vehicle validation"
 ) -> Path:
-    """Write a vehicle's validation as an interactive page; it replaces an old one only when it is whole.
+    """Write a vehicle's validation as an interactive page; an existing file is replaced only when the page is complete.
 
     Args:
-        path: The file, such as out/car.html.
-        study: What was validated.
-        limits: For the verdict.
+        path: File to write, such as out/car.html.
+        study: Result of the validation.
+        limits: Limits of the verdict.
         title: Heading of the page.
 
     Returns:
-        The file.
+        Path of the file.
     """
     path = Path(path)
     content = page(study, limits=limits or Limits(), title=title)
@@ -68,14 +68,14 @@ def write_vehicle_report(
 
 
 def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
-    """Return the page's HTML; names of vehicles, records and files are escaped."""
+    """Return the HTML of the page; names of vehicles, records and files are escaped."""
     figures: list[dict[str, Any]] = []
     sections = [_placed(section, figures) for section in _sections(study, limits)]
     content = {"figures": figures, "units": {name: [field_factor(name), field_unit(name)] for name in _UNITS}}
     return template(_PACKAGE, {"cell": cell, "unit": unit, "caption": caption}).render(
         title=title,
         verdict=validation_verdict(study, limits),
-        limits=limits.said(),
+        limits=limits.summary(),
         sections=sections,
         study=study,
         version=__version__,
@@ -88,13 +88,13 @@ def page(study: VehicleValidation, *, limits: Limits, title: str) -> str:
 
 
 def _sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
-    """Return identifier, heading, text, tables and figures of each part that there is something for."""
-    glance = [level_figure(study, limits)] if any(case.judged for case in study.cases) else []
-    yield "records", "Records", "", [tables.overview(study)], glance
+    """Yield identifier, heading, text, tables and figures of each section that has content."""
+    levels = [level_figure(study, limits)] if any(case.judged for case in study.cases) else []
+    yield "records", "Records", "", [tables.overview(study)], levels
     if study.trends:
         figures = [trend_figure(study.trends), correlation_figure(study.trends)]
         yield "trends", "Setups: trends and levels", _TRENDS, [tables.trend_table(study)], figures
-    yield from _of_times(study)
+    yield from _time_sections(study)
     friction = tables.friction_table(study)
     if friction.rows:
         yield "friction", "Friction", _friction(study), [friction, port_table(study.fit)], []
@@ -104,10 +104,10 @@ def _sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
     yield "responses", "Responses", "", [tables.path_table(study)], list(response_figures(study.paths))
     yield "modes", "Modes", _MODES, [tables.mode_table(study)], []
     if study.fit.trust is not None:
-        yield "fit", "The fit of itself", _of_itself(study.fit), _fit_tables(study), list(_orders(study.fit))
+        yield "fit", "Self-assessment of the fit", _flags(study.fit), _fit_tables(study), list(_orders(study.fit))
 
 
-def _of_times(study: VehicleValidation) -> Iterator[Section]:
+def _time_sections(study: VehicleValidation) -> Iterator[Section]:
     random, sines, bumps = (study.of_kind(kind) for kind in ("random", "sine", "bump"))
     if random:
         figures = [time_figure(case) for case in random[:_MOST]]
@@ -128,29 +128,29 @@ def _of_times(study: VehicleValidation) -> Iterator[Section]:
 
 
 def _more(count: int) -> str:
-    return f"The first {_MOST} of {count} records are drawn." if count > _MOST else ""
+    return f"The first {_MOST} of {count} records are plotted." if count > _MOST else ""
 
 
 def _static(study: VehicleValidation) -> str:
     low = study.band[0]
     if low <= 0.0:
-        return "The fit reaches down to 0 Hz."
+        return "The fit includes 0 Hz."
     return (
-        f"The fit begins at {low:.3g} Hz: the model's static gain is extrapolated, and friction holds the car between "
-        "two levels. Static records are shown and not judged."
+        f"The fit begins at {low:.3g} Hz, so the model's static gain is extrapolated. Friction also holds the car "
+        "between two levels. Static records are therefore shown, but no criterion applies to them."
     )
 
 
 def _friction(study: VehicleValidation) -> str:
     laws = study.fit.vehicle.friction
-    said = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in laws.items())
-    return f"The identification found friction at the ports: {said}. Without it, the same model errs so much:"
+    forces = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in laws.items())
+    return f"The identification found friction at the ports: {forces}. Errors of the model with and without it:"
 
 
-def _of_itself(fit: VehicleFit) -> str:
+def _flags(fit: VehicleFit) -> str:
     flags = {} if fit.trust is None else fit.trust.flags
     if not flags:
-        return "It found nothing in the car that a linear model has not."
+        return "The fit found no nonlinear effect in the car."
     return " ".join(flags.values())
 
 
@@ -165,7 +165,7 @@ def _orders(fit: VehicleFit) -> Iterator[Figure]:
 
 
 def _placed(section: Section, figures: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a section for the template; its figures are added to those of the page and known by their place."""
+    """Return a section for the template; its figures are added to the page's list and referred to by index."""
     identifier, heading, text, found, drawn = section
     places = [(len(figures) + k, figure.caption, figure.height) for k, figure in enumerate(drawn)]
     figures += [figure.content() for figure in drawn]
@@ -173,8 +173,8 @@ def _placed(section: Section, figures: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 _TRENDS = (
-    "A setup study needs the order of setups, and their differences, more than their levels: a level that is wrong "
-    "alike for all records leaves the rank correlation at 1. What is left without it is the largest error of a "
-    "record's RMS over the mean of all. Records of different drives differ by their roads too."
+    "A setup study needs the order of setups and their differences more than their levels. A level error that is the "
+    "same for all records leaves the rank correlation at 1. The error without the common level is the largest error of "
+    "a record's RMS relative to the mean of all records. Records with different drives also differ by their roads."
 )
-_MODES = "Around the baseline damping, oscillating ones only. The MAC is over the outputs that both cars have."
+_MODES = "Oscillating modes around the baseline damping. The MAC is computed over the outputs that both cars have."

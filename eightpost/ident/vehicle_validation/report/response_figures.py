@@ -1,4 +1,4 @@
-"""Responses with coherence and confidence, and spectra of the errors."""
+"""Plots of responses with coherence and confidence interval, and of error spectra."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Outputs on a figure; points of a line; lowest density that is drawn, under the largest [dB].
+#: Number of outputs per figure; points per line; lowest density that is plotted, below the largest [dB].
 _OUTPUTS, _POINTS, _DEEP = 4, 400, 80.0
 
 
 def response_figures(paths: Sequence[Path]) -> Iterator[Figure]:
-    """Return the responses of every judged output to its strongest road and shock force, with coherence."""
+    """Yield plots of the responses of every judged output to its strongest road and shock force, with coherence."""
     rows = [tuple(found) for _, found in groupby(paths, key=lambda path: path.output)]
     for start in range(0, len(rows), _OUTPUTS):
         yield _responses(rows[start : start + _OUTPUTS])
@@ -42,8 +42,8 @@ def _responses(rows: Sequence[Sequence[Path]]) -> Figure:
         title = f"{paths[0].output}: multiple coherence"
         panels.append(Panel(x, Axis("", span=(0.0, 1.05)), *places[3 * k + 2], title=title))
     figure = Figure(
-        "The model beside the estimate that it was fitted to, with the estimate's 95 % band. Coherence near 1 does not "
-        "exclude friction.",
+        "Responses of the model and of the estimate that it was fitted to, with the estimate's 95 % band. Coherence "
+        "near 1 does not exclude friction.",
         110 + 170 * len(rows),
         panels,
     )
@@ -68,7 +68,7 @@ def _response(figure: Figure, panel: int, path: Path) -> None:
     frequency = path.frequency[kept]
     figure.line(panel, frequency, _db(path.estimate)[kept], name="estimate", color=MEASURED)
     if path.band is not None:
-        floor = 0.05 * np.abs(path.estimate)  # a band that reaches zero would reach minus infinity
+        floor = 0.05 * np.abs(path.estimate)  # zero would be minus infinity in dB
         for end in path.band:
             values = _db(np.maximum(end, floor))[kept]
             figure.line(panel, frequency, values, name="95 % band", color=COLORS[4], dash="dot")
@@ -76,29 +76,29 @@ def _response(figure: Figure, panel: int, path: Path) -> None:
 
 
 def spectrum_figure(case: Case) -> Figure:
-    """Return the spectra of a record's errors under those of the outputs, and where they are linear."""
+    """Return a plot of the spectra of a record's outputs and errors, and of the coherence of error and prediction."""
     names = sorted(case.spectra, key=lambda name: -next(o.error for o in case.judged if o.name == name))[:3]
     places = grid(2 * len(names), len(names), gap=(0.07, 0.2))
     x = Axis("frequency [Hz]", kind="log")
     panels = [Panel(x, Axis("dB re largest"), *places[k], title=name) for k, name in enumerate(names)]
     panels += [Panel(x, Axis("coherence", span=(0.0, 1.05)), *place) for place in places[len(names) :]]
     caption = (
-        f"{case.record.name}: the three outputs of the largest errors. Above: spectra of output and error; below: "
-        "coherence of error and prediction, near 1 where another gain or phase would have predicted it."
+        f"{case.record.name}: the three outputs with the largest errors. Above: spectra of output and error; below: "
+        "coherence of error and prediction, near 1 if another gain or phase would have predicted the error."
     )
     figure = Figure(caption, 480, panels)
     for k, name in enumerate(names):
-        found = case.spectra[name]
-        largest = found.measured.max()
-        for values, title, color in ((found.measured, "measured", MEASURED), (found.error, "error", COLORS[1])):
+        spectrum = case.spectra[name]
+        largest = spectrum.measured.max()
+        for values, title, color in ((spectrum.measured, "measured", MEASURED), (spectrum.error, "error", COLORS[1])):
             decibels = 10.0 * np.log10(np.maximum(values / largest, 10.0 ** (-_DEEP / 10.0)))
-            figure.line(k, found.frequency, decibels, name=title, color=color)
-        figure.line(len(names) + k, found.frequency, found.coherence, name="coherence", color=COLORS[2])
+            figure.line(k, spectrum.frequency, decibels, name=title, color=color)
+        figure.line(len(names) + k, spectrum.frequency, spectrum.coherence, name="coherence", color=COLORS[2])
     return figure
 
 
 def _kept(frequency: Array) -> NDArray[np.intp]:
-    """Return which points are drawn: even over the logarithm, for long estimates have thousands."""
+    """Return the indices of the points that are plotted, spaced logarithmically; long estimates have thousands."""
     if frequency.size <= _POINTS:
         return np.arange(frequency.size)
     wanted = np.geomspace(frequency[0] or frequency[1], frequency[-1], _POINTS)

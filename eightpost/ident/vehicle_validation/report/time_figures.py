@@ -1,4 +1,4 @@
-"""Measured and predicted over time (Figs 6.26, 6.29, 6.31)."""
+"""Plots of measured and predicted outputs over time (Figs 6.26, 6.29, 6.31)."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle_validation.comparison import Comparison
     from eightpost.ident.vehicle_validation.study import Case
 
-#: How much of a record is drawn [s], of a sine in periods, and most points of a line.
+#: Length of the plotted part of a record [s], for a sine in periods, and maximum number of points per line.
 _SPAN, _PERIODS, _POINTS = {"random": 4.0, "bump": 1.5}, 3.0, 700
 
-#: Panels beside each other.
+#: Panels per row.
 _COLUMNS = 2
 
 #: Time before a bump [s].
 _BEFORE = 0.2
 
-#: Quantities that are drawn, the worst predicted output of each (6.5 shows four signals).
+#: Quantities that are plotted, with the worst predicted output of each (6.5 shows four signals).
 _DRAWN = ("velocity", "tire_force", "total_tire_force", "ride_height", "hub_acceleration", "chassis_acceleration")
 
 
 def time_figure(case: Case) -> Figure:
-    """Return a piece of a record: of each quantity the output that is predicted worst."""
+    """Return a plot of part of a record: for each quantity the output with the worst prediction."""
     shown = list(_shown(case))
     kept = _piece(case, shown[0])
     rows = -(-len(shown) // _COLUMNS)
@@ -43,7 +43,7 @@ def time_figure(case: Case) -> Figure:
         )
         for k, (one, place) in enumerate(zip(shown, places, strict=True))
     ]
-    caption = f"{case.record.name}: of each quantity the output that is predicted worst. With {case.shocks}."
+    caption = f"{case.record.name}: for each quantity the output with the worst prediction. Ports: {case.shocks}."
     figure = Figure(caption, 130 + 170 * rows, panels)
     smooth = {one.name: one for one in case.without_friction or ()}
     for k, one in enumerate(shown):
@@ -56,15 +56,15 @@ def time_figure(case: Case) -> Figure:
 
 
 def _shown(case: Case) -> Iterator[Comparison]:
-    for wanted in _DRAWN:
-        found = [one for one in case.outputs if quantity(one.name) == wanted]
-        moving = [one for one in found if one.is_judged] or found
+    for shown in _DRAWN:
+        outputs = [one for one in case.outputs if quantity(one.name) == shown]
+        moving = [one for one in outputs if one.is_judged] or outputs
         if moving:
             yield max(moving, key=lambda one: one.error)
 
 
 def _piece(case: Case, one: Comparison) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
-    """Return the samples that are drawn: about the largest value, of a bump just before it."""
+    """Return the indices of the plotted samples: around the largest value, or for a bump from just before it."""
     rate, record = case.record.series.sample_rate, case.record
     span = _PERIODS / record.frequency if record.frequency else _SPAN.get(record.kind, _SPAN["random"])
     top = int(np.argmax(np.abs(one.measured)))
