@@ -5,7 +5,7 @@ Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input.
 
 from __future__ import annotations
 
-from eightpost import name_clash  # noqa: F401 - first: it judges from where all others are imported
+from eightpost import name_clash  # noqa: F401 - first: it checks where all other modules would be imported from
 
 # isort: split
 import importlib
@@ -47,7 +47,7 @@ VERBS = {
 
 
 class _Verbs(click.Group):
-    """Turns the project's own errors into a message and an exit code; anything else is a defect and shows itself."""
+    """Command group that turns the project's own errors into a message and an exit code; others show a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -55,11 +55,11 @@ class _Verbs(click.Group):
         except EightpostError as error:
             _complain(str(error))
             ctx.exit(2 if isinstance(error, InputError) else 1)
-        except OSError as error:  # a full disk, a folder that may not be written
+        except OSError as error:  # for example a full disk or a folder without write permission
             _complain(f"{error.filename or 'file system'}: {error.strerror or error}")
             ctx.exit(2)
         except MemoryError:
-            _complain("there is not enough memory for this: give smaller files, or close other programs")
+            _complain("there is not enough memory for this command: use smaller files, or close other programs")
             ctx.exit(2)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -79,7 +79,7 @@ class _Verbs(click.Group):
             formatter.write_dl(list(VERBS.items()))
 
 
-#: Characters of a message that are shown: a damaged file may have a name of megabytes in it.
+#: Maximum number of characters of a message that are shown: a damaged file may contain a name of several megabytes.
 _SHOWN = 4000
 
 
@@ -92,18 +92,18 @@ def _complain(text: str) -> None:
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="eightpost")
-@click.option("-v", "--verbose", is_flag=True, help="Show what components log.")
+@click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
 def main(verbose: bool) -> None:
     """Shock and vehicle FMUs, and the co-simulation that couples them.
 
     \b
-    Each verb takes what the one before it gives, and everything is a file:
+    Each verb reads the files that earlier verbs wrote:
       eightpost fit dyno.csv --law lpnl2 -o shock.json
       eightpost build shock.json car.toml -o dist/
       eightpost check dist/shock.fmu
       eightpost run examples/seven_dof.toml -o out/
     """
-    # What components log comes back in notes and errors; on its own it would stand in the middle of a progress bar.
+    # Notes and errors repeat what components log; direct output would disturb the progress bar.
     level = logging.DEBUG if verbose else logging.CRITICAL
     logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
 

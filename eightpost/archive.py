@@ -1,4 +1,4 @@
-"""Zip archives that are safe to open and the same bytes each time they are written."""
+"""Safe reading of zip archives, and reproducible writing: the same content gives the same bytes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from typing import IO
 from eightpost.errors import EightpostError, FmuError, OutputError
 from eightpost.files import atomic_path, writing
 
-#: The earliest date a zip entry can carry: a real one would make every build differ.
+#: The earliest date that a zip entry can have. The real date would make every build differ.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
-#: Limits of an archive that is opened: entries, and bytes unpacked of one entry and of all. FMUs with the libraries of
-#: six platforms and their tables have some hundred MB.
+#: Limits for an archive that is read: number of entries, unpacked bytes of one entry, unpacked bytes of all entries.
+#: FMUs with libraries for six platforms and tables have a few hundred MB.
 MOST_ENTRIES, LARGEST_ENTRY, LARGEST_TOTAL = 20_000, 2 * 2**30, 4 * 2**30
-#: Bytes unpacked over bytes stored that an archive and each of its entries may reach once they are larger than
-#: `_SMALL` [bytes]: libraries reach 5, tables of text 20, and a bomb 1000.
+#: Maximum ratio of unpacked to stored bytes, for an archive and for each entry larger than `_SMALL` [bytes]: libraries
+#: reach 5, text tables 20, and a zip bomb 1000.
 LARGEST_RATIO, _SMALL = 200, 64 * 2**20
 
 _PIECE = 2**20  # bytes
 
-#: What zipfile and its decompressors raise for damaged archives.
+#: Exceptions that zipfile and its decompressors raise for damaged archives.
 _DAMAGE = (
     zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, LookupError,
     NotImplementedError, RuntimeError, ValueError, OverflowError, MemoryError,
@@ -35,7 +35,7 @@ _DAMAGE = (
 
 
 def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
-    """Write `members` (name with forward slashes -> content) as a zip; the same members give the same bytes."""
+    """Write `members` (name with forward slashes -> content) to a zip; the same members give the same bytes."""
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
@@ -50,16 +50,17 @@ def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
 
 @contextmanager
 def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
-    """Open a zip to read it. Every zip is opened here, so that the limits hold for all.
+    """Open a zip for reading. The project opens every zip with this function, so that the limits apply to all.
 
     Args:
         path: The archive.
 
     Yields:
-        The archive, its entries within the limits of this module; names and kinds of entries are not checked.
+        The archive, with entries within the limits of this module; names and types of entries are not checked.
 
     Raises:
-        FmuError: Missing, not a zip, damaged, or beyond a limit; what the block reads from it counts too.
+        FmuError: The file is missing, not a zip, damaged, or beyond a limit; also raised for errors when the block
+            reads from the archive.
     """
     path = Path(path)
     try:
@@ -69,7 +70,7 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
     except EightpostError:
         raise
     except FileNotFoundError:
-        what = "there is no such file; correct the path, or make it first (eightpost build)"
+        what = "there is no such file; correct the path, or create it first (eightpost build)"
         raise FmuError(f"{path}: {what}") from None
     except _DAMAGE as error:
         why = str(error) or type(error).__name__
@@ -80,18 +81,18 @@ def read_archive(path: str | Path) -> dict[str, bytes]:
     """Return every file of a zip: name -> content.
 
     Raises:
-        FmuError: As `open_archive`, or with an entry that would land outside a folder or twice at one place; the
-            message says which.
+        FmuError: See `open_archive`. Also raised for an entry that would be written outside the folder, and for two
+            entries with the same path; the message names the entry.
     """
     with open_archive(path) as archive:
         return {entry.filename: archive.read(entry) for entry in _safe_files(Path(path), archive)}
 
 
 def extract_archive(path: str | Path, folder: str | Path) -> None:
-    """Unpack a zip into `folder`, refusing what `read_archive` refuses before anything is written.
+    """Unpack a zip into `folder`. All entries are checked before anything is written.
 
     Raises:
-        FmuError: As `read_archive`.
+        FmuError: The archive is refused; see `read_archive`.
         OutputError: The folder cannot be written.
     """
     path, folder = Path(path), Path(folder)
@@ -108,7 +109,7 @@ def extract_archive(path: str | Path, folder: str | Path) -> None:
 
 
 def _copy(source: IO[bytes], target: Path) -> None:
-    """Copy in pieces: an archive's content need not fit into memory. Errors of the target are not the archive's."""
+    """Copy in pieces, so that the content need not fit into memory. Errors of the target are kept separate."""
     with writing(target):
         stream = target.open("wb")
     with stream:
@@ -120,7 +121,7 @@ def _copy(source: IO[bytes], target: Path) -> None:
 
 
 def unsafe_reason(entry: zipfile.ZipInfo) -> str:
-    """Return what is wrong with the path or the kind of an entry, nothing where it is fine."""
+    """Return what is wrong with the path or the type of an entry; an empty text if nothing is wrong."""
     name = entry.orig_filename
     parts = PurePosixPath(name).parts
     if "\\" in name:
@@ -130,14 +131,16 @@ def unsafe_reason(entry: zipfile.ZipInfo) -> str:
     if ".." in parts:
         return "leaves the archive"
     if not parts or "\0" in name:
-        return "has no name or a NUL in it"
+        return "has no name or a NUL character in its name"
     return "is a symbolic link" if stat.S_ISLNK(entry.external_attr >> 16) else ""
 
 
 def _refuse_bomb(path: Path, entries: list[zipfile.ZipInfo]) -> None:
-    """Refuse an archive that would fill memory or disk; zipfile never unpacks more of an entry than it declares."""
+    """Refuse an archive that would fill memory or disk; zipfile never unpacks more than an entry's declared size."""
     if len(entries) > MOST_ENTRIES:
-        raise FmuError(f"{path}: has {len(entries)} entries, the limit is {MOST_ENTRIES}; ask its maker for another")
+        raise FmuError(
+            f"{path}: has {len(entries)} entries, the limit is {MOST_ENTRIES}; ask its author for a smaller one"
+        )
     for entry in entries:
         _refuse_size(f"{path}: the entry {entry.filename!r}", entry.file_size, entry.compress_size, LARGEST_ENTRY)
     unpacked, packed = sum(e.file_size for e in entries), sum(e.compress_size for e in entries)
@@ -145,13 +148,13 @@ def _refuse_bomb(path: Path, entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _refuse_size(what: str, unpacked: int, packed: int, limit: int) -> None:
-    advice = "it may be a zip bomb; ask its maker for a smaller one"
+    advice = "it may be a zip bomb; ask its author for a smaller one"
     if unpacked > limit:
-        raise FmuError(f"{what} has {_mb(unpacked)} unpacked, the limit is {_mb(limit)}; {advice}")
+        raise FmuError(f"{what} has an unpacked size of {_mb(unpacked)}, the limit is {_mb(limit)}; {advice}")
     if unpacked > max(_SMALL, LARGEST_RATIO * packed):
         raise FmuError(
-            f"{what} has {_mb(unpacked)} unpacked from {packed} bytes, and more than {LARGEST_RATIO} times its stored "
-            f"size is not unpacked; {advice}"
+            f"{what} has an unpacked size of {_mb(unpacked)} and a stored size of {packed} bytes, the limit is a ratio "
+            f"of {LARGEST_RATIO}; {advice}"
         )
 
 
@@ -160,12 +163,12 @@ def _mb(size: int) -> str:
 
 
 def _safe_files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
-    """Return the entries that are files, refusing those that cannot be unpacked side by side."""
+    """Return the entries that are files; refuse unsafe entries and entries that would overwrite each other."""
     for entry in archive.infolist():
         if reason := unsafe_reason(entry):
             raise FmuError(
                 f"{path}: the entry {entry.orig_filename!r} {reason}: it would be written outside its folder, or not "
-                "as a file of its own; do not open this archive, ask its maker for a clean one"
+                "as a regular file; do not open this archive, ask its author for a clean one"
             )
     files = [entry for entry in archive.infolist() if not entry.is_dir()]
     places = [PurePosixPath(entry.filename) for entry in files]
@@ -173,6 +176,6 @@ def _safe_files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     taken: set[PurePosixPath] = set()
     for place in places:
         if place in taken or place in folders:
-            raise FmuError(f"{path}: has two entries at {str(place)!r}; ask its maker for a clean archive")
+            raise FmuError(f"{path}: has two entries at {str(place)!r}; ask its author for a clean archive")
         taken.add(place)
     return files

@@ -1,7 +1,7 @@
-"""Texts in CSV tables that spreadsheets show as texts: one that begins like a formula gets an apostrophe before it.
+"""CSV cells that are safe in spreadsheets: a text that begins like a formula is preceded by an apostrophe.
 
-`=cmd|...` in a cell runs a program in a spreadsheet. Numbers stay numbers, -1.5 as well as 1.5; `plain_cell` takes the
-apostrophe away again.
+A cell such as `=cmd|...` can run a program when a spreadsheet opens the file. Numbers such as -1.5 are not changed.
+`plain_cell` removes the apostrophe.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import IO
 
-#: How a formula begins, after apostrophes that stand for themselves; some spreadsheets take the wide signs too.
+#: Beginning of a formula, after apostrophes that belong to the text; some spreadsheets also accept full-width signs.
 _FORMULA = re.compile("'*[=+\\-@\t\r\n＝＋－＠]")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-#: A cell's begin within a line of several.
+#: A cell within a line that begins like a formula.
 _CELLS = re.compile("(?:^|(?<=[,;\t]))(?='*[=+\\-@\r＝＋－＠])([^,;\t]*)")
 _QUOTED = frozenset(',;"\t\r\n')
 
 
 def safe_cell(text: str) -> str:
-    """Return a text as a cell that no spreadsheet takes for a formula.
+    """Return a text as a cell that no spreadsheet interprets as a formula.
 
     >>> safe_cell("=1+1"), safe_cell("-1.5"), safe_cell("-x")
     ("'=1+1", '-1.5', "'-x")
@@ -28,7 +28,7 @@ def safe_cell(text: str) -> str:
 
 
 def plain_cell(cell: str) -> str:
-    """Return the text that `safe_cell` made a cell of.
+    """Return the original text of a cell written by `safe_cell`.
 
     >>> plain_cell("'=1+1"), plain_cell("'tis")
     ('=1+1', "'tis")
@@ -37,16 +37,16 @@ def plain_cell(cell: str) -> str:
 
 
 def safe_line(line: str) -> str:
-    """Return a line of free text, in which a spreadsheet may see several cells, with each of them safe."""
+    """Return a line of free text, which a spreadsheet may split into several cells, with each cell made safe."""
     return _CELLS.sub(lambda found: safe_cell(found[1]), line)
 
 
 def quoted_cell(text: str) -> str:
-    """Return a text as a safe cell, in quotes where it holds a delimiter of any country, a quote or a line's end."""
+    """Return a text as a safe cell, quoted if it contains a delimiter (`,`, `;`, tab), a quote or a line break."""
     cell = safe_cell(text)
     return '"' + cell.replace('"', '""') + '"' if _QUOTED & set(cell) else cell
 
 
 def write_rows(stream: IO[str], rows: Iterable[Sequence[str]], *, end: str = "\n") -> None:
-    """Write rows of texts as comma-separated lines; `end` ends each of them."""
+    """Write rows of texts as comma-separated lines; `end` is the line ending."""
     stream.writelines(f"{','.join(map(quoted_cell, row))}{end}" for row in rows)

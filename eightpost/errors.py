@@ -1,6 +1,6 @@
-"""The errors that a caller acts on differently.
+"""Exceptions of the project, one class for each case that callers may handle separately.
 
-Every message says what, where (file, line, channel), which value, and what to do. The command line turns an
+Every message says what is wrong, where (file, line, channel), which value, and what to do. The command line turns an
 `InputError` into exit code 2 and any other `EightpostError` into exit code 1.
 """
 
@@ -10,15 +10,15 @@ from pathlib import Path
 
 
 class EightpostError(Exception):
-    """Base of everything this project raises on purpose."""
+    """Base class of all exceptions that this project raises deliberately."""
 
 
 class InputError(EightpostError, ValueError):
-    """What was given cannot be used: a file, a value, a name."""
+    """An input cannot be used: a file, a value, a name."""
 
 
 class DataError(InputError):
-    """A fault of a record, with the place where it is."""
+    """A fault in a record, with its location."""
 
     def __init__(
         self,
@@ -31,10 +31,10 @@ class DataError(InputError):
         """Compose `file, line, channel: what`.
 
         Args:
-            what: The fault, the value and what to do about it.
-            path: The file.
-            line: One-based line (text files) or sample (binary files) where it is.
-            channel: The channel's name.
+            what: Description of the fault, with the value and what to do.
+            path: Path of the file.
+            line: One-based line (text files) or sample (binary files) of the fault.
+            channel: Name of the channel.
         """
         place = [str(path)] if path is not None else []
         if line is not None:
@@ -46,15 +46,15 @@ class DataError(InputError):
 
 
 class FileFormatError(DataError):
-    """The file cannot be read as what its name says."""
+    """A file cannot be read as the format that its name indicates."""
 
 
 class OutputError(InputError):
-    """A file or folder that cannot be written."""
+    """A file or folder cannot be written."""
 
 
 class MissingChannelError(DataError):
-    """A channel that is needed is not there."""
+    """A required channel is missing."""
 
 
 class MissingUnitError(DataError):
@@ -62,7 +62,7 @@ class MissingUnitError(DataError):
 
 
 class UnknownUnitError(DataError):
-    """A unit that is not known, or of the wrong dimension."""
+    """A unit is unknown or has the wrong dimension."""
 
 
 class NotANumberError(DataError):
@@ -70,7 +70,7 @@ class NotANumberError(DataError):
 
 
 class BackwardTimeError(DataError):
-    """Time runs backwards."""
+    """The time decreases between two samples."""
 
 
 class DuplicateTimeError(DataError):
@@ -82,40 +82,40 @@ class TimeGapError(DataError):
 
 
 class ConstantChannelError(DataError):
-    """A channel that must move does not."""
+    """A channel that must vary is constant."""
 
 
 class TooShortError(DataError):
-    """Too few samples for what is asked."""
+    """A record has too few samples."""
 
 
 class WrongSignError(DataError):
-    """A channel is positive the other way."""
+    """A channel has the opposite sign convention."""
 
 
 class ClippedChannelError(DataError):
-    """A channel sits at the end of its range."""
+    """A channel is clipped at the end of its range."""
 
 
 class ParameterError(InputError):
-    """A parameter is outside what its law or model admits."""
+    """A parameter is outside the range that its law or model allows."""
 
 
 class FmuError(InputError):
-    """A file is not an FMU that can be used here."""
+    """A file is not an FMU that this project can use."""
 
 
 class WiringError(InputError):
-    """A system's connections do not fit together."""
+    """The connections of a system are inconsistent."""
 
 
 class StepError(EightpostError):
-    """A component failed while it was initialised or stepped."""
+    """A component failed during initialisation or in a step."""
 
 
 class DivergedError(StepError):
-    """The coupling diverged: a smaller step or another scheme may be stable."""
+    """The coupling diverged; a smaller coupling step or another scheme may be stable."""
 
 
 class TerminatedError(StepError):
-    """A component wants no more steps: the simulation has come to its end."""
+    """A component requested the end of the simulation."""

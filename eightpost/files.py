@@ -1,4 +1,4 @@
-"""Files: replaced whole or not at all, read into checked texts, and known by their digest."""
+"""Atomic writing, checked reading and digests of files."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from eightpost.errors import FileFormatError, InputError, OutputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Size limit of a file of settings (JSON, TOML, a list of runs) [bytes]. Records have no such limit.
+#: Size limit of a file with settings (JSON, TOML, a list of runs) [bytes]. Records have no such limit.
 LARGEST_TEXT = 256 * 2**20
-#: Nesting limit of tables and lists in a file of settings.
+#: Nesting limit of tables and lists in a file with settings.
 DEEPEST = 64
-#: The integers that TOML promises, and that every reader holds: 64 bits with a sign.
+#: Range of integers that TOML guarantees and that every reader supports: signed 64-bit.
 _LOWEST, _HIGHEST = -(2**63), 2**63 - 1
-#: What Python raises where the parts of a document have other types or sizes than its reader expects.
+#: Exceptions that Python raises if parts of a document have other types or sizes than the code expects.
 MALFORMED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
-#: Half of a character pair alone: it cannot be written to any file again.
+#: A lone surrogate (half of a character pair), which cannot be written to a file.
 _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path in the folder of `path` that takes its place when the block ends without error.
+    """Yield a temporary path in the folder of `path`, and rename it to `path` if the block ends without error.
 
-    A block that raises leaves what was at `path` untouched and no temporary file behind. The temporary name
-    keeps the suffix, because some writers look at it.
+    If the block raises, the old file at `path` is unchanged and the temporary file is removed. The temporary name has
+    the same suffix as `path`, because some writers choose the format by it.
 
     Args:
-        path: Where the finished file shall be; its folder is made when missing.
+        path: Path of the finished file; its folder is created if it is missing.
 
     Yields:
         The temporary path to write to.
 
     Raises:
-        OutputError: The file or its folder cannot be written: a full disk, no permission.
+        OutputError: The file or its folder cannot be written, for example a full disk or no permission.
     """
     target = Path(path)
     temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:12]}{target.suffix}")
     with writing(target, temporary):
         if target.is_dir():
-            raise InputError(f"{target}: is a folder; name a file in it")
+            raise InputError(f"{target}: is a folder; give a file name in it")
         check_output_folder(target.parent)
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -65,8 +65,8 @@ def writing(target: Path, *aliases: Path) -> Iterator[None]:
     """Turn the operating system's errors in the block into an OutputError that names a file.
 
     Args:
-        target: The file that the block writes; named where the system's error names none.
-        aliases: Temporary paths that stand for the target.
+        target: File that the block writes; named in the message if the system's error names no file.
+        aliases: Temporary paths of the target; messages name the target instead.
 
     Raises:
         OutputError: The system refused to write.
@@ -85,14 +85,14 @@ def _reason(error: OSError) -> str:
 
 def _advice(error: OSError) -> str:
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return "free space there, or name another file or folder"
+        return "free space there, or choose another file or folder"
     if isinstance(error, PermissionError):
-        return "change its permissions, or name another file or folder"
-    return "name another file or folder"
+        return "change its permissions, or choose another file or folder"
+    return "choose another file or folder"
 
 
 def is_file(path: str | Path) -> bool:
-    """Return whether there is a file; a path that the system cannot look at, such as an endless name, is none."""
+    """Return whether a file exists; false for a path that the system cannot check, such as one that is too long."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):
@@ -100,14 +100,14 @@ def is_file(path: str | Path) -> bool:
 
 
 def check_output_folder(path: str | Path) -> None:
-    """Refuse a folder for output that cannot be one, before any work is done for it.
+    """Check that a path can be used as an output folder, before any computation.
 
     Raises:
-        InputError: There is a file in its place, or in the place of one of its parents.
+        InputError: The path or one of its parents is a file.
     """
     for place in (Path(path), *Path(path).parents):
         if place.exists() and not place.is_dir():
-            raise InputError(f"{path}: {place} is a file, no folder for output; name another")
+            raise InputError(f"{path}: {place} is a file, not a folder; choose another output folder")
 
 
 def sha256_of(path: str | Path) -> str:
@@ -125,11 +125,11 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
     """Turn the operating system's errors in the block into a FileFormatError that names the file.
 
     Args:
-        path: The file that the block reads.
-        advice: Advice for the case that there is no such file.
+        path: File that the block reads.
+        advice: Advice for the user if the file does not exist.
 
     Raises:
-        FileFormatError: The file is missing, a folder, or not permitted to be read, or too large for the memory.
+        FileFormatError: The file is missing, a folder, without read permission, or too large for the memory.
     """
     try:
         yield
@@ -138,15 +138,15 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
     except OSError as error:
         raise FileFormatError(f"cannot be read: {_reason(error)}", path=path) from error
     except MemoryError as error:
-        raise FileFormatError("reading it needs more memory than there is", path=path) from error
+        raise FileFormatError("reading it needs more memory than is available", path=path) from error
 
 
 def read_bytes(path: str | Path, *, advice: str = "", limit: int = LARGEST_TEXT) -> bytes:
     """Return a file's bytes.
 
     Args:
-        path: The file.
-        advice: Advice for the case that there is no such file.
+        path: Path of the file.
+        advice: Advice for the user if the file does not exist.
         limit: Size limit [bytes].
 
     Raises:
@@ -159,17 +159,17 @@ def read_bytes(path: str | Path, *, advice: str = "", limit: int = LARGEST_TEXT)
             size = os.fstat(stream.fileno()).st_size
             content = stream.read(limit + 1) if size <= limit else b""
     if max(size, len(content)) > limit:
-        what = f"has {max(size, len(content))} bytes, the limit for such a file is {limit}; is it the right file?"
+        what = f"has {max(size, len(content))} bytes, the limit is {limit}; check that it is the right file"
         raise FileFormatError(what, path=path)
     return content
 
 
 def read_text(path: str | Path, *, advice: str = "") -> str:
-    """Return a file's text, which must be UTF-8; a byte order mark is left out.
+    """Return the text of a UTF-8 file without its byte order mark.
 
     Args:
-        path: The file.
-        advice: Advice for the case that there is no such file.
+        path: Path of the file.
+        advice: Advice for the user if the file does not exist.
 
     Raises:
         FileFormatError: The file cannot be read, or is not UTF-8; the message names the line.
@@ -183,22 +183,22 @@ def read_text(path: str | Path, *, advice: str = "") -> str:
 
 
 def document_kind(path: str | Path) -> str | None:
-    """Return what a JSON file of ours says it is (`kind`: shock, vehicle ...); None where it does not say."""
+    """Return the entry `kind` (shock, vehicle ...) of a JSON file written by eightpost; None if it has none."""
     try:
         document = json_content(path)
     except InputError:
-        return None  # whoever reads it in full tells what is wrong with it
+        return None  # the caller that reads the whole file reports the error
     kind = document.get("kind") if isinstance(document, dict) else None
     return kind if isinstance(kind, str) else None
 
 
 def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> Any:
-    """Return what a JSON file says.
+    """Return the content of a JSON file.
 
     Args:
-        path: The file.
-        advice: Advice for the case that there is no such file.
-        finite: Whether to refuse NaN and infinities, which JSON does not know and some writers write.
+        path: Path of the file.
+        advice: Advice for the user if the file does not exist.
+        finite: Whether to refuse NaN and infinities, which are not part of JSON but which some programs write.
 
     Raises:
         FileFormatError: The file cannot be read or is not JSON, a number is outside 64 bits, or it is nested too
@@ -208,10 +208,10 @@ def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> 
 
 
 def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> Any:
-    """Return what a JSON text says, as `json_content` does; `path` is named in messages."""
+    """Return the content of a JSON text, like `json_content`; `path` is used in messages."""
 
     def constant(name: str) -> NoReturn:
-        raise ValueError(f"{name} is no number that can be used")
+        raise ValueError(f"{name} is not a finite number")
 
     def real(digits: str) -> float:
         value = float(digits)
@@ -231,7 +231,7 @@ def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> A
 
 
 def toml_content(path: str | Path) -> dict[str, Any]:
-    """Return what a TOML file says.
+    """Return the content of a TOML file.
 
     Raises:
         FileFormatError: The file cannot be read or is not TOML, a number is outside 64 bits, or it is nested too
@@ -241,13 +241,13 @@ def toml_content(path: str | Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
-    """Return what a TOML text says, as `toml_content` does; `path` is named in messages."""
+    """Return the content of a TOML text, like `toml_content`; `path` is used in messages."""
     try:
         content = tomllib.loads(text)
         _check_tree(content)
     except RecursionError as error:
         raise FileFormatError(f"cannot be read as TOML: {_TOO_DEEP}", path=path) from error
-    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits
+    except ValueError as error:  # a TOMLDecodeError, or an integer with thousands of digits
         raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
     return content
 
@@ -262,7 +262,7 @@ def _integer(digits: str) -> int:
 
 
 def _check_tree(content: Any) -> None:
-    """Refuse what later steps could not hold: deep nesting, integers beyond 64 bits, half characters."""
+    """Refuse content that later steps cannot handle: deep nesting, integers beyond 64 bits, lone surrogates."""
     level = [content]
     for _ in range(DEEPEST):
         level = [child for node in level for child in _children(node)]
@@ -272,13 +272,13 @@ def _check_tree(content: Any) -> None:
 
 
 def _children(node: Any) -> list[Any]:
-    """Return what is in a table or a list; a number or a text has nothing in it, and is checked."""
+    """Return the elements of a table or a list; check a number or a text, which has no elements."""
     if isinstance(node, dict):
         return [*node, *node.values()]
     if isinstance(node, list):
         return node
     if isinstance(node, str) and _SURROGATE.search(node):
-        raise ValueError(f"the text {node[:40]!r} holds half of a character pair")
+        raise ValueError(f"the text {node[:40]!r} contains half of a character pair (a lone surrogate)")
     if isinstance(node, int) and not _LOWEST <= node <= _HIGHEST:
         raise ValueError("an integer is outside 64 bits")
     return []

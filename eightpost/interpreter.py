@@ -1,4 +1,4 @@
-"""Child processes of Python that import what this process imports, whatever the current folder contains."""
+"""Python child processes with the import path of this process, independent of the current folder."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import os
 import sys
 from pathlib import Path
 
-#: The folder that holds the packages eightpost, builder and cosim.
+#: Folder of the packages eightpost, builder and cosim.
 ROOT = Path(__file__).resolve().parents[1]
 
 
 def import_path() -> list[str]:
     """Return this process's import path for a child: absolute, and without the current folder.
 
-    Python puts the current folder first (`python -m`, `python -c`, a notebook), where a file of the user's may have the
-    name of a module.
+    Python searches the current folder first (`python -m`, `python -c`, a notebook), and a user's file there may have
+    the name of a module.
     """
     here = Path.cwd()
     entries = [here / entry for entry in sys.path]
@@ -25,7 +25,7 @@ def import_path() -> list[str]:
 def python_command(module: str, *arguments: str) -> list[str]:
     """Return the command that runs a module in a new interpreter with this process's import path.
 
-    The new process ends with this one.
+    The new process ends when this one ends.
     """
     code = (
         f"import sys; sys.path[:] = {import_path()!r}; "

@@ -1,6 +1,6 @@
-"""numba's cache of machine code on disk, made safe: a damaged file is rebuilt, a folder that takes none is left alone.
+"""Safe disk cache for the machine code of numba: damaged files are rebuilt, folders without write access are skipped.
 
-numba itself stops at a damaged index with a traceback, and runs a damaged file of machine code as it is.
+Without these checks numba raises an error for a damaged index, and runs a damaged file of machine code.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def kept(function: Dispatcher) -> Dispatcher:
-    """Let a function that numba compiles keep its machine code on disk, in files with a checksum.
+    """Enable caching of a numba function's machine code on disk, in files with a checksum.
 
     Args:
-        function: Function that `numba.njit` returned, without `cache=True`.
+        function: Function returned by `numba.njit` without `cache=True`.
 
     Returns:
-        The function itself. Where no folder takes files, it is compiled in every process.
+        The function itself. If no cache folder is writable, it is compiled in every process.
     """
     dispatcher: Any = function
     try:
         dispatcher.enable_caching()
-    except RuntimeError as error:  # neither this folder nor the user's takes files
-        _LOG.warning("machine code is not kept and is compiled in every run: %s", error)
+    except RuntimeError as error:  # neither this folder nor the user's cache folder is writable
+        _LOG.warning("machine code cannot be cached and is compiled in every run: %s", error)
         return function
     cache = dispatcher._cache
     cache._cache_file = _CheckedFiles(cache._cache_path, cache._impl.filename_base, cache._cache_file._source_stamp)
@@ -41,13 +41,13 @@ def kept(function: Dispatcher) -> Dispatcher:
 
 
 class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]
-    """The index and the files of machine code of one function, each with its SHA-256 before it."""
+    """Index and machine code files of one function, each preceded by its SHA-256."""
 
     def __init__(self, cache_path: str, filename_base: str, source_stamp: Any) -> None:
         super().__init__(cache_path, f"{filename_base}.checked", source_stamp)
 
     def load(self, key: Any) -> Any:
-        """Return what is kept under a key; None if nothing is, or it is damaged."""
+        """Return the data stored under a key; None if they are missing or damaged."""
         name = self._load_index().get(key)
         return None if name is None else _read(Path(self._data_path(name)))
 
@@ -70,24 +70,24 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]
             with self._open_for_write(path) as stream:
                 stream.write(hashlib.sha256(body).digest() + body)
         except OSError as error:
-            _LOG.warning("machine code is not kept and is compiled in every run: %s: %s", path, error.strerror)
+            _LOG.warning("machine code cannot be cached and is compiled in every run: %s: %s", path, error.strerror)
 
 
 def _read(path: Path) -> Any:
-    """Return what a file holds; None if it is not there, cannot be read or is damaged."""
+    """Return the content of a file; None if it is missing, unreadable or damaged."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:
         return None
     except OSError as error:
-        _LOG.warning("kept machine code cannot be read and is compiled again: %s: %s", path, error.strerror)
+        _LOG.warning("cached machine code cannot be read and is compiled again: %s: %s", path, error.strerror)
         return None
     body = content[_DIGEST:]
     if hashlib.sha256(body).digest() == content[:_DIGEST]:
         try:
             return pickle.loads(body)
-        except Exception:  # whole, but of a numba or an eightpost whose classes have other names
-            _LOG.info("kept machine code is of another version and is compiled again: %s", path)
+        except Exception:  # intact, but written by a version of numba or eightpost with other class names
+            _LOG.info("cached machine code is of another version and is compiled again: %s", path)
             return None
-    _LOG.warning("kept machine code is damaged and is compiled again: %s", path)
+    _LOG.warning("cached machine code is damaged and is compiled again: %s", path)
     return None

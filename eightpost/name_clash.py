@@ -1,6 +1,6 @@
-"""Refuses to start where a file of the user's would be imported in place of a module that the commands need.
+"""Check at start-up that no user's file would be imported in place of a module that the commands need.
 
-The command line imports this module before any other, so it uses only what Python itself has loaded by then.
+The command line imports this module before any other, so it uses only modules that Python itself has already loaded.
 """
 
 import os
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - pathlib is not loaded yet
 _OURS = ("builder", "cosim", "eightpost")
 
-#: Packages that the commands import. Each of them is a folder, so a file NAME.py is never the real one.
+#: Packages that the commands import. Each of them is a folder, so a file NAME.py is never the real package.
 THIRD_PARTY = (
     "asammdf", "click", "control", "distributed", "fmpy", "fmu_manipulation_toolbox", "jinja2", "latex2mathml", "lief",
     "llvmlite", "markdown_it", "matplotlib", "numba", "numpy", "PIL", "pint", "platformdirs", "plotly", "pyarrow",
@@ -19,7 +19,7 @@ THIRD_PARTY = (
 
 
 def clashing_files(path: Iterable[str]) -> list[str]:
-    """Return the files that an import path finds before a module of that name that the commands need.
+    """Return the files on an import path that hide a module of the same name that the commands need.
 
     Args:
         path: Folders in the order in which Python searches them.
@@ -39,7 +39,7 @@ def _before(folders: list[str], last: str) -> list[str]:
 
 
 def _there(folder: str, names: list[str]) -> list[str]:
-    """Return the files of these names that are in a folder."""
+    """Return those of the named files that exist in a folder."""
     try:
         content = set(os.listdir(folder))  # noqa: PTH208
     except OSError:  # there is no such folder, or it is an archive
@@ -49,10 +49,10 @@ def _there(folder: str, names: list[str]) -> list[str]:
 
 
 def refuse_clashes() -> None:
-    """End with an error if a file of the user's is in the way of a module.
+    """Exit with an error if a user's file hides a module.
 
-    The folder that `python -m` has put first is taken out of the import path before. Child processes of Python inherit
-    that their current folder is not searched.
+    The folder that `python -m` puts first is removed from the import path before the check. PYTHONSAFEPATH makes Python
+    child processes ignore their current folder as well.
     """
     os.environ["PYTHONSAFEPATH"] = "1"
     if _is_module() and not sys.flags.safe_path and os.path.realpath(sys.path[0]) != _ROOT:
@@ -60,19 +60,19 @@ def refuse_clashes() -> None:
     if clashes := clashing_files(sys.path):
         sys.stderr.write(
             f"error: {', '.join(clashes)}: Python would import this in place of a module of the same name that "
-            "eightpost needs; rename it, or take its folder out of PYTHONPATH\n"
+            "eightpost needs; rename the file, or remove its folder from PYTHONPATH\n"
         )
         raise SystemExit(2)
 
 
 def _is_module() -> bool:
-    """Say whether this process was started as `python -m eightpost`."""
+    """Return whether this process was started as `python -m eightpost`."""
     started = getattr(sys.modules["__main__"], "__spec__", None)
     return started is not None and started.name == "eightpost.__main__"
 
 
 def _is_script() -> bool:
-    """Say whether this process was started as `eightpost`."""
+    """Return whether this process was started as `eightpost`."""
     return os.path.basename(sys.argv[0]).removesuffix(".exe") == "eightpost"  # noqa: PTH119
 
 

@@ -1,4 +1,4 @@
-"""Pages of one file: a template with its style and script beside it, the plotting library packed in."""
+"""Self-contained HTML pages: a template with style, script and the plotting library in one file."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from plotly.offline import get_plotlyjs
 
 
 def template(package: str, filters: Mapping[str, Callable[..., Any]]) -> jinja2.Template:
-    """Return a package's page.html: what is filled in is escaped, and a name that is missing is an error.
+    """Return a package's page.html as a template. Values are escaped, and an undefined name is an error.
 
-    It may include what all pages share: `page_parts/` beside this file.
+    The template may include the shared parts in the folder `page_parts` of this package.
 
     Raises:
-        jinja2.TemplateNotFound: The package has none.
+        jinja2.TemplateNotFound: The package has no page.html.
     """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, "."), jinja2.PackageLoader("eightpost", ".")]),
@@ -34,7 +34,7 @@ def template(package: str, filters: Mapping[str, Callable[..., Any]]) -> jinja2.
 
 
 def insert(package: str, name: str) -> Markup:
-    """Return a file of a package as it is, for a style or a script element."""
+    """Return a file of a package unchanged, for a style or a script element."""
     return Markup(files(package).joinpath(name).read_text(encoding="utf-8"))
 
 
@@ -45,5 +45,5 @@ def plotly() -> str:
 
 
 def compressed(content: bytes) -> str:
-    """Return bytes compressed (gzip) in base 64: letters that cannot end a script element."""
+    """Return bytes compressed with gzip and encoded in base64, whose characters cannot end a script element."""
     return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode("ascii")

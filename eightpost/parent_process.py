@@ -1,4 +1,4 @@
-"""Child processes that end with their parent, even if the parent was killed: nobody waits for their work."""
+"""Child processes that end when their parent ends, even if the parent is killed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-#: Time between two looks at the parent [s].
+#: Time between two checks of the parent [s].
 _LOOK = 0.5
 
 
@@ -15,8 +15,8 @@ def end_with(parent: int) -> None:
     """End this process within a second after its parent has ended.
 
     Args:
-        parent: Process number of the parent. It is given because a parent that ended before this call has another
-            process in its place.
+        parent: Process number of the parent. It is an argument because, if the parent ended before this call,
+            os.getppid() returns another process.
     """
     threading.Thread(target=_end_after, args=(parent,), name="end with parent", daemon=True).start()
 

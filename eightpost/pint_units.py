@@ -1,4 +1,4 @@
-"""What pint says of units that are written as it reads them."""
+"""Conversion factors, exponents and dimensions of units from pint, for units in pint's notation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _BASE = {
 
 @lru_cache(maxsize=1024)
 def unit(text: str) -> Any:
-    """Return pint's unit; pint raises several kinds of errors where it is none."""
+    """Return pint's unit. pint raises several types of exceptions if the text is not a unit."""
     return _REGISTRY.Unit(text)
 
 
 def conversion(source: str, target: str) -> tuple[float, float] | None:
-    """Return (factor, offset) so that `target_value = factor * source_value + offset`; None where dimensions differ."""
+    """Return (factor, offset) of `target_value = factor * source_value + offset`; None if the dimensions differ."""
     first, second = unit(source), unit(target)
     if not first.is_compatible_with(second):
         return None
@@ -34,7 +34,7 @@ def conversion(source: str, target: str) -> tuple[float, float] | None:
 
 
 def exponents(text: str) -> dict[str, int]:
-    """Return the exponents of the SI base units, under pint's name where a base unit is none of SI's."""
+    """Return the exponents of the SI base units; base units outside SI have pint's name."""
     base = _REGISTRY.Quantity(1.0, unit(text)).to_base_units().units
     return {_BASE.get(name, name): int(power) for name, power in base._units.items()}
 

@@ -1,4 +1,4 @@
-"""How many processors this process may use."""
+"""Number of processors that this process may use."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ import os
 
 
 def usable_processors() -> int:
-    """Return how many processors this process may use: those of the machine where the system does not tell."""
+    """Return the number of processors that this process may use; if the system does not report it, all processors."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on Windows and macOS
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1

@@ -1,10 +1,10 @@
-"""Units as files and people write them, rewritten as pint reads them."""
+"""Translation of unit symbols from files and users into pint's notation."""
 
 from __future__ import annotations
 
 import re
 
-# What headers write and pint reads differently: in this field a pound is a force unless it says lbm.
+# Spellings in file headers that pint would read differently. Here lb is a pound-force, and lbm is the mass.
 _SPELLINGS = {
     "lb": "lbf", "lbs": "lbf", "lbsf": "lbf", "#": "lbf", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms",
     "inch": "in", "inches": "in", '"': "in", "ips": "in/s", "in/sec": "in/s", "mm/sec": "mm/s", "m/sec": "m/s",
@@ -15,10 +15,10 @@ _SPELLINGS = {
 
 
 def expression(unit: str) -> str:
-    """Rewrite a symbol as pint reads it: `N.m` -> `N*m`, `m/s2` -> `m/s**2`; nothing for a number without a unit."""
+    """Return a unit symbol in pint's notation: `N.m` -> `N*m`, `m/s2` -> `m/s**2`; empty for a dimensionless unit."""
     text = unit.strip()
     text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
-    # Upper and lower case tell these apart: Nm is a torque here, nm a length.
+    # Upper and lower case differ: Nm is a torque, nm a length.
     text = {"C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm"}.get(text, text)
     text = re.sub(r"\b(lbs|lb)\b(?!m|f)", "lbf", text)
     text = re.sub(r"(?<![\w.])g(?![\w])", "g_0", text)

@@ -1,6 +1,6 @@
-"""Common units as pint knows them, in a file that loads in no time.
+"""Table of common units, computed with pint and stored in a file that loads faster than pint.
 
-`python -m eightpost.unit_table` writes the file; a test says whether it is what pint says today.
+`python -m eightpost.unit_table` writes the file; a test compares it with the installed version of pint.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from eightpost.unit_symbols import expression
 
 PATH = Path(__file__).with_suffix(".json")
 
-#: The units in the table, as files write them.
+#: Units in the table, in the notation of file headers.
 COMMON = (
     "1", "%",
     "m", "mm", "cm", "um", "km", "in", "ft",
@@ -36,12 +36,12 @@ COMMON = (
 
 
 class Table(NamedTuple):
-    """What is known of units, which stand here as pint reads them.
+    """Properties of units, which are keys in pint's notation.
 
     Args:
-        exponents: Exponents of SI base units, under pint's name where a base unit is none of SI's.
-        factors: The value of one unit in SI base units.
-        conversions: Per pair of units of the same dimension: (factor, offset).
+        exponents: Exponents of the SI base units; base units outside SI have pint's name.
+        factors: Value of one unit in SI base units.
+        conversions: Pair (factor, offset) for each pair of units with the same dimension.
     """
 
     exponents: dict[str, dict[str, int]]
@@ -50,7 +50,7 @@ class Table(NamedTuple):
 
 
 def read_table() -> Table:
-    """Read the file."""
+    """Read the table from its file."""
     document = json.loads(PATH.read_text(encoding="utf-8"))
     pairs = {
         (source, target): (f, o) for source, row in document["conversions"].items() for target, (f, o) in row.items()
@@ -59,7 +59,7 @@ def read_table() -> Table:
 
 
 def make_table() -> Table:
-    """Ask pint."""
+    """Compute the table with pint."""
     from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
 
     texts = tuple(dict.fromkeys(map(expression, COMMON)))
@@ -72,7 +72,7 @@ def make_table() -> Table:
 
 
 def main() -> None:
-    """Write the file: one line per unit."""
+    """Write the table to its file, one line per unit."""
     table = make_table()
     rows: dict[str, dict[str, tuple[float, float]]] = {text: {} for text in table.exponents}
     for (source, target), conversion in table.conversions.items():

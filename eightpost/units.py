@@ -1,8 +1,8 @@
-"""Units: SI inside, the field's units at the rim.
+"""Unit conversion: SI inside the project, other units in files, options and displays.
 
-A *unit* here is its short symbol as FMI and file headers write it: `m/s`, `N.m`, `in/s`, `lbf`. pint does the
-arithmetic. What it says of common units is kept in unit_table.json, because pint takes longer to load than most
-commands take; `python -m eightpost.unit_table` writes the table anew.
+A *unit* is the short symbol used in FMI and in file headers: `m/s`, `N.m`, `in/s`, `lbf`. The conversions are computed
+by pint. Those of common units are stored in unit_table.json, because loading pint takes longer than most commands;
+`python -m eightpost.unit_table` writes the table again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Values = TypeVar("Values", float, "NDArray[np.float64]")
 
-#: The SI unit in which each kind of channel is held.
+#: SI units of the quantities in the project.
 SI_UNITS = (
     "m",
     "m/s",
@@ -48,8 +48,8 @@ SI_UNITS = (
 
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 
-#: Letters that a unit may have, and powers that pint would compute to the end of time or of the numbers: of a number,
-#: or to one of three digits, with an exponent of its own, or in parentheses.
+#: Maximum length of a unit, and powers that would take pint very long or overflow: a power of a number, or an exponent
+#: that has three digits, has an exponent itself, or is in parentheses.
 _LONGEST = 60
 _ENDLESS = re.compile(r"\d\s*\*\*|\*\*\s*(?![-+]?\d{1,2}(?:\.\d{1,3})?(?![\d.eE]))")
 
@@ -65,27 +65,27 @@ def _table() -> Table:
 
 @lru_cache(maxsize=1024)
 def _known(unit: str) -> str:
-    """Return the expression of a unit that can be read."""
+    """Return the expression of a unit in pint's notation; raise UnknownUnitError if it cannot be read."""
     text = expression(unit[: _LONGEST + 1])
     if text in _table().exponents:
         return text
     if len(unit) > _LONGEST or _ENDLESS.search(text):
         shown = unit if len(unit) <= _LONGEST else f"{unit[:_LONGEST]}..."
-        raise UnknownUnitError(f"unknown unit {shown!r}; write it as for example {_EXAMPLES}")
+        raise UnknownUnitError(f"unknown unit {shown!r}; examples of units: {_EXAMPLES}")
     from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
 
     try:
         if "//" in unit:  # pint reads it as a floor division
             raise ValueError("a doubled slash")
         pint_units.unit(text)
-    except Exception as error:  # pint raises several kinds, and assertion errors from its parser
-        raise UnknownUnitError(f"unknown unit {unit!r}; write it as for example {_EXAMPLES}") from error
+    except Exception as error:  # pint raises several types, including AssertionError from its parser
+        raise UnknownUnitError(f"unknown unit {unit!r}; examples of units: {_EXAMPLES}") from error
     return text
 
 
 @lru_cache(maxsize=4096)
 def _converted(source: str, target: str) -> tuple[float, float] | None:
-    """Return (factor, offset) between two units that can be read; None where their dimensions differ."""
+    """Return (factor, offset) between two units; None if their dimensions differ."""
     table, pair = _table(), (_known(source), _known(target))
     if all(text in table.exponents for text in pair):
         return table.conversions.get(pair)
@@ -97,17 +97,17 @@ def _converted(source: str, target: str) -> tuple[float, float] | None:
 
 @contextmanager
 def _refusing(what: str) -> Iterator[None]:
-    """Turn what pint raises over a unit beyond all numbers, or a power of a temperature, into an UnknownUnitError."""
+    """Turn pint's errors, for example for an overflow or a power of a temperature, into an UnknownUnitError."""
     try:
         yield
     except UnknownUnitError:
         raise
-    except Exception as error:  # pint raises several kinds
+    except Exception as error:  # pint raises several types
         raise UnknownUnitError(f"{what}: {error}") from error
 
 
 def is_unit(text: str) -> bool:
-    """Say whether `text` can be read as a unit."""
+    """Return whether `text` can be read as a unit."""
     try:
         _known(text)
     except UnknownUnitError:
@@ -116,7 +116,7 @@ def is_unit(text: str) -> bool:
 
 
 def compatible(first: str, second: str) -> bool:
-    """Say whether two units have the same dimension."""
+    """Return whether two units have the same dimension."""
     return _converted(first, second) is not None
 
 
@@ -124,7 +124,7 @@ def conversion(source: str, target: str) -> tuple[float, float]:
     """Return (factor, offset) so that `target_value = factor * source_value + offset`.
 
     Raises:
-        UnknownUnitError: A unit is not known or the dimensions differ.
+        UnknownUnitError: A unit is unknown, or the dimensions differ.
     """
     found = _converted(source, target)
     if found is None:
@@ -143,7 +143,7 @@ def convert(values: Values, source: str, target: str) -> Values:
 
 
 def si_unit(unit: str) -> str:
-    """Return the SI unit in which a channel given in `unit` is held.
+    """Return the SI unit of the same dimension as `unit`.
 
     >>> si_unit("in/s")
     'm/s'
@@ -156,9 +156,9 @@ def si_unit(unit: str) -> str:
 
 
 def si_exponents(unit: str) -> dict[str, int]:
-    """Return the exponents of the SI base units of `unit`, as an FMI `BaseUnit` element needs them.
+    """Return the exponents of the SI base units of `unit`, as required by an FMI `BaseUnit` element.
 
-    The radian counts as a base unit, as FMI has it.
+    The radian is a base unit, as in FMI.
 
     >>> si_exponents("N")
     {'kg': 1, 'm': 1, 's': -2}
@@ -176,7 +176,7 @@ def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
         with _refusing(f"no SI unit for {unit!r}"):
             powers = pint_units.exponents(text)
     if unknown := sorted(set(powers) - set(_BASE)):
-        raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is no quantity of this field")
+        raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is not supported")
     return tuple((name, powers[name]) for name in _BASE if powers.get(name))
 
 
@@ -197,19 +197,19 @@ def si_factor(unit: str) -> float:
 
 
 def quantity(text: str) -> tuple[float, str]:
-    """Split a value with its unit, as people write it in a file: `70 in`.
+    """Split a value with a unit, for example `70 in`, into the number and the unit.
 
     >>> quantity("1.5e6 lbm.in2")
     (1500000.0, 'lbm.in2')
 
     Raises:
-        UnknownUnitError: It does not begin with a number, or the unit is not known.
+        UnknownUnitError: The text does not begin with a number, or the unit is missing or unknown.
     """
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
-        raise UnknownUnitError(f"{text!r} is not a value with a unit; write it as for example '70 in'")
+        raise UnknownUnitError(f"{text!r} is not a value with a unit; write for example '70 in'")
     number, unit = match.groups()
     if not unit:
-        raise UnknownUnitError(f"{text!r} has no unit; write it as for example '70 in'")
+        raise UnknownUnitError(f"{text!r} has no unit; write for example '70 in'")
     _known(unit)
     return float(number), unit

@@ -1,4 +1,4 @@
-"""What a model carries from its fit to its FMU and on into a run: the verdict on it, and the ranges that it covers."""
+"""Validity of a model: its verdict and the ranges of its records, passed on from the fit to the FMU and to a run."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any, Literal, get_args
 from eightpost.errors import InputError
 from eightpost.verdict import Verdict
 
-#: The newest layout of such a document that is understood, and the one written.
+#: Schema version of the JSON document that is written, and the only one that is read.
 SCHEMA = 1
 
-#: Where an FMU of ours has it.
+#: Path of the document in an FMU built by eightpost.
 MEMBER = "resources/eightpost.json"
 
 Kind = Literal["amplitude", "frequency", "condition"]
@@ -21,12 +21,12 @@ Kind = Literal["amplitude", "frequency", "condition"]
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What the records of a fit covered of one quantity.
+    """Range of one quantity that the records of a fit covered.
 
     Args:
-        variable: Name of the model's variable; of a condition, the condition's name.
-        kind: amplitude: of the variable about its mean. frequency: of the variable's power. condition: of the
-            measurement, which the model does not have as a variable.
+        variable: Name of the model's variable, or name of the condition.
+        kind: "amplitude" of the variable about its mean, "frequency" range of the variable's power, or "condition" of
+            the measurement that is not a variable of the model.
         low: Lowest value, SI.
         high: Highest value, SI.
         unit: SI unit.
@@ -41,7 +41,7 @@ class Range:
     def __post_init__(self) -> None:
         numbers = (self.low, self.high)
         if not all(type(n) in (int, float) and isfinite(n) for n in numbers) or self.low > self.high:
-            raise InputError(f"the range of {self.variable!r} must be two rising numbers, not {numbers!r}")
+            raise InputError(f"the range of {self.variable!r} must be two increasing numbers, not {numbers!r}")
         if self.kind not in get_args(Kind):
             raise InputError(
                 f"the range of {self.variable!r}: kind is {self.kind!r}, not {' or '.join(get_args(Kind))}"
@@ -53,11 +53,11 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """How far a model can be used.
+    """Verdict on a model and ranges in which it can be used.
 
     Args:
-        verdict: On the model itself: its fit, its validation.
-        ranges: Ranges that the model's records covered.
+        verdict: Verdict on the model itself, from its fit and its validation.
+        ranges: Ranges covered by the records of the fit.
     """
 
     verdict: Verdict
@@ -65,14 +65,14 @@ class Validity:
 
     @classmethod
     def with_verdict(cls, known: Validity | None, verdict: Verdict) -> Validity:
-        """Return what is known of a model with another verdict on it; it replaces reasons about the same things."""
+        """Return the validity with the reasons of a new verdict; they replace earlier reasons on the same subjects."""
         if known is None:
             return cls(verdict)
         kept = [reason for reason in known.verdict.reasons if reason.about not in verdict.grades]
         return cls(Verdict((*kept, *verdict.reasons)), known.ranges)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what a JSON file holds."""
+        """Return the validity as a JSON document."""
         return {
             "schema": SCHEMA,
             "verdict": self.verdict.to_json(),
@@ -81,10 +81,10 @@ class Validity:
 
     @classmethod
     def from_json(cls, document: object) -> Validity:
-        """Return what `to_json` wrote.
+        """Return the validity of a document written by `to_json`.
 
         Raises:
-            InputError: The document is something else, or of a newer schema.
+            InputError: The document is not a validity, or has another schema version.
         """
         if not isinstance(document, Mapping):
             raise InputError(f"a model's validity must be an object, not {type(document).__name__}")

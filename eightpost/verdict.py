@@ -1,7 +1,7 @@
-"""Whether a result or a model can be used: one type and one vocabulary for every command, file and page.
+"""Verdict on whether a result or a model can be used, shared by all commands, files and pages.
 
-A verdict is a list of reasons. Each reason has a grade, and states its figure, its origin and what to do. The verdict's
-grade is the worst one among its reasons. Reasons are made by rules, which docs/verdict.md lists.
+A verdict is a list of reasons. Each reason has a grade and states its figure, its origin and what to do. The verdict's
+grade is the worst grade among its reasons. Reasons are created by rules, which docs/verdict.md lists.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from eightpost.errors import InputError
 
 
 class Grade(StrEnum):
-    """How far something can be used; the worst grade first."""
+    """Grade of a result or a model, in order from worst to best."""
 
     NOT_USABLE = "not usable"
     UNKNOWN = "unknown"
@@ -25,11 +25,11 @@ class Grade(StrEnum):
 
     @property
     def slug(self) -> str:
-        """The name as a CSS class."""
+        """Name of the CSS class of the grade."""
         return self.value.replace(" ", "-")
 
 
-#: From worst to best.
+#: All grades from worst to best.
 ORDER: tuple[Grade, ...] = tuple(Grade)
 
 
@@ -40,10 +40,10 @@ class Reason:
     Args:
         rule: Name of the rule that gave the reason.
         about: Subject of the reason: coupling, energy, shock, vehicle and so on.
-        grade: Grade that the reason alone would give.
-        statement: Finding, a clause without a full stop.
-        figure: The value that was found, with its unit and its limit.
-        origin: File, component or step that the figure comes from.
+        grade: Grade of this reason alone.
+        statement: Statement of the finding, a clause without a full stop.
+        figure: Value that was found, with its unit and its limit.
+        origin: File, component or step from which the figure comes.
         remedy: Advice on what to do.
     """
 
@@ -59,7 +59,7 @@ class Reason:
         for field in fields(self):
             value = getattr(self, field.name)
             if not (isinstance(value, str) and value.strip()):
-                raise InputError(f"a verdict's reason: {field.name} must be a text that is not empty, not {value!r}")
+                raise InputError(f"a verdict's reason: {field.name} must be a non-empty text, not {value!r}")
         object.__setattr__(self, "grade", Grade(self.grade))
 
     def __str__(self) -> str:
@@ -68,15 +68,15 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule that gives reasons.
+    """A rule that creates reasons of a verdict.
 
     Args:
         name: Unique name of the rule.
         about: Subject of the reasons.
-        grade: Grade of its reasons.
-        condition: When it applies, with the threshold; for docs/verdict.md.
-        why: Why the threshold is where it is; for docs/verdict.md.
-        remedy: Advice to the reader.
+        grade: Grade of the reasons.
+        condition: Condition under which the rule applies, with the threshold; for docs/verdict.md.
+        why: Justification of the threshold; for docs/verdict.md.
+        remedy: Advice to the user.
     """
 
     name: str
@@ -87,18 +87,18 @@ class Rule:
     remedy: str
 
     def reason(self, statement: str, *, figure: str, origin: str, remedy: str | None = None) -> Reason:
-        """Return a reason; `remedy` replaces the rule's own where the case allows more specific advice."""
+        """Return a reason; `remedy` replaces the rule's own advice if more specific advice is possible."""
         return Reason(self.name, self.about, self.grade, statement, figure, origin, remedy or self.remedy)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """All reasons found, worst first; reasons of one grade keep the order in which they were given.
+    """A list of reasons, worst first; reasons of the same grade keep their order.
 
-    Reasons that differ in their origins only are one reason with all these origins.
+    Reasons that differ only in their origins are merged into one reason with all these origins.
 
     Args:
-        reasons: In any order.
+        reasons: Reasons in any order.
     """
 
     reasons: tuple[Reason, ...] = ()
@@ -114,43 +114,43 @@ class Verdict:
 
     @cached_property
     def grade(self) -> Grade:
-        """The worst grade; unknown where nothing was examined."""
+        """Worst grade among the reasons; unknown if there are no reasons."""
         return self.reasons[0].grade if self.reasons else Grade.UNKNOWN
 
     @property
     def is_acceptable(self) -> bool:
-        """Whether a command exits with 0: anything but not usable."""
+        """Whether a command exits with code 0: true for all grades except not usable."""
         return self.grade is not Grade.NOT_USABLE
 
     @property
     def decisive(self) -> tuple[Reason, ...]:
-        """The reasons that set the grade."""
+        """Reasons that have the grade of the verdict."""
         return tuple(reason for reason in self.reasons if reason.grade is self.grade)
 
     @cached_property
     def grades(self) -> Mapping[str, Grade]:
-        """The grade of each thing that the reasons are about."""
+        """Grade of each subject of the reasons."""
         found: dict[str, Grade] = {}
-        for reason in self.reasons:  # the worst first
+        for reason in self.reasons:  # worst first
             found.setdefault(reason.about, reason.grade)
         return found
 
     def about(self, *subjects: str) -> Verdict:
-        """Return the part of the verdict that is about some things only."""
+        """Return a verdict with the reasons on the given subjects only."""
         return Verdict(reason for reason in self.reasons if reason.about in subjects)
 
     def summary(self) -> str:
-        """Return one sentence: the grade, its first reason, and what is better than that."""
+        """Return one sentence: the grade, the first reason for it, and the subjects with a better grade."""
         return f"{self.headline}: {self.detail}."
 
     @property
     def headline(self) -> str:
-        """The grade as the beginning of a sentence."""
+        """Grade with a capital letter, as the beginning of a sentence."""
         return self.grade.value.capitalize()
 
     @property
     def detail(self) -> str:
-        """The rest of the summary: the first reason of the grade, and what has a better grade."""
+        """Rest of the summary: the first reason for the grade, and the subjects with a better grade."""
         if not self.reasons:
             return "nothing was examined"
         first, others = self.decisive[0], len(self.decisive) - 1
@@ -158,7 +158,7 @@ class Verdict:
         return f"{first}{more}{self._better()}"
 
     def _better(self) -> str:
-        """Return, as the end of a sentence, what has a better grade than the whole."""
+        """Return the subjects with a better grade than the verdict, as the end of a sentence."""
         by_grade: dict[Grade, list[str]] = {}
         for about, grade in self.grades.items():
             if grade is not self.grade:
@@ -166,7 +166,7 @@ class Verdict:
         return "".join(f"; {grade.value}: {', '.join(by_grade[grade])}" for grade in ORDER if grade in by_grade)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what a JSON file holds."""
+        """Return the verdict as a JSON document."""
         return {
             "grade": self.grade.value,
             "summary": self.summary(),
@@ -175,7 +175,7 @@ class Verdict:
 
     @classmethod
     def from_json(cls, document: object) -> Verdict:
-        """Return what `to_json` wrote; the grade is computed from the reasons.
+        """Return the verdict of a document written by `to_json`; the grade is computed from the reasons.
 
         Raises:
             InputError: The document is not a verdict.
@@ -187,7 +187,7 @@ class Verdict:
 
 
 def listed(names: Iterable[str], most: int = 4) -> str:
-    """Return names as a list for an origin: the first ones, and how many more there are.
+    """Return names as a list for an origin: the first `most` names and the number of the others.
 
     >>> listed("abcdef")
     'a, b, c, d and 2 more'

@@ -52,7 +52,9 @@ def test_strange_entries_are_refused_before_anything_is_written(tmp_path, entrie
 def test_a_bomb_is_refused_at_once_with_its_size_and_the_limit(tmp_path):
     packed(tmp_path / "bomb.fmu", ("resources/zeros", bytes(100_000_000)))
     begun = time.process_time()
-    with pytest.raises(FmuError, match=r"bomb\.fmu: the entry 'resources/zeros' has 95 MiB unpacked .* 200 times"):
+    with pytest.raises(
+        FmuError, match=r"bomb\.fmu: the entry 'resources/zeros' has an unpacked size of 95 MiB .* ratio of 200"
+    ):
         extract_archive(tmp_path / "bomb.fmu", tmp_path / "out")
     assert time.process_time() - begun < 0.5
 
@@ -61,10 +63,12 @@ def test_sizes_and_counts_have_limits(tmp_path, monkeypatch):
     path = packed(tmp_path / "large.fmu", ("a", b"x" * 2_000_000), ("b", b"x" * 2_000_000))
     assert len(read_archive(path)["a"]) == 2_000_000  # a small entry may be as compressible as it is
     monkeypatch.setattr(archive, "LARGEST_TOTAL", 3 * 2**20)
-    with pytest.raises(FmuError, match=r"large\.fmu: the whole archive has 4 MiB unpacked, the limit is 3 MiB"):
+    with pytest.raises(
+        FmuError, match=r"large\.fmu: the whole archive has an unpacked size of 4 MiB, the limit is 3 MiB"
+    ):
         read_archive(path)
     monkeypatch.setattr(archive, "LARGEST_ENTRY", 2**20)
-    with pytest.raises(FmuError, match=r"large\.fmu: the entry 'a' has 2 MiB unpacked, the limit is 1 MiB"):
+    with pytest.raises(FmuError, match=r"large\.fmu: the entry 'a' has an unpacked size of 2 MiB, the limit is 1 MiB"):
         read_archive(path)
     monkeypatch.setattr(archive, "MOST_ENTRIES", 1)
     with pytest.raises(FmuError, match=r"large\.fmu: has 2 entries, the limit is 1"):

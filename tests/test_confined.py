@@ -56,7 +56,7 @@ def test_a_file_that_takes_too_much_memory_is_refused(record, monkeypatch):
     large = record.with_name("large.mat")
     with large.open("wb") as stream:
         stream.truncate(2**28)
-    with pytest.raises(FileFormatError, match=r"large\.mat: not a file: it takes more than 0\.1 GiB of memory"):
+    with pytest.raises(FileFormatError, match=r"large\.mat: not a file: reading it needs more than 0\.1 GiB of memory"):
         read_confined("numpy:fromfile", large, kind="a file")
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 

@@ -12,8 +12,8 @@ from eightpost.files import atomic_path, json_content, read_text, toml_content
 JSON = {
     "huge integer": ('{"a": ' + "9" * 5000 + "}", "99999999999999999999... is outside 64 bits"),
     "integer beyond 64 bits": ('{"a": 9223372036854775808}', "9223372036854775808 is outside 64 bits"),
-    "NaN": ('{"a": NaN}', "NaN is no number"),
-    "overflow": ('{"a": 1e999}', "1e999 is no number"),
+    "NaN": ('{"a": NaN}', "NaN is not a finite number"),
+    "overflow": ('{"a": 1e999}', "1e999 is not a finite number"),
     "deep": ("[" * 100_000, "nested more than 64 levels"),
     "deep but whole": ("[" * 100 + "]" * 100, "nested more than 64 levels"),
     "half a character": (r'{"a": "\ud800"}', "half of a character pair"),
@@ -109,7 +109,7 @@ def test_a_full_disk_is_said_with_the_files_name_and_leaves_the_old_one(tmp_path
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"plain is a file, no folder"):
+    with pytest.raises(InputError, match=r"plain is a file, not a folder"):
         (tmp_path / "plain").write_text("")
         with atomic_path(tmp_path / "plain" / "out.csv"):
             pass

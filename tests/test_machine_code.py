@@ -40,7 +40,7 @@ def test_damaged_machine_code_is_compiled_again_and_said(fresh, tmp_path, caplog
     path.write_bytes(damage(path.read_bytes()))
     with caplog.at_level(logging.WARNING):
         assert fresh()(0.0) == 1.0
-    assert f"kept machine code is damaged and is compiled again: {path}" in caplog.text
+    assert f"cached machine code is damaged and is compiled again: {path}" in caplog.text
     last = fresh()
     assert last(0.0) == 1.0 and sum(last.stats.cache_hits.values()) == 1
 
@@ -59,4 +59,4 @@ def test_without_any_folder_it_is_compiled_in_every_run(fresh, monkeypatch, capl
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     with caplog.at_level(logging.WARNING):
         assert fresh()(0.0) == 1.0
-    assert "machine code is not kept" in caplog.text
+    assert "machine code cannot be cached" in caplog.text

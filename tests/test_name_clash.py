@@ -58,7 +58,7 @@ def test_a_clash_that_remains_is_an_error_that_names_the_file(name, tmp_path):
     for start in (("-m", "eightpost"), (script(tmp_path),)):
         shown = ran(tmp_path, "check", "x.fmu", path=[tmp_path], start=start)
         assert shown.returncode == 2
-        assert str(tmp_path / f"{name}.py") in shown.stderr and "rename it" in shown.stderr
+        assert str(tmp_path / f"{name}.py") in shown.stderr and "rename the file" in shown.stderr
         assert "Traceback" not in shown.stderr
 
 

@@ -1,7 +1,7 @@
-"""Reading with libraries that a damaged file can crash: in a process of its own, with limits of time and memory.
+"""Reading of files in a separate process with time and memory limits, for libraries that a damaged file can crash.
 
-A crash there becomes an error that names the file. The process starts with the first such file and stays for the next
-ones, so that the start is paid once.
+A crash of the process becomes an error that names the file. The process starts with the first such file and reads the
+later ones too, so that the libraries are loaded only once.
 """
 
 from eightpost.confined.process import read_confined

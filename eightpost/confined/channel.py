@@ -1,4 +1,4 @@
-"""Messages over a pipe: their length, then their bytes."""
+"""Messages over a pipe, each sent as its length followed by its bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def receive(stream: IO[bytes]) -> bytes:
     """Wait for a message and return it.
 
     Raises:
-        EOFError: The other side closed the pipe, perhaps in the middle of a message.
+        EOFError: The other side closed the pipe, possibly in the middle of a message.
     """
     head = stream.read(_LENGTH.size)
     if len(head) < _LENGTH.size:

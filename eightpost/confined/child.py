@@ -1,4 +1,4 @@
-"""The child's side of confined reading: questions from standard input, answers to standard output."""
+"""Child process of confined reading: requests from standard input, answers to standard output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.errors import EightpostError
 
 
 def serve() -> None:
-    """Answer until standard input is closed. What libraries print does not get among the answers."""
+    """Answer requests until standard input is closed. Output of libraries goes to standard error."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     while True:
@@ -34,8 +34,9 @@ def _answer(function: str, path: str, options: tuple[Any, ...], memory: int) -> 
     except EightpostError as error:
         return "refused", error
     except MemoryError:
-        return "failed", f"it takes more than {memory / 2**30:.1f} GiB of memory; it is damaged, or export less of it"
-    except Exception as error:  # whatever a library raises over a file that it cannot read
+        limit = f"{memory / 2**30:.1f} GiB"
+        return "failed", f"reading it needs more than {limit} of memory; it is damaged, or export a shorter record"
+    except Exception as error:  # libraries raise many types for files that they cannot read
         return "failed", f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
@@ -43,11 +44,11 @@ def _packed(answer: tuple[str, Any]) -> bytes:
     try:
         return pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
     except Exception as error:
-        return pickle.dumps(("failed", f"it holds what is no data ({error})"))
+        return pickle.dumps(("failed", f"it contains objects that are not data ({error})"))
 
 
 def _limit_memory(memory: int) -> None:
-    """Limit the address space, where the system can, to what is taken now and `memory` [bytes]."""
+    """Limit the address space to the current use plus `memory` [bytes], on systems that support it."""
     try:
         import resource  # noqa: PLC0415
     except ImportError:  # Windows

@@ -1,4 +1,4 @@
-"""MATLAB files as scipy reads them. Runs in the child: scipy's reader ends the process over some damaged files."""
+"""Reading of MATLAB files with scipy in the child process, because some damaged files crash scipy's reader."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def load(path: Path, simplify: bool) -> dict[str, Any]:
     """Return the variables of a file by name.
 
     Args:
-        path: The file.
-        simplify: Whether to turn structs into dicts and to drop dimensions of one.
+        path: Path of the file.
+        simplify: Whether to convert structs to dicts and to drop dimensions of length one.
 
     Raises:
         FileFormatError: The file is of version 7.3 (HDF5).
@@ -23,6 +23,6 @@ def load(path: Path, simplify: bool) -> dict[str, Any]:
     try:
         content = scipy.io.loadmat(path, simplify_cells=simplify)
     except NotImplementedError as error:
-        what = "it is a MATLAB 7.3 (HDF5) file, which is not read; save it again with `save(..., '-v7')`"
+        what = "MATLAB 7.3 (HDF5) files are not supported; save it again with `save(..., '-v7')`"
         raise FileFormatError(what, path=path) from error
     return {name: value for name, value in content.items() if not name.startswith("__")}

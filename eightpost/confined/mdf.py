@@ -1,4 +1,4 @@
-"""MDF files as asammdf reads them. Runs in the child: asammdf ends the process over some damaged files."""
+"""Reading of MDF files with asammdf in the child process, because some damaged files crash asammdf."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class Signal(NamedTuple):
-    """A numeric channel: its name and unit as written, samples (N,) and times (N,) [s]."""
+    """A numeric channel: name and unit as in the file, samples (N,) and times (N,) [s]."""
 
     name: str
     unit: str
@@ -21,8 +21,8 @@ class Signal(NamedTuple):
 
 
 def load(path: Path) -> tuple[list[Signal], str]:
-    """Return the numeric channels of a file and its header's comment."""
-    mdf = importlib.import_module("asammdf").MDF(path)  # an extra, without types
+    """Return the numeric channels of a file and the comment in its header."""
+    mdf = importlib.import_module("asammdf").MDF(path)  # an optional dependency without type hints
     try:
         return list(_numeric(mdf)), str(mdf.header.comment or "")
     finally:
@@ -30,7 +30,7 @@ def load(path: Path) -> tuple[list[Signal], str]:
 
 
 def _numeric(mdf: Any) -> Iterator[Signal]:
-    """Yield the channels that are numbers over time; texts, arrays and time axes are passed over."""
+    """Yield the channels with one number per sample; skip texts, arrays and time axes."""
     for signal in mdf.iter_channels(skip_master=True):
         if signal.samples.dtype.kind in "iuf" and signal.samples.ndim == 1:
             samples, times = (np.asarray(values, dtype=np.float64) for values in (signal.samples, signal.timestamps))

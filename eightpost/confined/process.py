@@ -1,4 +1,4 @@
-"""The parent's side of confined reading: a child that is asked, timed and replaced after a crash."""
+"""Parent side of confined reading: requests to the child process, with a time limit and a restart after a crash."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from eightpost.errors import FileFormatError
 from eightpost.files import reading
 from eightpost.interpreter import python_command
 
-#: Memory that the child may take beyond its libraries [bytes]: at least this, and for a large file a multiple of it.
+#: Memory that the child may use in addition to its libraries [bytes]: a minimum, and a multiple of the file size.
 MEMORY, _MEMORY_PER_BYTE = 2 * 2**30, 8
-#: Time limit [s] of one file, and what each byte of it adds.
+#: Time limit for one file [s], and additional time for each byte [s].
 _TIME, _TIME_PER_BYTE = 60.0, 1e-6
-#: What a process that closed its output may take to end [s].
+#: Time limit for a process to end after it closed its output [s].
 _ENDING = 5.0
 
 
 class _EndedError(Exception):
-    """The child crashed, or was ended because it took too long.
+    """Exception for a child that crashed, or that was killed because it exceeded the time limit.
 
     Args:
         how: Description of what happened, for a message.
-        late: Whether it took too long.
+        late: Whether the child exceeded the time limit.
     """
 
     def __init__(self, how: str, *, late: bool) -> None:
@@ -39,7 +39,7 @@ class _EndedError(Exception):
 
 
 class _Child:
-    """A process that reads files one after the other until its standard input is closed."""
+    """A process that reads one file after the other until its standard input is closed."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
@@ -52,10 +52,10 @@ class _Child:
         self.owner = os.getpid()
 
     def ask(self, question: tuple[Any, ...], seconds: float) -> Any:
-        """Return the child's answer to a question.
+        """Return the child's answer to a request.
 
         Raises:
-            _EndedError: It crashed, or gave no answer within `seconds`.
+            _EndedError: The child crashed, or did not answer within `seconds`.
         """
         late = threading.Event()
         timer = threading.Timer(seconds, self._expire, (late,))
@@ -67,7 +67,7 @@ class _Child:
             code = self._ended()
             how = f"took longer than {seconds:.0f} s" if late.is_set() else _how(code)
             raise _EndedError(how, late=late.is_set()) from None
-        except BaseException:  # Ctrl-C: the answer would be taken for that to the next question
+        except BaseException:  # Ctrl-C: the pending answer would be read as the answer to the next request
             self.end()
             raise
         finally:
@@ -83,14 +83,14 @@ class _Child:
         self.close()
 
     def _ended(self) -> int:
-        """Return the exit code of a process that closed its side; it is made to end if it has not."""
+        """Return the exit code of a process that closed its side of the pipe; kill it if it is still running."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_ENDING)
         self.end()
         return int(self._process.returncode)
 
     def close(self) -> None:
-        """Let the process end by itself; it does with its standard input."""
+        """Close the pipes and wait; the process ends when its standard input is closed."""
         for stream in (self._process.stdin, self._process.stdout):
             with contextlib.suppress(OSError):
                 cast("IO[bytes]", stream).close()
@@ -102,17 +102,17 @@ _children: list[_Child] = []
 
 
 def read_confined(function: str, path: str | Path, *options: Any, kind: str) -> Any:
-    """Call a function on a file in the child, and return what it returns.
+    """Call a function with a file in the child process, and return its result.
 
     Args:
-        function: Module and function, `package.module:name`; it takes the path and the options.
-        path: The file.
+        function: Module and function, `package.module:name`, called with the path and the options.
+        path: Path of the file.
         options: Further arguments; they and the result must be picklable.
-        kind: Kind of file that is expected, for messages: "a MATLAB file".
+        kind: Expected type of file, for messages: "a MATLAB file".
 
     Raises:
-        FileFormatError: The library cannot read the file, crashed over it, or took more memory or time than it may.
-        EightpostError: What the function raised itself.
+        FileFormatError: The library cannot read the file, crashed, or exceeded the memory or time limit.
+        EightpostError: An error that the function raised itself.
     """
     path = Path(path)
     with reading(path):
@@ -132,7 +132,7 @@ def read_confined(function: str, path: str | Path, *options: Any, kind: str) -> 
 
 
 def _answer(question: tuple[Any, ...], seconds: float) -> Any:
-    """Ask the child. If it crashes, a fresh one is asked again: an earlier file may have damaged the first."""
+    """Send a request to the child. If it crashes, retry with a new child, because an earlier file may be the cause."""
     with _lock:
         used = bool(_children) and _children[0].owner == os.getpid()
         if used:

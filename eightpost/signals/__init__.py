@@ -1,4 +1,4 @@
-"""Signals: time series, drivefiles, filters, faults, and the files they live in."""
+"""Signals: time series, drive files, filters, checks for faults, and file formats."""
 
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv

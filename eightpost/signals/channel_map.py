@@ -1,4 +1,4 @@
-"""Channel maps: which column is which channel, in which unit and with which sign."""
+"""Channel maps: assignment of columns to channels, with unit and sign."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
     from eightpost.signals.raw_record import RawRecord
 
-#: What a time column is called, in lower case.
+#: Names of a time column, in lower case.
 TIME_NAMES = ("time", "t", "timestamp", "zeit")
 
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
-    """One channel: `gain * column + offset`, in the column's unit, then converted to SI.
+    """A channel, computed as `gain * column + offset` in the column's unit, then converted to SI.
 
     Attributes:
-        source: The column's name (its unit stripped).
-        unit: The column's unit; None takes the file's.
-        gain: Factor [1]; -1 turns the sign.
-        offset: Added after the gain, in the column's unit.
+        source: Name of the column, without the unit.
+        unit: Unit of the column; None to use the unit in the file.
+        gain: Factor [1]; -1 changes the sign.
+        offset: Value added after the gain, in the column's unit.
     """
 
     source: str
@@ -38,9 +38,9 @@ class MappedChannel:
 
 @dataclass(frozen=True, slots=True)
 class ChannelMap:
-    """Which column is which channel. Columns that no channel names are not read.
+    """Assignment of columns to channels. Columns that no channel uses are not read.
 
-    As a TOML file::
+    Example of the TOML file::
 
         [time]
         source = "Time"
@@ -53,9 +53,9 @@ class ChannelMap:
         offset = 12.5
 
     Attributes:
-        channels: Channel name to its column.
-        time: The time column; None takes the column that is called time or t.
-        path: The file the map was read from.
+        channels: Column of each channel, by channel name.
+        time: Time column; None to use the column named time or t.
+        path: Path of the file that the map was read from.
     """
 
     channels: Mapping[str, MappedChannel] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class ChannelMap:
         """Read a channel map from a TOML file.
 
         Raises:
-            FileFormatError: No such file, not TOML, an unknown key, or a value of the wrong kind.
+            FileFormatError: The file is missing or not TOML, has an unknown key, or has a value of the wrong type.
         """
         path = Path(path)
         tables = toml_content(path)
@@ -80,12 +80,12 @@ class ChannelMap:
         return cls(mapped, time, path)
 
     def flipped(self, names: Iterable[str]) -> ChannelMap:
-        """Return the map with the sign of the channels `names` turned."""
+        """Return the map with the opposite sign for the channels `names`."""
         channels = dict(self.channels)
         for name in names:
             if name not in channels:
                 known = ", ".join(channels)
-                what = f"cannot turn its sign: no such channel; there are: {known}"
+                what = f"cannot change its sign: there is no such channel; there are: {known}"
                 raise MissingChannelError(what, path=self.path, channel=name)
             old = channels[name]
             channels[name] = replace(old, gain=-old.gain, offset=-old.offset)
@@ -96,7 +96,7 @@ def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str, pa
     for key in table:
         if key not in known:
             name = f"{where}.{key}" if where else key
-            raise FileFormatError(f"unknown key {name!r}; known here: {', '.join(known)}", path=path)
+            raise FileFormatError(f"unknown key {name!r}; allowed keys: {', '.join(known)}", path=path)
 
 
 def _table(entry: object, where: str, path: Path) -> dict[str, Any]:
@@ -110,26 +110,27 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
     kinds = {"source": str, "unit": str, "gain": (int, float), "offset": (int, float)}
     _check_keys(table, tuple(kinds), where, path)
     if "source" not in table:
-        raise FileFormatError(f"{where!r} has no 'source', the column that it is read from", path=path)
+        raise FileFormatError(f"{where!r} has no 'source'; give the name of its column", path=path)
     for key, value in table.items():
         wrong = not isinstance(value, kinds[key]) or isinstance(value, bool)  # type: ignore[arg-type]
         if wrong or (not isinstance(value, str) and not math.isfinite(value)):
-            raise FileFormatError(f"'{where}.{key}' must not be {value!r}", path=path)
+            kind = "a text" if kinds[key] is str else "a finite number"
+            raise FileFormatError(f"'{where}.{key}' must be {kind}, not {value!r}", path=path)
     return MappedChannel(**table)
 
 
 def find_time(record: RawRecord) -> MappedChannel:
-    """Return the column that is called time; a MissingChannelError says what there is.
+    """Return the time column, or raise a MissingChannelError that lists the columns.
 
-    `T` is a time only when its unit is one, because it is also a temperature.
+    `T` is the time only if its unit is a time unit, because it may also be the temperature.
     """
-    for wanted in TIME_NAMES:
+    for time_name in TIME_NAMES:
         for name, unit in zip(record.names, record.units, strict=True):
-            if name.lower() == wanted and (name != "T" or unit in ("s", "ms", "sec")):
+            if name.lower() == time_name and (name != "T" or unit in ("s", "ms", "sec")):
                 return MappedChannel(name)
-    return MappedChannel(record.names[record.index("time", wanted_as="time")])
+    return MappedChannel(record.names[record.index("time", channel="time")])
 
 
 def identity_map(record: RawRecord, time: MappedChannel) -> ChannelMap:
-    """Return the map under which every column but time keeps its own name."""
+    """Return a map in which every column except time is a channel of the same name."""
     return ChannelMap({name: MappedChannel(name) for name in record.names if name != time.source}, time)

@@ -1,4 +1,4 @@
-"""Text files with several tables under each other, each with its own preamble: the blocks of a test series."""
+"""Blocks of a text file that contains several tables, one below the other, each with its own preamble."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from eightpost.signals.csv_dialect import split_cells
 from eightpost.signals.header import is_number, split_header, units_row
 
-#: How a line of numbers begins; every other line is looked at more closely.
+#: First characters of a line of numbers; other lines may be headers.
 _NUMBER_BEGINS = frozenset("0123456789-+., \t;\"'")
-#: The delimiters that a preamble may use, whatever the table below it uses.
+#: Delimiters that a preamble may use, independent of the delimiter of its table.
 _DELIMITERS = (";", "\t", ",")
-#: Share of the first block's column names that make a line the header of another block.
+#: Minimum share of the first block's column names in a line that is the header of another block.
 _SHARED = 0.5
 
 
@@ -20,9 +20,9 @@ class Block:
     """A part of a text file with one table.
 
     Attributes:
-        start: Zero-based first line.
-        stop: Zero-based line after the last.
-        preamble: The lines above the header, one tuple of cells each.
+        start: Zero-based number of the first line.
+        stop: Zero-based number of the line after the last line.
+        preamble: Lines above the header, one tuple of cells for each.
     """
 
     start: int
@@ -31,11 +31,11 @@ class Block:
 
 
 def find_blocks(lines: list[str]) -> tuple[Block, ...]:
-    """Find the blocks of a text file: a header that comes again below a table begins another one.
+    """Return the blocks of a text file; a second header below a table begins a new block.
 
-    A header is a line of names above numbers, perhaps with a row of units between; further headers share half of
-    their names with the first or more. The lines between the last line that begins with a number and the header
-    are the block's preamble. A file without any header comes back as one block.
+    A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
+    half of the names of the first header. The lines between the last line that begins with a number and the header are
+    the block's preamble. A file without a header is returned as one block.
     """
     headers = _headers(lines)
     if not headers:
@@ -49,7 +49,7 @@ def find_blocks(lines: list[str]) -> tuple[Block, ...]:
 
 
 def _headers(lines: list[str]) -> list[int]:
-    """Return the zero-based lines of the headers."""
+    """Return the zero-based line numbers of the headers."""
     found: list[int] = []
     first: set[str] = set()
     for i, line in enumerate(lines):
@@ -63,7 +63,7 @@ def _headers(lines: list[str]) -> list[int]:
 
 
 def _names_above_numbers(lines: list[str], row: int) -> set[str]:
-    """Return the names in a line that stands above a line of as many numbers, empty when it is no header."""
+    """Return the names in a header line, which is followed by a line of numbers; empty if it is not a header."""
     for delimiter in _DELIMITERS:
         cells = _cells(lines[row], delimiter)
         if len(cells) < 2 or not all(cells) or any(map(is_number, cells)):
@@ -77,7 +77,7 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
 
 
 def _preamble_start(lines: list[str], header: int) -> int:
-    """Return the line after the last line above `header` that begins with a number."""
+    """Return the number of the line after the last line above `header` that begins with a number."""
     start = header
     while start > 0 and not is_number(_first_cell(lines[start - 1])):
         start -= 1
@@ -91,7 +91,7 @@ def _first_cell(line: str) -> str:
 
 
 def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
-    """Split the lines of a preamble at the delimiter that most of them have."""
+    """Split the lines of a preamble at the delimiter that occurs in most of them."""
     texts = [line for line in lines if line.strip(" \t,;")]
     counts = {delimiter: sum(delimiter in text for text in texts) for delimiter in _DELIMITERS}
     delimiter = max(counts, key=lambda mark: counts[mark])
@@ -99,7 +99,7 @@ def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Split a line into cells, without the empty ones at its end."""
+    """Split a line into cells, without empty cells at the end."""
     cells = split_cells(line, delimiter)
     while cells and not cells[-1]:
         cells.pop()

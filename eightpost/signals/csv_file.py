@@ -1,4 +1,4 @@
-"""Delimited text files: preamble, header with units, decimal comma."""
+"""Delimited text files with preamble, header with units, and decimal comma."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-#: Characters that a line may have: some ten thousand channels.
+#: Maximum number of characters in a line, enough for about ten thousand channels.
 _LONGEST_LINE = 2**18
 
 
 def read_csv(path: str | Path) -> RawRecord:
     """Read a delimited text file.
 
-    Known: preamble lines; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row under it;
-    delimiters `,`, `;` and tab; the decimal comma with the latter two; UTF-8 and Latin-1.
+    Supported are preamble lines; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row under it; the
+    delimiters `,`, `;` and tab; the decimal comma with `;` and tab; UTF-8 and Latin-1.
 
     Raises:
-        FileFormatError: There is no table or more than one, no header, or a line of another width.
+        FileFormatError: There is no table or more than one, no header, or a line with another number of columns.
     """
     records = read_csv_blocks(path)
     if len(records) > 1:
         places = ", ".join(str(record.origin.header_line) for record in records)
-        what = f"there are {len(records)} tables in it (headers in lines {places}); keep one, or read them all"
+        what = f"the file has {len(records)} tables (headers in lines {places}); keep one, or read all of them"
         raise FileFormatError(what, path=path, line=records[1].origin.header_line)
     return records[0]
 
 
 def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read a delimited text file that may hold several tables, each with its header and a preamble of its own.
+    """Read a delimited text file that may contain several tables, each with its own header and preamble.
 
     Raises:
-        FileFormatError: As for read_csv, in any of the tables.
+        FileFormatError: A table cannot be read; see read_csv.
     """
     path = Path(path)
     with reading(path):
@@ -61,10 +61,11 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     lines = _text(content).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if b"\0" in content:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
-        raise FileFormatError("it has a zero byte: it is no text, or was not copied whole", path=path, line=number)
+        what = "it has a zero byte: it is not a text file, or was not copied completely"
+        raise FileFormatError(what, path=path, line=number)
     longest = max(map(len, lines))
     if longest > _LONGEST_LINE:
-        what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: it is no table of channels"
+        what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: this is not a table of channels"
         raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
     return tuple(_record(lines, block, path) for block in find_blocks(lines))
 
@@ -87,7 +88,7 @@ def _text(content: bytes) -> str:
 
 
 def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
-    """Parse the table: one vector (N,) per named column, of objects where a cell is not a number."""
+    """Return one vector (N,) for each named column of the table; of type object if a cell is not a number."""
     width = len(layout.names) + layout.padding
     decimal = "," if layout.delimiter != "," and "," in body else "."
     content = body.encode()
@@ -104,13 +105,13 @@ def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) 
         raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
     named = len(layout.names)
     if any(column.null_count < len(column) for column in table.columns[named:]):
-        what = f"the header names {named} columns, the lines of numbers have {width}; name every column"
+        what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
     return tuple(_vector(column) for column in table.columns[:named])
 
 
 def _vector(column: Any) -> NDArray[Any]:
-    """Return a column as numbers with NaN for empty cells, or as objects when it is not numeric."""
+    """Return a column as numbers with NaN for empty cells, or as objects if it is not numeric."""
     if pa.types.is_null(column.type):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
@@ -119,12 +120,12 @@ def _vector(column: Any) -> NDArray[Any]:
 
 
 def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:
-    """Look slowly for the first line with another number of cells."""
+    """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
     width = len(layout.names) + layout.padding
     for line, number in zip(body.split("\n"), numbers, strict=True):
         count = len(split_cells(line, layout.delimiter))
         if count != width:
-            what = f"the line has {count} columns instead of {width}; was the file cut off?"
+            what = f"the line has {count} columns instead of {width}; check whether the file was truncated"
             return FileFormatError(what, path=path, line=int(number))
     return None
 
@@ -141,11 +142,11 @@ def write_csv(
     """Write a series as comma-separated text with the units in brackets in the header.
 
     Args:
-        series: The series.
-        path: The file; replaced whole or not at all.
-        units: Unit to write by channel name (`time` too), SI where not given.
-        decimals: Digits after the decimal point by channel name; full precision where not given.
-        titles: Column title by channel name, the name itself where not given.
+        series: Series to write.
+        path: Path of the file, which is replaced atomically.
+        units: Units in the file, by channel name or `time`; default SI.
+        decimals: Number of digits after the decimal point, by channel name; default full precision.
+        titles: Column titles, by channel name; default the channel name.
         preamble: Lines before the header.
     """
     units, decimals, titles = units or {}, decimals or {}, titles or {}
@@ -156,7 +157,7 @@ def write_csv(
         written = units.get(name, unit)
         converted = convert(values, unit, written)
         header.append(quoted_cell(f"{titles.get(name, name)} [{written}]"))
-        # Adding zero turns the minus zeros of rounding into plain ones.
+        # Adding zero turns -0.0, which rounding may give, into 0.0.
         vectors.append(converted if name not in decimals else np.round(converted, decimals[name]) + 0.0)
     table = pa.table([to_arrow(vector) for vector in vectors], names=[str(i) for i in range(len(vectors))])
     with atomic_path(path) as temporary, temporary.open("wb") as stream:

@@ -1,4 +1,4 @@
-"""Drivefiles: piecewise-linear commands."""
+"""Drive files: piecewise-linear commands."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-#: Share of the steps that must be alike for the others to count as gaps.
+#: Minimum share of equal time steps for which the other steps are gaps.
 _EVEN_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drivefile:
-    """A time series read as a signal: linear between its samples, held outside them.
+    """A time series as a continuous signal: linear between the samples, constant before the first and after the last.
 
     Attributes:
-        series: The samples.
+        series: Samples of the signal.
     """
 
     series: TimeSeries
@@ -54,11 +54,11 @@ class Drivefile:
         channel_map: ChannelMap | None = None,
         units: Mapping[str, str] | None = None,
     ) -> Drivefile:
-        """Read a drivefile from any file that `read_series` reads.
+        """Read a drive file in any format that `read_series` reads.
 
         Raises:
-            DataError: One of its kinds, as `read_series`.
-            TimeGapError: An even grid with samples missing. Knots that are uneven all along are no gaps.
+            DataError: The file has a fault; see `read_series`.
+            TimeGapError: Samples are missing in an even time grid. An uneven grid has no gaps.
         """
         series = read_series(path, channel_map=channel_map, units=units)
         if _is_even_but_for_gaps(series.time):
@@ -66,17 +66,17 @@ class Drivefile:
         return cls(series)
 
     def write(self, path: str | Path) -> None:
-        """Write the drivefile in the format that the suffix of `path` says."""
+        """Write the drive file in the format given by the suffix of `path`."""
         write_series(self.series, path)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The C channel names."""
+        """Names of the C channels."""
         return self.series.names
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The C SI units."""
+        """SI units of the C channels."""
         return self.series.units
 
     @property
@@ -94,7 +94,7 @@ class Drivefile:
         return np.stack(rows) if rows else np.empty((0, times.size))
 
     def mean(self, start: float, stop: float) -> Array:
-        """Return the exact mean (C,) between two times [s]; the value at `start` when they are equal."""
+        """Return the exact mean (C,) between two times [s]; if they are equal, the value at this time."""
         if start == stop:
             return self.at(start)
         return self.means(np.array([start, stop]))[:, 0]
@@ -107,7 +107,7 @@ class Drivefile:
         return np.diff(self._primitive(times), axis=1) / widths
 
     def _primitive(self, times: Array) -> Array:
-        """Return the integral (C, K) from the first sample to `times` (K,), the end values held outside."""
+        """Return the integral (C, K) from the first sample to `times` (K,); end values are held outside the samples."""
         grid, values = self.series.time, self.series.values
         left = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, grid.size - 1)
         before = np.minimum(times - grid[0], 0.0)

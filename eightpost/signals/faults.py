@@ -1,6 +1,6 @@
-"""Faults of measured records, each with its own error that says where, what and what to do.
+"""Checks for faults in measured records; each fault has its own exception, which says where and what to do.
 
-Every check returns nothing and raises on the first fault it meets.
+Every check raises an exception for the first fault that it finds, and otherwise returns None.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 #: A step longer than this many median steps is a gap.
 GAP_FACTOR = 1.5
 
-#: A channel is clipped when runs of at least this many samples sit at its end value ...
+#: A channel is clipped if sequences of at least this many samples are equal to its maximum or minimum, ...
 CLIP_RUN = 5
-#: ... make up at least this share of the record ...
+#: ... if these samples are at least this share of the record, ...
 CLIP_SHARE = 0.005
-#: ... and outnumber the samples at the next level below this many times (a rounded sine reaches 2.5).
+#: ... and if they exceed this multiple of the samples at the next level (a rounded sine reaches 2.5).
 CLIP_CROWDING = 5.0
 
 
 def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:
     """Raise NotANumberError at the first NaN or infinite sample of `values` (N,)."""
     with np.errstate(over="ignore", invalid="ignore"):
-        total = values.sum()  # in which stays what is not finite: quicker than to look at each
+        total = values.sum()  # not finite if a sample is not finite; faster than checking each sample
     if np.isfinite(total):
         return
     bad = np.flatnonzero(~np.isfinite(values))
@@ -49,7 +49,7 @@ def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> 
         what = "NaN, or the cell is empty" if np.isnan(value) else str(value)
         raise origin.fault(
             NotANumberError,
-            f"the value is {what} ({bad.size} such of {values.size}); repair the record or cut those samples out",
+            f"the value is {what} ({bad.size} of {values.size} samples); repair the record or cut these samples out",
             channel=channel,
             sample=int(bad[0]),
         )
@@ -65,14 +65,14 @@ def check_time(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY
     if after < before:
         raise origin.fault(
             BackwardTimeError,
-            f"time goes back from {before:.9g} s to {after:.9g} s ({bad.size} such places); "
+            f"time decreases from {before:.9g} s to {after:.9g} s ({bad.size} such places); "
             "sort the record, or split it where two runs were joined",
             channel=channel,
             sample=sample,
         )
     raise origin.fault(
         DuplicateTimeError,
-        f"the time {after:.9g} s comes twice ({bad.size} such places); "
+        f"the time {after:.9g} s is repeated ({bad.size} such places); "
         "remove the repeated samples, or export time with more digits",
         channel=channel,
         sample=sample,
@@ -88,9 +88,9 @@ def check_gaps(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY
         sample = int(bad[0])
         raise origin.fault(
             TimeGapError,
-            f"a gap of {steps[sample]:.6g} s between {time[sample]:.9g} s and {time[sample + 1]:.9g} s, "
-            f"where the usual step is {median:.6g} s ({bad.size} such gaps); "
-            "use a part without a gap, or fill it",
+            f"there is a gap of {steps[sample]:.6g} s between {time[sample]:.9g} s and {time[sample + 1]:.9g} s, "
+            f"while the median step is {median:.6g} s ({bad.size} such gaps); "
+            "use a part without gaps, or fill the gaps",
             channel=channel,
             sample=sample + 1,
         )
@@ -99,24 +99,24 @@ def check_gaps(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY
 def check_length(
     time: Array, *, shortest: float, fewest: int, channel: str = "time", origin: Origin = IN_MEMORY
 ) -> None:
-    """Raise TooShortError when `time` (N,) [s] spans under `shortest` [s] or has under `fewest` samples."""
+    """Raise TooShortError if `time` (N,) [s] spans less than `shortest` [s] or has fewer than `fewest` samples."""
     span = float(time[-1] - time[0])
     if span < shortest or time.size < fewest:
         raise origin.fault(
             TooShortError,
             f"the record has {time.size} samples over {span:.4g} s; at least {fewest} samples over "
-            f"{shortest:g} s are needed: record longer or export at a higher rate",
+            f"{shortest:g} s are needed: record longer or export at a higher sample rate",
             channel=channel,
             sample=time.size - 1,
         )
 
 
 def check_moves(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:
-    """Raise ConstantChannelError when `values` (N,) never change by more than rounding."""
+    """Raise ConstantChannelError if `values` (N,) are constant except for rounding."""
     if float(np.ptp(values)) <= 1e-12 * float(np.max(np.abs(values))):
         raise origin.fault(
             ConstantChannelError,
-            f"the channel is {values[0]:.6g} (SI) from the first sample to the last; "
+            f"the channel is constant at {values[0]:.6g} (SI); "
             "check the sensor's cable and the column that the channel is read from",
             channel=channel,
             sample=0,
@@ -124,18 +124,18 @@ def check_moves(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> N
 
 
 def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY, against: Array | None = None) -> None:
-    """Raise ClippedChannelError when `values` (N,) sit at their highest or lowest value.
+    """Raise ClippedChannelError if `values` (N,) are clipped at their maximum or minimum.
 
-    Clipped means: runs of at least `CLIP_RUN` samples at the end value make up `CLIP_SHARE` of the record
-    and outnumber `CLIP_CROWDING` times the samples at the next level below, so that the rounded top of a
-    slow sine passes.
+    The channel is clipped if sequences of at least `CLIP_RUN` samples at the extreme value make up `CLIP_SHARE` of the
+    record and exceed `CLIP_CROWDING` times the samples at the next level. The rounded peak of a slow sine is not
+    clipped by this definition.
 
     Args:
-        values: (N,) the channel.
-        channel: Its name.
-        origin: Where it came from.
-        against: (N,) what drives the channel; samples over which it does not change at all are no evidence
-            (a computed constant-speed run has a truly constant force).
+        values: Samples of the channel (N,).
+        channel: Name of the channel.
+        origin: Origin of the record.
+        against: Samples (N,) of the channel that drives it. Samples at which this channel is constant are ignored,
+            because the force is then also constant in a computed record.
     """
     moving = np.ones(values.size, dtype=bool) if against is None else np.gradient(against) != 0.0
     for signed, end in ((values, "highest"), (-values, "lowest")):
@@ -143,16 +143,16 @@ def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY
         if clipped.size:
             raise origin.fault(
                 ClippedChannelError,
-                f"{clipped.size} of {values.size} samples sit at the {end} value "
+                f"{clipped.size} of {values.size} samples are equal to the {end} value "
                 f"{values[clipped[0]]:.6g} (SI): the sensor or its amplifier is clipped; "
-                "record again with a larger range, or use a part below it",
+                "record again with a larger range, or use a part without clipping",
                 channel=channel,
                 sample=int(clipped[0]),
             )
 
 
 def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the samples that are clipped at the maximum of `values` (N,), empty when none are."""
+    """Return the indices of the samples that are clipped at the maximum of `values` (N,); empty without clipping."""
     tolerance = 1e-9 * float(np.ptp(values))
     top = float(values.max())
     at_top = values >= top - tolerance
@@ -166,7 +166,7 @@ def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp
 
 
 def _in_long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Keep the True samples (N,) that belong to runs of at least `CLIP_RUN`."""
+    """Return the flags (N,) with True only in sequences of at least `CLIP_RUN` true samples."""
     edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     kept = np.zeros(flags.size, dtype=bool)
@@ -176,18 +176,18 @@ def _in_long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def check_sign(values: Array, reference: Array, *, channel: str, against: str, origin: Origin = IN_MEMORY) -> None:
-    """Raise WrongSignError when `values` (N,) correlate negatively with `reference` (N,).
+    """Raise WrongSignError if `values` (N,) correlate negatively with `reference` (N,).
 
-    A damper's force opposes its motion, so with the project's signs (both positive in compression) force and
-    velocity correlate positively.
+    A damper's force opposes its motion, so with the project's signs (both positive in compression) force and velocity
+    correlate positively.
     """
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
         raise origin.header_fault(
             WrongSignError,
-            f"it correlates with {against} at {correlation:.3f}, so one of them is positive the other way "
-            f"(both must be positive in compression); set gain = -1 in the channel map, or pass --flip, for the one "
-            f"that is wrong: `--flip {channel}` if {against} is right, else that of {against}. A wrong choice swaps "
-            "compression and rebound; gas force tells: it must come out positive",
+            f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must be "
+            f"positive in compression); change the sign of the wrong one with gain = -1 in the channel map or with "
+            f"--flip: `--flip {channel}` if {against} is right, otherwise flip {against}. A wrong choice swaps "
+            "compression and rebound; check that the gas force is positive",
             channel=channel,
         )

@@ -1,4 +1,4 @@
-"""Column headers: a name and perhaps a unit, in the ways that files write them."""
+"""Column headers: name and optional unit, in the notations that files use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eightpost.units import is_unit
 _BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
 _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 
-#: Header suffixes that say a unit whatever stands before them: `v_mm_s`, `F_lbf`.
+#: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
 _SUFFIXES = {
     "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",
     "m_s": "m/s", "m_s2": "m/s2", "ips": "in/s", "mm": "mm", "cm": "cm", "inch": "in", "N": "N", "kN": "kN",
@@ -21,7 +21,7 @@ _SUFFIXES = {
 _TIME = {"t", "time", "timestamp"}
 _LENGTH = {"x", "z", "disp", "displacement", "pos", "position", "travel", "stroke", "height", "road"}
 _TEMPERATURE = {"t", "temp", "temperature"}
-#: Suffixes that are also words or numberings (`max_s`, `sensor_in`): units only after a word of theirs.
+#: Suffixes that may also be words or abbreviations (`max_s`, `sensor_in`): units only after a matching quantity.
 _CAUTIOUS = {
     "s": ("s", _TIME), "ms": ("ms", _TIME), "us": ("us", _TIME), "m": ("m", _LENGTH), "in": ("in", _LENGTH),
     "C": ("degC", _TEMPERATURE), "F": ("degF", _TEMPERATURE), "K": ("K", _TEMPERATURE),
@@ -29,10 +29,10 @@ _CAUTIOUS = {
 
 
 def split_header(text: str) -> tuple[str, str | None]:
-    """Split a column header into its name and its unit, None where it says none.
+    """Split a column header into its name and its unit, which is None for a header without a unit.
 
-    `velocity [in/s]` and `Force (N)` carry any unit, known or not; a suffix as in `x_mm`, `v_mm_s` or
-    `T_degC` is a unit only when it is in a list of such suffixes: `lf_force` and `max_s` stay names.
+    Brackets (`velocity [in/s]`, `Force (N)`) contain any unit, known or not. A suffix (`x_mm`, `v_mm_s`, `T_degC`) is a
+    unit only if it is in a list of such suffixes: `lf_force` and `max_s` have no unit.
 
     >>> split_header("Force (N)"), split_header("v_mm_s"), split_header("max_s")
     (('Force', 'N'), ('v', 'mm/s'), ('max_s', None))
@@ -56,9 +56,9 @@ def _suffix_unit(stem: str, suffix: str) -> str | None:
 
 
 def units_row(cells: list[str]) -> list[str] | None:
-    """Return the units of a row under the header (`s;mm;N`, brackets allowed), None when it is no such row.
+    """Return the units of a row under the header (`s;mm;N`, brackets allowed), or None if it is not a row of units.
 
-    A row of units has no number in it and at least one cell that reads as a unit.
+    A row of units contains no number and at least one cell that can be read as a unit.
     """
     bare = [_BARE_BRACKETS.sub(lambda match: match["unit"], cell).strip() for cell in cells]
     if any(is_number(cell) for cell in bare if cell != "1"):
@@ -67,7 +67,7 @@ def units_row(cells: list[str]) -> list[str] | None:
 
 
 def is_number(cell: str) -> bool:
-    """Say whether a cell is a number, the decimal comma allowed."""
+    """Return whether a cell is a number, with a decimal point or comma."""
     try:
         float(cell.strip().replace(",", "."))
     except ValueError:

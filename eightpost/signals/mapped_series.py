@@ -1,4 +1,4 @@
-"""From a raw record to a series in SI: chosen, checked, converted."""
+"""Conversion of a raw record into a time series in SI: selection, checks and units."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ def mapped_series(
     units: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
 ) -> TimeSeries:
-    """Return the SI series of a record under a channel map.
+    """Return the channels of a channel map as a time series in SI.
 
     Args:
-        record: The columns of a file.
-        channel_map: Which of them are read, and how.
-        units: Units by channel (or column) name, for columns whose header says none.
-        expected: SI unit by channel name, where a channel must have a given dimension.
+        record: Columns of a file.
+        channel_map: Columns to read, with units, gains and offsets.
+        units: Units by channel (or column) name, for columns without a unit in the header.
+        expected: SI units by channel name, for channels that must have a given dimension.
 
     Raises:
         TooShortError: There is no sample.
-        MissingChannelError: A column is not there, or a unit is given for a channel that is not read.
+        MissingChannelError: A column is missing, or a unit is given for a channel that is not read.
         MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is not known, or has the wrong dimension.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
         NotANumberError: A sample is NaN, empty or text.
         BackwardTimeError: Time decreases.
         DuplicateTimeError: Time repeats.
     """
     if not record.columns[0].size:
-        raise record.origin.header_fault(TooShortError, "there is no sample in it")
+        raise record.origin.header_fault(TooShortError, "it has no samples")
     time = channel_map.time or find_time(record)
     picks = {"time": time, **{name: pick for name, pick in channel_map.channels.items() if name != "time"}}
     _check_given(units or {}, picks, record)
-    wanted = {name: _wanted(name, channel_map) for name in picks}
-    columns = {name: record.index(pick.source, wanted_as=wanted[name]) for name, pick in picks.items()}
+    labels = {name: _label(name, channel_map) for name in picks}
+    columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
     plans = {}
     for name, pick in picks.items():
@@ -66,7 +66,7 @@ def mapped_series(
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """How one channel is made: its column, gain and offset, the column's unit and the SI unit."""
+    """Recipe for one channel: column, gain and offset, unit of the column and SI unit."""
 
     name: str
     column: int
@@ -83,30 +83,30 @@ class _Plan:
 
 
 def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], record: RawRecord) -> None:
-    """Refuse a unit that is given for a channel that is not read: a slip of the pen must not pass unseen."""
+    """Refuse a unit for a channel that is not read, because the channel name may be a typing error."""
     known = {*picks, *(pick.source for pick in picks.values())}
     for name in units:
         if name not in known:
-            what = f"a unit is given for it, but the channels read are: {', '.join(picks)}"
+            what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
             raise record.origin.header_fault(MissingChannelError, what, channel=name)
 
 
-def _wanted(name: str, channel_map: ChannelMap) -> str:
-    """Say who wants a column: the channel, and the key of the channel map where there is one."""
+def _label(name: str, channel_map: ChannelMap) -> str:
+    """Return the channel for messages: its name, or its key in the channel map's file."""
     if channel_map.path is None:
         return name
     return f"{name if name == 'time' else f'channels.{name}'} of {channel_map.path}"
 
 
 def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | None) -> str:
-    """Return the SI unit in which a channel is held, refusing what is unknown or of the wrong dimension."""
+    """Return the SI unit of a channel; refuse a unit that is unknown or has the wrong dimension."""
     try:
         if expected is None:
             return unit if unit in SI_UNITS else si_unit(unit)
         if compatible(unit, expected):
             return expected
     except UnknownUnitError as error:
-        what = f"{error}; or name only the wanted columns in a channel map"
+        what = f"{error}; or use a channel map that names only the columns to read"
         raise record.origin.header_fault(UnknownUnitError, what, channel=channel) from error
-    what = f"the unit {unit!r} cannot be converted to {expected!r}; is it the right column?"
+    what = f"the unit {unit!r} cannot be converted to {expected!r}; check that it is the right column"
     raise record.origin.header_fault(UnknownUnitError, what, channel=channel)

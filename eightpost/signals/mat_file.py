@@ -1,4 +1,4 @@
-"""MATLAB files (version 5 to 7.2): one vector per channel."""
+"""MATLAB files (version 5 to 7.2) with one vector per channel."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ if TYPE_CHECKING:
 
 
 def read_mat(path: str | Path) -> RawRecord:
-    """Read the vectors of a .mat file, at the top or in its only struct.
+    """Read the vectors of a .mat file, at the top level or in its only struct.
 
-    Units come from a struct `units` with a field per variable, else from the names (`x_mm`), else from the
-    caller.
-    Scalars and texts are passed over; vectors must be as long as the time vector.
+    Units are taken from a struct `units` with one field per variable, otherwise from the names (`x_mm`), otherwise from
+    the caller. Scalars and texts are ignored; vectors must be as long as the time vector.
 
     Raises:
-        FileFormatError: Not a .mat file that scipy reads (7.3 is HDF5), or vectors of several lengths.
+        FileFormatError: scipy cannot read the file (version 7.3 is HDF5), or the vectors have different lengths.
     """
     path = Path(path)
     content: dict[str, Any] = read_confined("eightpost.confined.matlab:load", path, True, kind="a MATLAB file")
@@ -47,35 +46,35 @@ def read_mat(path: str | Path) -> RawRecord:
     _check_lengths(vectors, path)
     units = header.get("units") or _texts(units, "units", path)
     split = [_named(titles.get(name, name), units) for name in vectors]
-    names, said = tuple(name for name, _ in split), tuple(unit for _, unit in split)
-    return RawRecord(Origin(path), names, said, tuple(vectors.values()))
+    names, stated = tuple(name for name, _ in split), tuple(unit for _, unit in split)
+    return RawRecord(Origin(path), names, stated, tuple(vectors.values()))
 
 
 def _texts(struct: object, name: str, path: Path) -> dict[str, str]:
-    """Return the texts of a struct by field; an empty one (no struct, an empty cell) has none.
+    """Return the texts of a struct by field; empty for an empty array in place of the struct.
 
     Raises:
-        FileFormatError: It is no struct, or a field is no text.
+        FileFormatError: The value is not a struct, or a field is not a text.
     """
     if not isinstance(struct, dict):
         if isinstance(struct, np.ndarray) and struct.size == 0:
             return {}
-        raise FileFormatError(f"it must be a struct with a text per variable, not {_shown(struct)}", path=path,
+        raise FileFormatError(f"must be a struct with one text per variable, not {_description(struct)}", path=path,
                               channel=name)  # fmt: skip
     given = {key: text for key, text in struct.items() if not isinstance(text, np.ndarray) or text.size > 0}
     for key, text in given.items():
         if not isinstance(text, str):
-            what = f"it must be a text, such as 'mm/s', not {_shown(text)}"
+            what = f"must be a text such as 'mm/s', not {_description(text)}"
             raise FileFormatError(what, path=path, channel=f"{name}.{key}")
     return given
 
 
-def _shown(value: object) -> str:
+def _description(value: object) -> str:
     return repr(value) if isinstance(value, (int, float)) else f"a {type(value).__name__}"
 
 
 def _vector(value: object) -> NDArray[np.float64] | None:
-    """Return a numeric vector (N,), None for anything else."""
+    """Return a numeric vector (N,), or None for any other value."""
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.ndim != 1:
         return None
     return value.astype(np.float64)
@@ -83,13 +82,13 @@ def _vector(value: object) -> NDArray[np.float64] | None:
 
 def _check_lengths(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> None:
     if not vectors:
-        raise FileFormatError("there is no numeric vector in it", path=path)
+        raise FileFormatError("it contains no numeric vector", path=path)
     times = [name for name in vectors if name.lower() in TIME_NAMES] or list(vectors)
     length = vectors[times[0]].size
     for name, vector in vectors.items():
         if vector.size != length:
             raise FileFormatError(
-                f"it has {vector.size} samples, {times[0]!r} has {length}; save vectors of one length",
+                f"it has {vector.size} samples, but {times[0]!r} has {length}; save vectors of equal length",
                 path=path,
                 channel=name,
             )
@@ -102,16 +101,15 @@ def _named(name: str, units: Mapping[str, str]) -> tuple[str, str | None]:
 def write_mat(
     series: TimeSeries, path: str | Path, *, sources: Mapping[str, str] | None = None, note: str = ""
 ) -> None:
-    """Write a series as a .mat file: a vector per channel, structs `units` and `channel_names`, our header.
+    """Write a series as a .mat file: one vector per channel, structs `units` and `channel_names`, eightpost's header.
 
-    A name that MATLAB does not admit (`lf.road`) becomes one that it does (`lf_road`); `channel_names` keeps
-    the first.
+    Names that MATLAB does not allow are changed (`lf.road` to `lf_road`); `channel_names` contains the original names.
 
     Args:
-        series: The series.
-        path: The file; replaced whole or not at all.
-        sources: SHA-256 digest by name of each file that the series was made from.
-        note: What the data are, for people.
+        series: Series to write.
+        path: Path of the file, which is replaced atomically.
+        sources: SHA-256 digests by name of the files from which the series was made.
+        note: Description of the data for the user.
     """
     units = {"time": "s", **dict(zip(series.names, series.units, strict=True))}
     variables = _variables(tuple(units))
@@ -122,7 +120,7 @@ def write_mat(
         "channel_names": dict(zip(variables, units, strict=True)),
         "eightpost": time_series_header(units, sources=sources, note=note),
     }
-    import scipy.io  # noqa: PLC0415  # for a writer that few runs need
+    import scipy.io  # noqa: PLC0415  # loaded here because few runs need this writer
 
     with atomic_path(path) as temporary:
         scipy.io.savemat(temporary, content, long_field_names=True, oned_as="column")

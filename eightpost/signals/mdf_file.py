@@ -1,4 +1,4 @@
-"""ASAM MDF files (.mf4, .mdf): the channels of one time axis. Read by asammdf, which is an extra."""
+"""ASAM MDF files (.mf4, .mdf) with one time axis, read with asammdf, which is an optional dependency."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ _TIME = "time"
 
 
 def read_mdf(path: str | Path) -> RawRecord:
-    """Read the numeric channels of an MDF file; their time axis is the column `time` [s].
+    """Read the numeric channels of an MDF file; their time axis becomes the column `time` [s].
 
-    Channel groups may be several if their samples lie at the same times. The comment in the file's header is the
-    record's preamble.
+    The file may have several channel groups if all have the same sample times. The comment in the file's header becomes
+    the preamble of the record.
 
     Raises:
-        FileFormatError: asammdf is not installed, it cannot read the file, there is no numeric channel, or the channels
-            lie on several time axes.
+        FileFormatError: asammdf is not installed or cannot read the file, there is no numeric channel, or the channels
+            have different time axes.
     """
     path = Path(path)
     if importlib.util.find_spec("asammdf") is None:
-        what = "MDF files are read by asammdf, which is not installed: pip install 'eightpost[mdf]'"
+        what = "reading MDF files needs asammdf, which is not installed: pip install 'eightpost[mdf]'"
         raise FileFormatError(what, path=path)
     found, comment = read_confined("eightpost.confined.mdf:load", path, kind="an MDF file that asammdf reads")
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:
-        raise FileFormatError("there is no numeric channel in it", path=path)
+        raise FileFormatError("it contains no numeric channel", path=path)
     times = _common_time(signals, path)
     names, units = (_TIME, *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
     return RawRecord(Origin(path), names, units, (times, *(signal.samples for signal in signals)), _lines(comment))
@@ -63,9 +63,9 @@ def _common_time(signals: list[Signal], path: Path) -> NDArray[np.float64]:
             raise FileFormatError(what, path=path, channel=signal.name)
         if not np.array_equal(signal.times, first.times):
             what = (
-                f"it has {signal.times.size} samples on a time axis of its own, {first.name!r} has "
-                f"{first.times.size}; export the channels on one raster (asammdf: MDF.resample), so that nobody "
-                "guesses between samples"
+                f"it has {signal.times.size} samples, and its time axis differs from that of {first.name!r} with "
+                f"{first.times.size} samples; export all channels on one time axis (asammdf: MDF.resample), because "
+                "eightpost does not interpolate between samples here"
             )
             raise FileFormatError(what, path=path, channel=signal.name)
     return first.times

@@ -1,4 +1,4 @@
-"""Where a record came from, so that a fault can name its place."""
+"""Origin of a record, which error messages use to state the location of a fault."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:
-    """The file of a record and the line of each of its samples.
+    """File of a record and line number of each sample.
 
     Attributes:
-        path: The file, or None for a record that was never in one.
-        lines: (N,) one-based line of each sample in a text file; None counts samples from 1.
-        header_line: The line with the channel names and units, None in binary files.
+        path: Path of the file, or None for a record created in memory.
+        lines: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
+        header_line: Number of the line with the channel names and units, None for binary files.
     """
 
     path: Path | None = None
@@ -33,13 +33,13 @@ class Origin:
         return int(self.lines[sample]) if self.lines is not None else sample + 1
 
     def fault(self, kind: type[DataError], what: str, *, channel: str, sample: int) -> DataError:
-        """Return an error of a `kind` at a zero-based sample."""
+        """Return an exception of the class `kind` about a zero-based sample."""
         return kind(what, path=self.path, line=self.line(sample), channel=channel)
 
     def header_fault(self, kind: type[DataError], what: str, *, channel: str | None = None) -> DataError:
-        """Return an error of a `kind` about a column as a whole."""
+        """Return an exception of the class `kind` about a whole column."""
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
 
-#: A record that was made in memory.
+#: Origin of a record created in memory.
 IN_MEMORY = Origin()

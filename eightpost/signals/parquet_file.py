@@ -1,4 +1,4 @@
-"""Parquet files: units, schema version, tool version and sources in the schema's metadata."""
+"""Parquet files with units, schema version, tool version and sources in the schema's metadata."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _KEY = b"eightpost"
 
 
 def read_parquet(path: str | Path) -> RawRecord:
-    """Read a Parquet file: ours, or any with numeric columns whose names may carry units as in CSV headers.
+    """Read a Parquet file written by eightpost, or any other whose numeric columns are named like CSV headers.
 
     Raises:
-        FileFormatError: Not a Parquet file, or written by a newer schema version.
+        FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
     path = Path(path)
     table = read_table(path)
@@ -42,10 +42,10 @@ def read_parquet(path: str | Path) -> RawRecord:
 
 
 def parquet_header(path: str | Path) -> dict[str, Any]:
-    """Return our header of a Parquet file (tool version, sources, note), empty when it is not ours.
+    """Return eightpost's header of a Parquet file (tool version, sources, note); empty for files of other programs.
 
     Raises:
-        FileFormatError: Not a Parquet file, or written by a newer schema version.
+        FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
     return _header(read_metadata(path), Path(path))
 
@@ -76,10 +76,10 @@ def write_parquet(
     """Write a series as Parquet.
 
     Args:
-        series: The series.
-        path: The file; replaced whole or not at all.
-        sources: SHA-256 digest by name of each file that the series was made from.
-        note: What the data are, for people.
+        series: Series to write.
+        path: Path of the file, which is replaced atomically.
+        sources: SHA-256 digests by name of the files from which the series was made.
+        note: Description of the data for the user.
         storage: Number type of the channels; time is always float64.
     """
     units = {"time": "s", **dict(zip(series.names, series.units, strict=True))}

@@ -1,4 +1,4 @@
-"""Parquet files as tables, with errors that name the file."""
+"""Reading of Parquet files as tables, with error messages that name the file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyarrow.parquet
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, reading
 
-#: Limit of the numbers and texts in a table: 2 GiB of numbers. A damaged or made-up file may claim any count.
+#: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.
 MOST_CELLS = 2**28
 
 
@@ -20,12 +20,12 @@ def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str
     """Return a Parquet file's table with its metadata.
 
     Args:
-        path: The file.
-        schema: Columns that it must have, by name and type; None takes it as it is.
-        advice: Advice for the case that there is no such file.
+        path: Path of the file.
+        schema: Required columns, by name and type; None to accept any columns.
+        advice: Advice for the user if the file does not exist.
 
     Raises:
-        FileFormatError: The file cannot be read, is no Parquet file, has other columns or too many cells.
+        FileFormatError: The file cannot be read, is not a Parquet file, has other columns or too many cells.
     """
     path = Path(path)
     with _refusing(path, advice), pa.parquet.ParquetFile(path) as file:
@@ -41,7 +41,7 @@ def read_metadata(path: str | Path) -> dict[bytes, bytes]:
     """Return the metadata of a Parquet file's schema.
 
     Raises:
-        FileFormatError: The file cannot be read, or is no Parquet file.
+        FileFormatError: The file cannot be read, or is not a Parquet file.
     """
     path = Path(path)
     with _refusing(path, ""):
@@ -51,17 +51,19 @@ def read_metadata(path: str | Path) -> dict[bytes, bytes]:
 def _check_size(path: Path, metadata: pa.parquet.FileMetaData) -> None:
     cells = metadata.num_rows * metadata.num_columns
     if not 0 <= cells <= MOST_CELLS:
-        what = f"it claims {metadata.num_rows} rows of {metadata.num_columns} columns, the limit is {MOST_CELLS} cells"
-        raise FileFormatError(f"{what}; export less of it", path=path)
+        what = (
+            f"it declares {metadata.num_rows} rows of {metadata.num_columns} columns; the limit is {MOST_CELLS} cells"
+        )
+        raise FileFormatError(f"{what}; export a shorter record or fewer channels", path=path)
 
 
 @contextmanager
 def _refusing(path: Path, advice: str) -> Iterator[None]:
-    """Turn whatever pyarrow raises into an error that names the file."""
+    """Turn all exceptions of pyarrow into an error that names the file."""
     with reading(path, advice=advice):
         try:
             yield
         except FileFormatError:
             raise
         except (pa.ArrowException, *MALFORMED) as error:
-            raise FileFormatError(f"not a Parquet file that can be read: {error}", path=path) from error
+            raise FileFormatError(f"not a readable Parquet file: {error}", path=path) from error

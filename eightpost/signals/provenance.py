@@ -1,4 +1,4 @@
-"""What every file we write says about itself: schema, tool, sources."""
+"""Header of the files that eightpost writes: schema version, tool version, units and sources."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] |
     """Return the header of a time-series file as JSON.
 
     Args:
-        units: SI unit by channel name.
-        sources: SHA-256 digest by name of each file that the series was made from.
-        note: What the data are, for people.
+        units: SI units by channel name.
+        sources: SHA-256 digests by name of the files from which the series was made.
+        note: Description of the data for the user.
     """
     header = {
         "schema": "eightpost.time_series",
@@ -37,10 +37,10 @@ def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] |
 
 
 def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
-    """Return a header, refusing what a newer tool wrote.
+    """Return the header of a file; refuse newer schema versions.
 
     Raises:
-        FileFormatError: Not a header of ours, or of a newer schema version.
+        FileFormatError: The text is not a header of eightpost, or has a newer schema version.
     """
     header = parse_json(text, path)
     version = header.get("schema_version") if isinstance(header, dict) else None

@@ -1,4 +1,4 @@
-"""Raw records: the columns of a file as they stand, before anything is chosen or converted."""
+"""Raw records: the columns of a file before selection and conversion."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawRecord:
-    """Named columns with the units that the file says.
+    """Named columns with the units stated in the file.
 
     Attributes:
-        origin: The file and the line of each sample.
-        names: C column names, units stripped.
-        units: C units as written, None where the file says none.
-        columns: C vectors (N,): numbers, or texts where a cell is not a number.
-        preamble: What stands above the table, one tuple of cells per line.
+        origin: File and line number of each sample.
+        names: C column names without units.
+        units: C units as written in the file, None for columns without a unit.
+        columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
+        preamble: Lines above the table, one tuple of cells per line.
     """
 
     origin: Origin
@@ -44,44 +44,44 @@ class RawRecord:
     def __post_init__(self) -> None:
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
-            what = f"the column name {repeated[0]!r} comes twice; rename one of them"
+            what = f"the column name {repeated[0]!r} is not unique; rename one of the columns"
             raise self.origin.header_fault(FileFormatError, what)
 
-    def index(self, source: str, *, wanted_as: str) -> int:
-        """Return the number of the column `source`; a MissingChannelError says what there is."""
+    def index(self, source: str, *, channel: str) -> int:
+        """Return the index of the column `source`; otherwise raise a MissingChannelError that lists the columns."""
         if source in self.names:
             return self.names.index(source)
         what = f"there is no column {source!r}; the file has: {', '.join(self.names)}"
-        raise self.origin.header_fault(MissingChannelError, what, channel=wanted_as)
+        raise self.origin.header_fault(MissingChannelError, what, channel=channel)
 
     def unit(self, index: int, *, channel: str, given: Mapping[str, str], mapped: str | None) -> str:
-        """Return a column's unit: from the channel map, else as `given` by name, else from the file.
+        """Return a column's unit: from the channel map, otherwise from `given` (by name), otherwise from the file.
 
         Raises:
-            MissingUnitError: Nobody says it.
-            UnknownUnitError: The file and `given` say different ones.
+            MissingUnitError: No source states the unit.
+            UnknownUnitError: The file and `given` state different units.
         """
         source, stated = self.names[index], self.units[index]
-        said = given.get(channel) or given.get(source)
-        if said and stated and not mapped and said != stated:
+        given_unit = given.get(channel) or given.get(source)
+        if given_unit and stated and not mapped and given_unit != stated:
             raise self.origin.header_fault(
                 UnknownUnitError,
-                f"the file says [{stated}] for the column {source!r}, and {said!r} was given; leave that away, or set "
-                "the unit in a channel map if the file is wrong",
+                f"the unit of the column {source!r} is [{stated}] in the file, but {given_unit!r} was given; leave "
+                "that out, or set the unit in a channel map if the file is wrong",
                 channel=channel,
             )
-        unit = mapped or said or stated
+        unit = mapped or given_unit or stated
         if unit is None:
             raise self.origin.header_fault(
                 MissingUnitError,
-                f"the column {source!r} says no unit; write it into the header as `{source} [unit]`, pass "
+                f"the column {source!r} has no unit; add it to the header as `{source} [unit]`, pass "
                 f"`--units {channel}=unit` (in a system file: units = {{ {channel} = 'unit' }}), or use a channel map",
                 channel=channel,
             )
         return unit
 
     def numbers(self, index: int, *, channel: str) -> NDArray[np.float64]:
-        """Return a column (N,) as numbers; a NotANumberError names the first cell that is none."""
+        """Return a column (N,) as numbers; a NotANumberError names the first cell that is not a number."""
         column = self.columns[index]
         if column.dtype != object:
             return column.astype(np.float64, copy=False)
@@ -92,5 +92,5 @@ class RawRecord:
             return float(str(cell).replace(",", "."))
         except ValueError:
             what = "the cell is empty" if cell == "" else f"{cell!r} is not a number"
-            advice = "repair the cell or cut those lines out"
+            advice = "correct the cell or delete these lines"
             raise self.origin.fault(NotANumberError, f"{what}; {advice}", channel=channel, sample=row) from None

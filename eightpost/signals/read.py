@@ -1,4 +1,4 @@
-"""Reading any record: the suffix says the format."""
+"""Reading of records in all formats; the suffix of the file name determines the format."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ _TEXT = (".csv", ".txt", ".tsv")
 
 
 def read_record(path: str | Path) -> RawRecord:
-    """Read a file's columns as they stand.
+    """Read a file's columns without conversion.
 
     Raises:
-        FileFormatError: The file is missing or its format is not known.
+        FileFormatError: The file is missing or its format is unknown.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        what = f"files that end in {path.suffix!r} are not read; known: {', '.join(_READERS)}"
+        what = f"files with the suffix {path.suffix!r} cannot be read; supported: {', '.join(_READERS)}"
         raise FileFormatError(what, path=path)
     with reading(path):
         path.stat()
     if not path.is_file():
-        raise FileFormatError("is a folder, no record", path=path)
+        raise FileFormatError("is a folder, not a file", path=path)
     return reader(path)
 
 
 def read_records(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read every table of a text file as read_record reads its only one; other formats hold one.
+    """Read all tables of a text file without conversion; files in other formats have one table.
 
     Raises:
-        FileFormatError: The file is missing or its format is not known.
+        FileFormatError: The file is missing or its format is unknown.
     """
     path = Path(path)
     return read_csv_blocks(path) if path.suffix.lower() in _TEXT and path.is_file() else (read_record(path),)
@@ -61,17 +61,17 @@ def read_series(
 ) -> TimeSeries:
     """Read a .csv, .txt, .parquet, .mat or .mf4 file as a time series in SI.
 
-    Without a channel map every column is a channel under its own name (the unit stripped) and the column
-    called `time` or `t` is the time.
+    Without a channel map, every column is a channel with the name of the column (without the unit), and the column
+    `time` or `t` is the time.
 
     Args:
-        path: The file.
-        channel_map: Which columns to read, under which names, units and signs.
-        units: Units by channel name, for columns whose header says none.
+        path: Path of the file.
+        channel_map: Columns to read, with channel names, units and signs.
+        units: Units by channel name, for columns without a unit in the header.
 
     Raises:
         FileFormatError: The file cannot be read.
-        DataError: One of its kinds names what is wrong in the file and where.
+        DataError: The record has a fault; the subclass and the message say which fault and where.
     """
     record = read_record(path)
     if channel_map is None:

@@ -18,27 +18,27 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Largest departure from an even grid, in steps, that counts as a logger's rounding of time.
+#: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
 JITTER = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeSeries:
-    """Channels sampled at common times; valid once built.
+    """Channels sampled at common times; all checks are done when the object is created.
 
     Attributes:
-        time: (N,) strictly increasing [s].
-        values: (C, N) channel by time, each row in its SI unit.
+        time: Strictly increasing times (N,) [s].
+        values: Samples (C, N), each row in the SI unit of its channel.
         names: C unique channel names.
         units: C SI unit symbols, such as `m/s`.
 
     Raises:
-        ValueError: Shapes disagree, a name comes twice, or a unit is not SI.
+        ValueError: Shapes disagree, a name is not unique, or a unit is not SI.
         NotANumberError: A sample is NaN or infinite.
         BackwardTimeError: Time decreases.
         DuplicateTimeError: Time repeats.
 
-    The arrays are read-only, and copied where anyone could write to them.
+    The arrays are read-only. Input arrays that other code could write to are copied.
     """
 
     time: Array
@@ -47,8 +47,8 @@ class TimeSeries:
     units: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", _frozen(self.time))
-        object.__setattr__(self, "values", _frozen(self.values))
+        object.__setattr__(self, "time", _protected(self.time))
+        object.__setattr__(self, "values", _protected(self.values))
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "units", tuple(self.units))
         self._check_shapes()
@@ -61,11 +61,11 @@ class TimeSeries:
     def _check_shapes(self) -> None:
         expected = (len(self.names), self.time.size)
         if self.time.ndim != 1 or self.time.size == 0:
-            raise ValueError(f"time must be a vector with a sample or more, not {self.time.shape}")
+            raise ValueError(f"time must be a vector with at least one sample, not of shape {self.time.shape}")
         if self.values.shape != expected:
-            raise ValueError(f"values must be (channels, samples) = {expected}, not {self.values.shape}")
+            raise ValueError(f"values must have shape (channels, samples) = {expected}, not {self.values.shape}")
         if len(self.units) != len(self.names):
-            raise ValueError(f"{len(self.names)} channels need as many units, not {len(self.units)}")
+            raise ValueError(f"there are {len(self.names)} channels but {len(self.units)} units")
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
             raise ValueError(f"channel names must be unique; repeated: {', '.join(repeated)}")
@@ -73,15 +73,15 @@ class TimeSeries:
     def _check_units(self) -> None:
         for name, unit in zip(self.names, self.units, strict=True):
             if unit not in SI_UNITS and conversion(unit, si_unit(unit)) != (1.0, 0.0):
-                raise ValueError(f"channel {name!r} must be in {si_unit(unit)!r}, not in {unit!r}: SI inside")
+                raise ValueError(f"channel {name!r} must be in the SI unit {si_unit(unit)!r}, not in {unit!r}")
 
     @classmethod
     def from_channels(cls, time: ArrayLike, channels: Mapping[str, tuple[str, ArrayLike]]) -> TimeSeries:
-        """Build a series from `{name: (SI unit, values (N,))}`."""
+        """Create a series from `{name: (SI unit, values (N,))}`."""
         times = np.asarray(time, dtype=np.float64)
         rows = [np.asarray(values, dtype=np.float64) for _, values in channels.values()]
         values = np.stack(rows) if rows else np.empty((0, times.size))
-        return cls(times, _sealed(values), tuple(channels), tuple(unit for unit, _ in channels.values()))
+        return cls(times, _read_only(values), tuple(channels), tuple(unit for unit, _ in channels.values()))
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -111,9 +111,9 @@ class TimeSeries:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether no sample is farther than a quarter step from an even grid.
+        """Whether every sample is within a quarter step of an even grid.
 
-        Time that a logger printed with few digits (0.0033, 0.0034, ...) is uniform in this sense.
+        Times that a logger wrote with few digits (0.0033, 0.0034, ...) are uniform in this sense.
         """
         if self.time.size < 3:
             return True
@@ -122,7 +122,7 @@ class TimeSeries:
 
     @property
     def sample_rate(self) -> float:
-        """Samples per second [Hz]: from the mean step of a uniform series, else from the median step."""
+        """Sample rate [Hz], from the mean step of a uniform series, otherwise from the median step."""
         if self.time.size < 2:
             raise ValueError("a single sample has no sample rate")
         if self.is_uniform:
@@ -130,26 +130,26 @@ class TimeSeries:
         return 1.0 / float(np.median(np.diff(self.time)))
 
     def select(self, names: Iterable[str]) -> TimeSeries:
-        """Return the series of the channels `names`, in that order."""
+        """Return a series with the channels `names` in this order."""
         rows = [self._index(name) for name in names]
         units = tuple(self.units[row] for row in rows)
-        return TimeSeries(self.time, _sealed(self.values[rows]), tuple(self.names[row] for row in rows), units)
+        return TimeSeries(self.time, _read_only(self.values[rows]), tuple(self.names[row] for row in rows), units)
 
     def window(self, start: float, stop: float) -> TimeSeries:
-        """Return the samples with `start <= time <= stop` [s]; time keeps its origin."""
+        """Return the samples with `start <= time <= stop` [s]; the times are not shifted."""
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, stop, "right")
         if not first < last:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
-            raise ValueError(f"no sample between {start:g} and {stop:g} s; the series runs from {span}")
+            raise ValueError(f"there is no sample between {start:g} and {stop:g} s; the series covers {span}")
         return TimeSeries(self.time[first:last], self.values[:, first:last], self.names, self.units)
 
     def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
-        """Return a series with the channel `name` added, or replaced where it exists.
+        """Return a series with the channel `name` added, or replaced if it exists.
 
         Args:
-            name: The channel.
-            unit: Its SI unit.
-            values: (N,).
+            name: Name of the channel.
+            unit: SI unit of the channel.
+            values: Samples (N,).
         """
         channels = {n: (u, row) for n, u, row in zip(self.names, self.units, self.values, strict=True)}
         channels[name] = (unit, np.asarray(values, dtype=np.float64))
@@ -158,7 +158,7 @@ class TimeSeries:
     def resample(self, rate: float) -> TimeSeries:
         """Return the series on an even grid of `rate` [Hz] by linear interpolation.
 
-        No anti-alias filter is applied: low-pass first when going to a lower rate.
+        No anti-aliasing filter is applied: use a low-pass before resampling to a lower rate.
         """
         if not rate > 0.0:
             raise ValueError(f"the rate must be positive, not {rate:g} Hz")
@@ -168,21 +168,21 @@ class TimeSeries:
         return TimeSeries(grid, values, self.names, self.units)
 
 
-def _frozen(values: ArrayLike) -> Array:
-    """Return a read-only float64 array in C order: a copy, but of what nobody can write to."""
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and _is_sealed(values):
-        return _sealed(np.ascontiguousarray(values))
-    return _sealed(np.array(values, dtype=np.float64, order="C"))
+def _protected(values: ArrayLike) -> Array:
+    """Return a read-only float64 array in C order; the array is copied unless it is already read-only."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and _is_read_only(values):
+        return _read_only(np.ascontiguousarray(values))
+    return _read_only(np.array(values, dtype=np.float64, order="C"))
 
 
-def _sealed(values: Array) -> Array:
-    """Make an array that nobody else holds read-only, and return it: at a rig's rate a copy is half a gigabyte."""
+def _read_only(values: Array) -> Array:
+    """Set an unshared array to read-only and return it; avoids copies, which have 0.5 GB at the rig's sample rate."""
     values.setflags(write=False)
     return values
 
 
-def _is_sealed(values: NDArray[Any]) -> bool:
-    """Say whether an array is read-only, and all that it is a view of."""
+def _is_read_only(values: NDArray[Any]) -> bool:
+    """Return whether an array and all arrays that it is a view of are read-only."""
     owner: object = values
     while isinstance(owner, np.ndarray):
         if owner.flags.writeable:

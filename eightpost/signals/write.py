@@ -1,4 +1,4 @@
-"""Writing a time series: the suffix says the format."""
+"""Writing of time series; the suffix of the file name determines the format."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _WRITERS: dict[str, Callable[[TimeSeries, Path], None]] = {
 
 
 def write_series(series: TimeSeries, path: str | Path) -> None:
-    """Write a series in SI as .csv, .txt, .parquet or .mat, at full precision.
+    """Write a series in SI as .csv, .txt, .parquet or .mat, with full precision.
 
-    The file is replaced whole or not at all. `write_csv`, `write_parquet` and `write_mat` have more options.
+    The file is replaced atomically. `write_csv`, `write_parquet` and `write_mat` have more options.
 
     Raises:
-        FileFormatError: The suffix is not known.
+        FileFormatError: The suffix is unknown.
     """
     path = Path(path)
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise FileFormatError(
-            f"files that end in {path.suffix!r} are not written; known: {', '.join(_WRITERS)}", path=path
+            f"files with the suffix {path.suffix!r} cannot be written; supported: {', '.join(_WRITERS)}", path=path
         )
     writer(series, path)

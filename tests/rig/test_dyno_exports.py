@@ -93,7 +93,7 @@ def test_every_test_of_a_file_is_read_and_a_preamble_holds_until_the_next(tmp_pa
 
 
 def test_a_file_of_several_tests_is_not_read_as_one(tmp_path):
-    with pytest.raises(errors.FileFormatError, match="there are 2 tables in it"):
+    with pytest.raises(errors.FileFormatError, match="the file has 2 tables"):
         read_dyno_test(written(tmp_path, table(5.0) + table(10.0)))
 
 

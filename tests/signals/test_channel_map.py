@@ -50,10 +50,10 @@ def test_a_turned_channel_is_the_negative(tmp_path):
     ("mapping", "message"),
     [
         ("chanels = 1", "unknown key 'chanels'"),
-        ("[channels.force]\nsource = 'F'\nscale = 2", r"unknown key 'channels\.force\.scale'; known here: source"),
+        ("[channels.force]\nsource = 'F'\nscale = 2", r"unknown key 'channels\.force\.scale'; allowed keys: source"),
         ("[channels.force]\nunit = 'N'", r"'channels\.force' has no 'source'"),
-        ("[channels.force]\nsource = 3", r"'channels\.force\.source' must not be 3"),
-        ("[channels.force]\nsource = 'F'\ngain = true", r"'channels\.force\.gain' must not be True"),
+        ("[channels.force]\nsource = 3", r"'channels\.force\.source' must be a text, not 3"),
+        ("[channels.force]\nsource = 'F'\ngain = true", r"'channels\.force\.gain' must be a finite number, not True"),
         ("[channels]\nforce = 'F'", r"'channels\.force' must be a table"),
         ("[time]\nsource = 't'\nrate = 5", r"unknown key 'time\.rate'"),
         ("[channels.time]\nsource = 't'", r"'channels\.time' must be the table 'time'"),

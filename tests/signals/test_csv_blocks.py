@@ -57,5 +57,5 @@ def test_texts_among_the_numbers_begin_no_table(tmp_path):
 
 
 def test_several_tables_are_refused_where_one_is_wanted(tmp_path):
-    with pytest.raises(errors.FileFormatError, match=r"line 5: there are 2 tables in it \(headers in lines 1, 5\)"):
+    with pytest.raises(errors.FileFormatError, match=r"line 5: the file has 2 tables \(headers in lines 1, 5\)"):
         read_record(written(tmp_path, TABLE + TABLE))

@@ -63,7 +63,7 @@ BROKEN = {
     "no time": ("a [s],F [N]\n0,1\n1,2\n", errors.MissingChannelError, "line 1, channel 'time'.*has: a, F"),
     "no header": ("0,1\n1,2\n", errors.FileFormatError, "line 1: there is no header"),
     "unnamed column": ("t [s],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*2 columns.*have 3"),
-    "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' comes twice"),
+    "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' is not unique"),
     "no numbers": ("hello\nworld\n", errors.FileFormatError, "no table"),
     "empty": ("", errors.FileFormatError, "no table"),
 }
@@ -93,7 +93,7 @@ def test_it_is_written_in_the_units_and_digits_asked_for(tmp_path):
 
 
 def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
-    with pytest.raises(errors.FileFormatError, match=r"a\.xls: .*'\.xls' are not read; known: \.csv"):
+    with pytest.raises(errors.FileFormatError, match=r"a\.xls: .*'\.xls' cannot be read; supported: \.csv"):
         read_series(tmp_path / "a.xls")
     with pytest.raises(errors.FileFormatError, match=r"a\.csv: there is no such file"):
         read_series(tmp_path / "a.csv")

@@ -43,17 +43,17 @@ FAULTS = {
     ),
     "backward": (
         BackwardTimeError,
-        r"run\.csv, line 111, channel 'time': time goes back from 0.099 s to 0 s",
+        r"run\.csv, line 111, channel 'time': time decreases from 0.099 s to 0 s",
         lambda: faults.check_time(changed(TIME, 100, 0.0), origin=ORIGIN),
     ),
     "duplicate": (
         DuplicateTimeError,
-        r"run\.csv, line 111, channel 'time': the time 0.099 s comes twice",
+        r"run\.csv, line 111, channel 'time': the time 0.099 s is repeated",
         lambda: faults.check_time(changed(TIME, 100, 0.099), origin=ORIGIN),
     ),
     "gap": (
         TimeGapError,
-        r"run\.csv, line 111, channel 'time': a gap of 0.501 s between 0.099 s and 0.6 s",
+        r"run\.csv, line 111, channel 'time': there is a gap of 0.501 s between 0.099 s and 0.6 s",
         lambda: faults.check_gaps(np.where(TIME > 0.0995, TIME + 0.5, TIME), origin=ORIGIN),
     ),
     "short": (
@@ -63,7 +63,7 @@ FAULTS = {
     ),
     "constant": (
         ConstantChannelError,
-        r"run\.csv, line 11, channel 'force': the channel is 3.5 ",
+        r"run\.csv, line 11, channel 'force': the channel is constant at 3.5 ",
         lambda: faults.check_moves(np.full(2000, 3.5), channel="force", origin=ORIGIN),
     ),
     "clipped high": (
@@ -78,7 +78,7 @@ FAULTS = {
     ),
     "sign": (
         WrongSignError,
-        r"run\.csv, line 10, channel 'force': it correlates with velocity at -1.000.*--flip force",
+        r"run\.csv, line 10, channel 'force': its correlation with velocity is -1.000.*--flip force",
         lambda: faults.check_sign(-SINE, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
 }

@@ -44,7 +44,7 @@ def test_the_comment_of_the_file_is_its_preamble(asammdf, tmp_path):
 
 def test_channels_on_several_time_axes_are_refused(asammdf, tmp_path):
     groups = [("x", "mm", TIME, np.sin(TIME))], [("F", "N", TIME[::2], FORCE[::2])]
-    with pytest.raises(FileFormatError, match=r"run\.mf4, channel 'F': it has 250 samples on a time axis of its own"):
+    with pytest.raises(FileFormatError, match=r"run\.mf4, channel 'F': it has 250 samples, and its time axis differs"):
         read_record(written(asammdf, tmp_path / "run.mf4", *groups))
 
 

@@ -42,8 +42,8 @@ def test_the_arrays_are_read_only_copies():
 @pytest.mark.parametrize(
     ("time", "error", "message"),
     [
-        ([0.0, 0.1, 0.1], DuplicateTimeError, "line 3.*0.1 s comes twice"),
-        ([0.0, 0.2, 0.1], BackwardTimeError, "line 3.*back from 0.2 s to 0.1 s"),
+        ([0.0, 0.1, 0.1], DuplicateTimeError, "line 3.*0.1 s is repeated"),
+        ([0.0, 0.2, 0.1], BackwardTimeError, "line 3.*decreases from 0.2 s to 0.1 s"),
         ([0.0, np.nan, 0.1], NotANumberError, "line 2.*'time'"),
     ],
 )
@@ -62,8 +62,8 @@ def test_every_sample_is_finite():
     [
         (np.zeros((1, 4)), ("x",), ("m",), r"\(1, 5\)"),
         (np.zeros((2, 5)), ("x", "x"), ("m", "m"), "unique; repeated: x"),
-        (np.zeros((1, 5)), ("x",), ("m", "m"), "as many units"),
-        (np.zeros((1, 5)), ("x",), ("mm",), "'x' must be in 'm', not in 'mm'"),
+        (np.zeros((1, 5)), ("x",), ("m", "m"), "1 channels but 2 units"),
+        (np.zeros((1, 5)), ("x",), ("mm",), "'x' must be in the SI unit 'm', not in 'mm'"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(values, names, units, message):
@@ -90,7 +90,7 @@ def test_a_window_keeps_both_ends_and_its_time():
     np.testing.assert_allclose(part.time, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(part["force"], [0.3, 0.6, 0.9])
     assert part.duration == pytest.approx(0.2)
-    with pytest.raises(ValueError, match=r"runs from 0 to 0\.4 s"):
+    with pytest.raises(ValueError, match=r"covers 0 to 0\.4 s"):
         two_channels().window(5.0, 6.0)
 
 

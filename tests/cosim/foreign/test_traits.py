@@ -239,7 +239,7 @@ def test_a_damaged_library_in_the_cache_is_compiled_again(
     part = begun(FmuComponent(again, "odd", compile_missing=True))
     march(part, 4)
     assert part.get(("angle",))[0] == pytest.approx(1.0)
-    assert "kept library is damaged and is compiled again" in caplog.text
+    assert "cached library is damaged and is compiled again" in caplog.text
     part.finish()
 
 
