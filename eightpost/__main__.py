@@ -24,25 +24,25 @@ from eightpost.errors import EightpostError, InputError
 #: because its libraries take seconds to load.
 VERBS = {
     "dyno": "Test a physical shock on the virtual dynamometer.",
-    "inspect": "Show what is in a dynamometer or rig file, and what is suspicious in it.",
+    "inspect": "Show the content of a dynamometer or rig file, and everything suspicious in it.",
     "fit": "Fit a shock law to a dynamometer file.",
-    "validate": "Validate fitted shocks or an identified vehicle on records that they were not fitted to.",
+    "validate": "Validate fitted shocks or an identified vehicle on held-out records.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
     "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
     "identify": "Identify a vehicle from rig tests.",
-    "vehicle": "Show modes and frequency responses of a vehicle, and what a parameter does to them.",
+    "vehicle": "Show modes and frequency responses of a vehicle, and the effect of a parameter on them.",
     "export": "Export models and frequency responses for other tools.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
-    "check": "Check FMUs, ours or not: the standard's rules, and what breaks imports.",
+    "check": "Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.",
     "run": "Run a system of coupled FMUs.",
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "study": "Run every setup of shocks that a study allows, and rank them.",
-    "optimise": "Search the best setups of a study whose bank is too large to run them all.",
+    "optimise": "Search for the best setups of a study whose bank is too large to run them all.",
     "sensitivity": "Show which corner matters for which measure of a study.",
-    "robust": "Say which of a study's best setups differ by more than the uncertainty that is stated.",
+    "robust": "Show which of a study's best setups differ by more than the stated uncertainty.",
     "select": "Select setups of a study to confirm on the rig.",
-    "compare": "Compare runs, or a study's prediction with what the rig measured.",
-    "demo": "Run the whole line on shipped data.",
+    "compare": "Compare runs, or a study's prediction with rig measurements.",
+    "demo": "Run the whole workflow on shipped data.",
 }
 
 

@@ -1,1 +1,1 @@
-"""The verbs of the command line: their options and help texts, which load nothing that computes."""
+"""The verbs of the command line: their options and help texts. Importing them loads no numerical library."""

@@ -1,4 +1,4 @@
-"""A verb's body, which is imported when the verb is called: its libraries take seconds to load."""
+"""The body of a verb. It is imported when the verb is called, because its libraries take seconds to load."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def body(verb: Callable[[], None]) -> Callable[..., Any]:
-    """Make a verb call the function of its name in `eightpost.commands` with its options."""
+    """Decorate a verb so that it calls the function of the same name in `eightpost.commands` with its options."""
 
     @wraps(verb)
     def call(**options: Any) -> Any:

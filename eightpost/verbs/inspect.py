@@ -1,4 +1,4 @@
-"""The options of `eightpost inspect`."""
+"""Options of `eightpost inspect`."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from eightpost.verbs.body import body
 
 @click.command()
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option(
-    "--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT", help="For a channel whose header has none."
-)
-@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/signs_and_units.md.")
-@click.option("--flip", multiple=True, metavar="CHANNEL", help="Turn a channel that is positive the other way.")
+@click.option("--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT",
+              help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
+@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
+              help="Channel map (docs/signs_and_units.md); default: the channel names in the file.")  # fmt: skip
+@click.option("--flip", multiple=True, metavar="CHANNEL",
+              help="Reverse the sign of a channel, e.g. force; may be repeated.")  # fmt: skip
 @body
 def inspect() -> None:
-    """Show what is in a dynamometer or rig file, and what is suspicious in it.
+    """Show the content of a dynamometer or rig file, and everything suspicious in it.
 
-    Columns, units and preamble as they stand; then, as `fit` would read a dynamometer file, channels, ranges, runs,
-    temperature and notes; or, as `identify` would read a rig file (with wheelloaders, `lf.road` or `road`, by its own
-    names or by a map), channels, ranges and what is out of step. FILE is .csv, .txt, .tsv, .parquet, .mat, .mf4 or
-    .mdf, or a peak-velocity table. Exits 0 if nothing is suspicious, 1 if something is, 2 if the file cannot be used
-    as it is.
+    First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
+    it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges and
+    channels that are late. A rig file is recognized by its wheelloaders (`lf.road` or `road`, in the file or in the
+    map). FILE is a .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file, or a peak-velocity table. The exit code is 0 if
+    nothing is suspicious, 1 if something is suspicious, and 2 if the file cannot be used as it is.
 
     \b
     Examples:

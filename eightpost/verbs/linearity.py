@@ -1,4 +1,4 @@
-"""The options of `eightpost linearity`."""
+"""Options of `eightpost linearity`."""
 
 from __future__ import annotations
 
@@ -11,24 +11,31 @@ from eightpost.verbs.body import body
 
 @click.command()
 @click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Channel map (TOML): docs/rig_data.md.")
+@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
+              help="Channel map (docs/rig_data.md); default: the channel names in the files.")  # fmt: skip
 @click.option("--preparation", "how_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Rate, delays, geometry ...: docs/rig_data.md. Default: 125 Hz.")  # fmt: skip
-@click.option("--width", default=0.5, show_default=True, metavar="HZ", help="Of the bands over which noise is told.")
-@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency.")
-@click.option("--coherence", default=0.5, show_default=True, help="A coherence is high from here.")
-@click.option("--level", default=-20.0, show_default=True, help="A response is high from here [dB of its largest].")
+              help="File with rate, delays, geometry and other settings (docs/rig_data.md); default: decimation to "
+              "125 Hz only.")  # fmt: skip
+@click.option("--width", default=0.5, show_default=True, metavar="HZ",
+              help="Width of the frequency bands in which the noise is estimated [Hz].")  # fmt: skip
+@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency to judge [Hz].")
+@click.option("--coherence", default=0.5, show_default=True, metavar="0..1",
+              help="Lower limit of a high coherence, 0 to 1.")  # fmt: skip
+@click.option("--level", default=-20.0, show_default=True, metavar="DB",
+              help="Lower limit of a high response [dB], relative to the output's largest response.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, metavar="CHANNEL",
-              help="Outputs; default: shock velocities, tire forces, ride heights.")  # fmt: skip
-@click.option("-o", "folder", default="linearity", show_default=True, type=click.Path(path_type=Path), help="Folder.")
+              help="Output to judge, e.g. lf.tire_force; may be repeated. Default: shock velocities, tire forces and "
+              "ride heights.")  # fmt: skip
+@click.option("-o", "folder", default="linearity", show_default=True, type=click.Path(path_type=Path),
+              help="Output folder.")  # fmt: skip
 @body
 def linearity() -> None:
     """Judge where a linear model can predict a car on the rig: coherence against response energy.
 
-    Table 6.4 of the dissertation. RIG are tests with one actuator each, of one amplitude or several, and besides, if
-    wanted, a baseline with all actuators followed by tests of the same drive with another shock at one corner each.
-    Exits 0 if no response of energy is lost to a linear model, 1 if one is (Condition III, or a response that changes
-    with the amplitude).
+    This is Table 6.4 of the dissertation. RIG files are tests with one actuator each, at one amplitude or at several.
+    Optionally, a baseline test with all actuators may follow, and then tests of the same drive with another shock at
+    one corner each. The exit code is 0 if a linear model predicts all high responses, and 1 if it misses one (Condition
+    III, or a response that changes with the amplitude).
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""The options of `eightpost rig`."""
+"""Options of `eightpost rig`."""
 
 from __future__ import annotations
 
@@ -15,41 +15,50 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 
 @click.command()
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
-              help="The truth.")  # fmt: skip
+              help="Model of the car under test (docs/rig.md).")  # fmt: skip
 @click.option("--test", "test_name", type=click.Choice(TESTS), default="random", show_default=True,
-              help="One drivefile of 4.5.1 or 6.1.3.")  # fmt: skip
+              help="Drive file of a single test (4.5.1, 6.1.3).")  # fmt: skip
 @click.option("--program", "program_name", type=click.Choice(PROGRAMS),
-              help="Many tests instead, into a folder: identification is the baseline and an alternate at each corner "
-              "(6.1.5), sine Table 6.2, all every one of them.")  # fmt: skip
+              help="Series of tests, written into a folder. identification: the baseline, and an alternate shock at "
+              "each corner (6.1.5). sine: Table 6.2. all: every test. Default: the one test of --test.")  # fmt: skip
 @click.option("--shock", "shocks", multiple=True, metavar="SHOCK",
-              help="Once for all corners, or four times in the order lf, rf, lr, rr: 'demo:A' to C, 'configuration:1' "
-              "to 12, 'build:C/B', '20 lbf.s/in' for a linear damper, or a shock.json. Default demo:A.")  # fmt: skip
+              help="Shock of all corners, or four shocks in the order lf, rf, lr, rr: demo:A to C, configuration:1 "
+              "to 12, build:C/B, a linear damper such as '20 lbf.s/in', or a shock.json. Default demo:A.")  # fmt: skip
 @click.option("--alternate", default="demo:C", show_default=True, metavar="SHOCK",
-              help="Of a program: the shock that replaces one after the other.")  # fmt: skip
+              help="Shock that a program mounts at one corner after the other.")  # fmt: skip
 @click.option("--draws", type=click.Choice(["same", "other"]), default="same", show_default=True,
-              help="Of a program: whether the alternate tests repeat the baseline's drivefile.")  # fmt: skip
+              help="Drive files of a program's alternate tests: the baseline's (same), or other random phases "
+              "(other).")  # fmt: skip
 @click.option("--duration", metavar="TIME",
-              help="Default 800 s random (quarter car 120 s), 100 s single, 50 s bump (quarter car 60 s), 33 s track, "
-              "20 s sine. In a program: of its random tests.")  # fmt: skip
-@click.option("--only", default="", metavar="INPUT", help="The actuator of a single test (or static), as lf.road.")
-@click.option("--mode", default="heave", show_default=True, help="Of sine and static: heave, pitch, roll or warp.")
-@click.option("--frequency", default="2 Hz", show_default=True, help="Of the sine.")
-@click.option("--amplitude", default="0.5 in", show_default=True, help="Of the sine.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the drivefile.")
-@click.option("--run", "run_seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Of the sensors' noise and the run-to-run drift: another number is another run.")  # fmt: skip
+              help="Length of the test, or of the random tests of a program, e.g. '100 s'. Default: random 800 s "
+              "(quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.")  # fmt: skip
+@click.option("--only", default="", metavar="INPUT",
+              help="Actuator of a single or static test, e.g. lf.road; no default for single, --mode for "
+              "static.")  # fmt: skip
+@click.option("--mode", default="heave", show_default=True,
+              help="Mode of a sine or static test: heave, pitch, roll or warp.")  # fmt: skip
+@click.option("--frequency", default="2 Hz", show_default=True, metavar="FREQUENCY", help="Sine frequency [Hz].")
+@click.option("--amplitude", default="0.5 in", show_default=True, metavar="LENGTH",
+              help="Sine amplitude, e.g. '10 mm'.")  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(min=0), metavar="N", default=1, show_default=True, help="Seed of the drive file."
+)
+@click.option("--run", "run_seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True,
+              help="Seed of the sensor noise and of the run-to-run drift; another number is another run.")  # fmt: skip
 @click.option("--noise", type=click.Choice(["rig", "none"]), default="rig", show_default=True,
-              help="none: perfect sensors and no drift.")  # fmt: skip
-@click.option("--friction", type=click.Choice(["on", "off"]), default="on", show_default=True)
+              help="Sensors of the rig. none: perfect sensors and no drift.")  # fmt: skip
+@click.option("--friction", type=click.Choice(["on", "off"]), default="on", show_default=True,
+              help="Friction of the car along its shocks.")  # fmt: skip
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
-              help="Of a program's files.")  # fmt: skip
+              help="File format of a program's records.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
-              help="A .parquet or .csv file; the folder of a program.")  # fmt: skip
+              help="Output file (.parquet or .csv); with --program, the output folder.")  # fmt: skip
 @body
 def rig() -> None:
     """Test a car on the virtual rig; the data are SYNTHETIC.
 
-    The car is none of the models that are identified (docs/rig.md). Channels are those of Table 6.1 at 1250 Hz.
+    The model of the car differs from all models that can be identified (docs/rig.md). The records have the channels of
+    Table 6.1 at 1250 Hz.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""The options of `eightpost run`."""
+"""Options of `eightpost run`."""
 
 from __future__ import annotations
 
@@ -14,50 +14,57 @@ SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 @click.command()
 @click.argument("case_file", metavar="SYSTEM", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
-              help="Folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
+              help="Output folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
 @click.option("--fmu", "swaps", multiple=True, metavar="NAME=FILE",
-              help="Take another FMU for a component: --fmu lf=dist/soft.fmu")  # fmt: skip
-@click.option("--drive", type=click.Path(path_type=Path), help="A package's drivefile for its open inputs.")
+              help="Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.")  # fmt: skip
+@click.option("--drive", type=click.Path(path_type=Path), metavar="FILE",
+              help="Drive file for the open inputs of a package; default: none.")  # fmt: skip
 @click.option("--input", "inputs", multiple=True, metavar="NAME=VALUE",
-              help="A constant for a package's open input: --input 'car.aero_force=500 lbf'")  # fmt: skip
-@click.option("--stop", metavar="TIME", help="Length of a package's run [s], or as '30 s'.")
-@click.option("--record-step", metavar="TIME", help="Time between recorded samples of a package's run [s].")
+              help="Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be "
+              "repeated.")  # fmt: skip
+@click.option("--stop", metavar="TIME",
+              help="Length of a package's run [s], or with a unit, e.g. '30 s'; default: stop time of the "
+              "package.")  # fmt: skip
+@click.option("--record-step", metavar="TIME",
+              help="Time between recorded samples of a package's run [s], or with a unit, e.g. '2 ms'; default: every "
+              "coupling step.")  # fmt: skip
 @click.option("--algorithm", type=click.Choice(SCHEMES),
-              help="In place of the file's. The default uses gauss-seidel, or implicit where that is not stable, at a "
-              "step that meets the tolerance.")  # fmt: skip
-@click.option("--step", metavar="TIME", help="Coupling step in place of the file's or the default's, as '1 ms'.")
+              help="Coupling algorithm; default: that of the file. The algorithm `default` uses gauss-seidel, or "
+              "implicit if gauss-seidel is not stable, and finds a step that meets the tolerance.")  # fmt: skip
+@click.option("--step", metavar="TIME",
+              help="Coupling step [s], or with a unit, e.g. '1 ms'; default: that of the file or of the "
+              "algorithm.")  # fmt: skip
 @click.option("--no-comparison", is_flag=True,
-              help="Make one run only where the step is given. Its coupling error is then not stated.")  # fmt: skip
+              help="Run once only if the coupling step is given. The coupling error is then not stated.")  # fmt: skip
 @click.option("--tolerance", type=float, metavar="PERCENT",
-              help="Coupling error that the default aims at, in percent of each signal's standard deviation; of "
-              "adaptive: of each step, in percent of the largest value.")  # fmt: skip
+              help="Tolerated coupling error [%]. Algorithm `default`: of each signal's standard deviation, default "
+              "0.2. Algorithm `adaptive`: of the largest value, in each step, default 0.01.")  # fmt: skip
 @click.option("--verify", is_flag=True,
-              help="Run again at half the coupling step and print the difference per channel.")  # fmt: skip
+              help="Repeat the run at half the coupling step and print the difference of each channel.")  # fmt: skip
 @click.option("--isolate", is_flag=True,
-              help="Run each FMU in a process of its own: one that crashes or hangs ends the run with a report of "
-              "which, when and with what inputs, and nothing else. A step costs some 0.2 ms more per FMU; the results "
-              "are the same to the bit. For FMUs that you do not trust yet (docs/foreign_fmus.md).")  # fmt: skip
+              help="Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of "
+              "the FMU, the time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit "
+              "by bit. For FMUs that you do not trust yet (docs/foreign_fmus.md).")  # fmt: skip
 @click.option("--compile", "compile_missing", is_flag=True,
-              help="Compile the C sources that an FMU carries where it has no binary for this platform, with the "
-              "system's C compiler or PyPI's ziglang. What is compiled is kept for the next run. It is the FMU maker's "
-              "code: use it for FMUs whose maker you trust.")  # fmt: skip
-@click.option(
-    "--report", is_flag=True, help="Also write report.html: the run as one interactive page (docs/report.md)."
-)
+              help="Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler "
+              "or PyPI's ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this "
+              "only for FMUs whose maker you trust.")  # fmt: skip
+@click.option("--report", is_flag=True,
+              help="Write also report.html: the run as one interactive page (docs/report.md).")  # fmt: skip
 @body
 def run() -> None:
     """Run a system of coupled FMUs.
 
-    SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is one with comments. Or it is
-    an SSP package of any maker (.ssp), or its description (.ssd) in a folder: what a package lacks comes from
-    --drive, --input, --stop and --record-step.
+    SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is an example with comments.
+    SYSTEM may also be an SSP package of any maker (.ssp), or its description (.ssd) in a folder. Whatever the package
+    lacks is given by --drive, --input, --stop and --record-step.
 
-    Exits 1 if the result is not usable (docs/verdict.md): the coupled start did not converge, the coupling error is too
-    large, the coupling makes or loses energy, a model is used far outside its range, or the run ended early. Ctrl-C
-    ends a run between two steps: what was computed is written and marked partial.
+    The exit code is 1 if the result is not usable (docs/verdict.md): the coupled start did not converge, the coupling
+    error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run ended
+    early. Ctrl-C ends a run after the current step: the results so far are written and marked as partial.
 
     \b
-    Example:
+    Examples:
       eightpost run examples/seven_dof.toml -o out/
       eightpost run examples/seven_dof.toml -o out/ --fmu lf=dist/dyno_B.fmu
       eightpost run car.ssp --drive examples/data/track.parquet -o out/

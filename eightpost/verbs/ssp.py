@@ -1,4 +1,4 @@
-"""The options of `eightpost ssp`."""
+"""Options of `eightpost ssp`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from eightpost.verbs.body import body
 
 @click.command()
 @click.argument("system", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The package; default: beside SYSTEM, .ssp.")
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="Output package; default: SYSTEM with the suffix .ssp.")  # fmt: skip
 @body
 def ssp() -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
 
-    SYSTEM is a file that `eightpost run` takes; a package of others is written flat. The package holds the FMUs, their
-    connections, and for each component a file of the parameters that can be set, resources/<component>.ssv. A drivefile
-    has no place in it: the tool that imports the package drives the inputs that are left open.
+    SYSTEM is a file that `eightpost run` accepts; a package with subsystems is written as one flat system. The package
+    holds the FMUs, their connections, and for each component a file of its settable parameters,
+    resources/<component>.ssv. A package cannot hold a drive file: the tool that imports the package drives the open
+    inputs.
 
     \b
     Example:
