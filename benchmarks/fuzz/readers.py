@@ -242,9 +242,9 @@ def _spreads(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from eightpost.commands.compare import _read, _what  # noqa: PLC0415
+    from eightpost.commands.compare import _read, _sources  # noqa: PLC0415
 
-    return _read(path.parent), _what(path.parent)
+    return _read(path.parent), _sources(path.parent)
 
 
 def _chunks(path: Path) -> Any:

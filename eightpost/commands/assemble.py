@@ -1,4 +1,4 @@
-"""`eightpost build --assemble`: a system file into one FMU."""
+"""`eightpost build --assemble`: one FMU from a system file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ from eightpost.errors import FmuError
 
 
 def assemble_with_progress(console: Console, source: Path, output: Path) -> Assembled:
-    """Build one FMU of a system file; `output` is the file, or a folder for a file with the system file's name.
+    """Build one FMU from a system file.
+
+    Args:
+        console: Console for the progress bar.
+        source: System file.
+        output: File name of the FMU (.fmu), or a folder, in which the FMU is named after the system file.
 
     Raises:
         FmuError: The system cannot be assembled; the message names each component that cannot.
@@ -28,7 +33,7 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
     path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"
     if path.stem != fmu_identifier(path.stem):
         raise FmuError(
-            f"{path}: {path.stem!r} is no name for a model in C; use letters, digits and underscores, as in "
+            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
             f"{fmu_identifier(path.stem)}.fmu"
         )
     assembly = assembly_of(read_case(source), path.stem)
@@ -39,10 +44,10 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
 
 
 def assembly_of(case: Case, identifier: str) -> Assembly:
-    """Return a case's system as one FMU to be; its drive and its algorithm are the host's affair.
+    """Return the description of the FMU that holds a case's system; drive and algorithm are left to the host.
 
     Raises:
-        FmuError: It cannot be assembled.
+        FmuError: The system cannot be assembled.
     """
     system = case.system
     parameters = {f"{name}.{own}": value for name, given in system.parameters.items() for own, value in given.items()}
@@ -58,19 +63,19 @@ def assembly_of(case: Case, identifier: str) -> Assembly:
 
 
 def _links(system: System) -> Iterator[Link]:
-    """Connections with the conversion between their ends' units, in the order in which the master adds them up."""
+    """Yield the connections with their unit conversion, in the order in which the master adds them up."""
     for connection in system.all_connections:
         source, target = system.output(connection.source), system.input(connection.target)
-        found = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
-        # The connection's offset comes last, in the target's unit.
-        offset = found.offset + connection.offset / connection.gain
-        yield Link(connection.source, connection.target, connection.gain, found.factor, offset)
+        conversion = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
+        # The offset of the connection is applied last, in the unit of the target.
+        offset = conversion.offset + connection.offset / connection.gain
+        yield Link(connection.source, connection.target, connection.gain, conversion.factor, offset)
 
 
 def show_assembled(console: Console, built: Assembled) -> None:
-    """Print what was put together, its micro step and its platforms."""
+    """Print the components of the FMU, its micro step and its platforms."""
     names = built.interface.names
-    table = Table(Column("component", overflow="fold"), Column("FMU", overflow="fold"), "interface", "is fed by")
+    table = Table(Column("component", overflow="fold"), Column("FMU", overflow="fold"), "interface", "sources")
     for part in built.assembly.parts:
         sources = [link.source for link in built.assembly.links if link.target.startswith(f"{part.name}.")]
         table.add_row(part.name, part.file, f"{part.kind} {part.interface.version}", ", ".join(sources))

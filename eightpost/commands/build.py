@@ -28,9 +28,7 @@ def build(
     console = Console()
     if system is not None:
         if sources or confidential or target != "native":
-            raise click.UsageError(
-                "--assemble takes one system file and nothing else: no sources, no --confidential, and native only"
-            )
+            raise click.UsageError("--assemble builds one system file: omit SOURCES, --confidential and --target")
         show_assembled(console, assemble_with_progress(console, system, output))
         return
     if not sources:
@@ -48,7 +46,7 @@ def build_with_progress(
     target: str = "native",
     disclosure: Disclosure = Disclosure.FULL,
 ) -> list[Built]:
-    """Build with a progress bar: a first build compiles for all platforms."""
+    """Build with a progress bar, because a first build compiles for all platforms."""
     columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
@@ -62,7 +60,7 @@ def build_with_progress(
 
 
 def show_built(console: Console, built: list[Built]) -> Verdict:
-    """Print a table of what was built and the verdict that the FMUs carry; return the verdict."""
+    """Print a table of the FMUs and the verdict that they carry; return the verdict."""
     table = Table(Column("FMU", overflow="fold"), "interface", "target", "inputs", "outputs", "parameters", "size")
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]

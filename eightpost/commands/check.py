@@ -19,7 +19,7 @@ _COLOURS = {Level.ERROR: "bold red", Level.DROP_IN: "yellow", Level.HINT: "cyan"
 
 @click.pass_context
 def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool) -> None:
-    """Check FMUs, ours or not: the standard's rules, and what breaks imports."""
+    """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports."""
     reports: list[CheckReport | NotChecked] = []
     with Console(stderr=True).status("") as status:
         for path in fmus:
@@ -28,7 +28,7 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool)
     _warn(reports)
     refused = [report for report in reports if isinstance(report, NotChecked)]
     if as_json:
-        click.echo(json.dumps(json_document(reports), indent=1))  # in ASCII: a terminal may know no other
+        click.echo(json.dumps(json_document(reports), indent=1))  # ASCII, because a terminal may support nothing else
     else:
         console = Console()
         for report in reports:
@@ -40,14 +40,14 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool)
 
 
 def _warn(reports: list[CheckReport | NotChecked]) -> None:
-    """Say on stderr, so that tables and JSON stay as they are, that code of the FMUs was run."""
+    """Print a note that the FMUs' code was run; on stderr, so that stdout holds only tables or JSON."""
     if any(isinstance(report, CheckReport) and set(report.groups) - {"static", "tools"} for report in reports):
         text = "check runs the FMU's code in separate processes; this is not a sandbox"
         Console(stderr=True, soft_wrap=True).print(f"note: {text}", highlight=False, style="dim")
 
 
 def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
-    """Check a file; one that cannot be read must not hide what was found in the others."""
+    """Check a file; a file that cannot be read must not hide the findings in the others."""
     try:
         return check_fmu(path, scope=scope)
     except InputError as error:
@@ -55,11 +55,11 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 
 
 def show_report(console: Console, report: CheckReport) -> None:
-    """Print what was found in an FMU, grouped by level, and what was done and skipped."""
+    """Print the findings in an FMU, grouped by level, and the groups that were performed and skipped."""
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
     if report.findings:
         console.print(_table(report))
-    _note(console, f"did {', '.join(report.groups) or 'nothing'}")
+    _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
     for skipped in report.skipped:
         _note(console, f"skipped {skipped.what}: {skipped.reason}")
 
@@ -70,8 +70,8 @@ def _note(console: Console, text: str) -> None:
 
 def _verdict(report: CheckReport) -> str:
     counts = {level: len(report.of(level)) for level in Level}
-    said = [f"[{_COLOURS[level]}]{_count(level, number)}[/]" for level, number in counts.items() if number]
-    return ", ".join(said) if said else "[bold green]clean[/]"
+    parts = [f"[{_COLOURS[level]}]{_count(level, number)}[/]" for level, number in counts.items() if number]
+    return ", ".join(parts) if parts else "[bold green]clean[/]"
 
 
 def _count(level: Level, number: int) -> str:
@@ -83,18 +83,18 @@ def _table(report: CheckReport) -> Table:
     table = Table(
         Column("level", no_wrap=True),
         Column("rule", no_wrap=True),
-        Column("found", overflow="fold", ratio=3),
+        Column("finding", overflow="fold", ratio=3),
         Column("what to do", overflow="fold", ratio=2),
         expand=True,
     )
     for level in Level:
         for finding in report.of(level):
             rule = finding.rule
-            found = f"{rule.title}: {finding.message}" if finding.message else rule.title
+            text = f"{rule.title}: {finding.message}" if finding.message else rule.title
             table.add_row(
                 f"[{_COLOURS[level]}]{level.value}[/]",
                 rule.identifier,
-                escape(found),
+                escape(text),
                 f"{escape(finding.advice)} [dim]({rule.source})[/]",
             )
         table.add_section()

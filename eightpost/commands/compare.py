@@ -13,7 +13,7 @@ from cosim.plots import plot_measures
 from cosim.study.choice.compare_verdict import verdict_of_runs
 from cosim.study.measures import DISPLAY, Measure, available, channel_measures, ride_measures
 from eightpost import units
-from eightpost.commands.compare_study import Wanted, compare_study
+from eightpost.commands.compare_study import ComparisonRequest, compare_study
 from eightpost.commands.show_verdict import show_verdict
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
@@ -25,19 +25,19 @@ from eightpost.verdict import Verdict
 def compare(
     ctx: click.Context, /, folders: tuple[Path, ...], vehicle: str, output: Path | None, **options: Any
 ) -> None:
-    """Compare runs, or a study's prediction with what the rig measured."""
+    """Compare runs, or a study's prediction with rig measurements."""
     console = Console()
     if (measured := options.pop("measured")) is not None:
-        ctx.exit(0 if _with_rig(console, folders, measured, output, **options).is_acceptable else 1)
+        ctx.exit(0 if _compare_with_rig(console, folders, measured, output, **options).is_acceptable else 1)
     if len(folders) < 2:
-        raise InputError("compare takes two runs or more; the first is the baseline")
+        raise InputError("compare needs at least two runs; the first is the baseline")
     runs = {str(folder): _read(folder) for folder in folders}
     for folder in folders:
-        console.print(f"{folder}: {_what(folder)}", highlight=False, soft_wrap=True)
+        console.print(f"{folder}: {_sources(folder)}", highlight=False, soft_wrap=True)
     series = tuple(runs.values())
     measures = available(ride_measures(vehicle), *series) or available(channel_measures(series[0], DISPLAY), *series)
     if not measures:
-        raise InputError(f"{folders[0]} and the others have no channel in common")
+        raise InputError(f"{folders[0]} and the other runs have no channel in common")
     console.print(measure_table(runs, measures))
     if output:
         plot_measures(runs, measures, output)
@@ -47,7 +47,7 @@ def compare(
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
-def _with_rig(
+def _compare_with_rig(
     console: Console,
     folders: tuple[Path, ...],
     measured: Path,
@@ -59,8 +59,8 @@ def _with_rig(
     level: float | None,
 ) -> Verdict:
     if len(folders) != 1:
-        raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)}")
-    return compare_study(console, folders[0], measured, output, Wanted(measures, rank, level, channel_map))
+        raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
+    return compare_study(console, folders[0], measured, output, ComparisonRequest(measures, rank, level, channel_map))
 
 
 def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:
@@ -77,13 +77,13 @@ def _read(folder: Path) -> TimeSeries:
     series = read_series(folder / "series.parquet")
     settling = _result(folder).get("settling", 0.0)
     if type(settling) not in (int, float) or not 0.0 <= settling < series.duration:
-        what = f"settling is {settling!r}, and must be a time [s] within the run of {series.duration:g} s"
-        raise FileFormatError(what, path=folder / "result.json")
+        message = f"settling is {settling!r}, but must be a time [s] within the run of {series.duration:g} s"
+        raise FileFormatError(message, path=folder / "result.json")
     return series.window(settling, float(series.time[-1])) if settling else series
 
 
-def _what(folder: Path) -> str:
-    """Say which FMUs and parameters a run had."""
+def _sources(folder: Path) -> str:
+    """Return the FMUs and parameters of a run in words."""
     result = _result(folder)
     sources, parameters = result.get("sources", {}), result.get("parameters", {})
     if not isinstance(sources, dict) or not isinstance(parameters, dict):
@@ -100,5 +100,5 @@ def _result(folder: Path) -> dict[str, Any]:
     path = folder / "result.json"
     document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
     if not isinstance(document, dict) or document.get("kind") != "result":
-        raise FileFormatError("is no result of a run", path=path)
+        raise FileFormatError("is not the result of a run", path=path)
     return document

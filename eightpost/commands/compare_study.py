@@ -1,4 +1,4 @@
-"""Measured setups against a study's prediction: the second half of `eightpost compare`."""
+"""Comparison of measured setups with a study's prediction, for `eightpost compare --measured`."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from eightpost.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What is compared, and what is asked of it.
+class ComparisonRequest:
+    """Measures to compare and the limits that they must meet.
 
     Attributes:
-        measures: Names; empty: all that were measured and do not hang on a mean.
-        rank: Least rank correlation (Spearman) of every measure.
-        level: Largest level error of every measure [%]; None where levels do not matter.
-        channel_map: Of the rig's files.
+        measures: Names of the measures; empty: all measured ones that do not depend on a mean.
+        rank: Minimum acceptable rank correlation (Spearman) of every measure.
+        level: Maximum acceptable level error of every measure [%]; None for no limit.
+        channel_map: Channel map of the rig files.
     """
 
     measures: tuple[str, ...]
@@ -43,61 +43,64 @@ class Wanted:
     channel_map: Path | None
 
 
-def compare_study(console: Console, folder: Path, measured: Path, output: Path | None, wanted: Wanted) -> Verdict:
-    """Compare a study with measured runs, print what was found, and write it.
+def compare_study(
+    console: Console, folder: Path, measured: Path, output: Path | None, request: ComparisonRequest
+) -> Verdict:
+    """Compare a study with measured runs; print and write the comparison.
 
     Returns:
         The verdict.
     """
     result = StudyResult.load(folder / RESULTS)
-    for name in wanted.measures:
+    for name in request.measures:
         result.study.measure(name)
     path = measured / SELECTION if measured.is_dir() else measured
     runs = _present(console, read_run_list(path, result.study), path)
-    mapping = ChannelMap.read(wanted.channel_map) if wanted.channel_map else None
+    mapping = ChannelMap.read(request.channel_map) if request.channel_map else None
 
     def read(file: Path) -> TimeSeries:
         return read_rig_test(file, channel_map=mapping).series
 
-    drawn = measured_runs(runs, result.study, read)
-    for name, channels in drawn.missing.items():
+    rig = measured_runs(runs, result.study, read)
+    for name, channels in rig.missing.items():
         console.print(f"[yellow]note[/] {escape(name)}: the rig has no {channels}", highlight=False, soft_wrap=True)
-    names = _names(console, result, drawn, wanted)
-    found = comparisons(result, replace(drawn, values={name: drawn.values[name] for name in names}))
+    names = _names(console, result, rig, request)
+    found = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
     if not found:
-        raise InputError(f"{path}: none of the study's measures could be drawn from these records")
+        raise InputError(f"{path}: none of the study's measures can be computed from these records")
     console.print(f"{len(runs)} runs of {found[0].setups.size} setups", highlight=False)
     console.print(comparison_table(found, result))
-    verdict = comparison_verdict(found, rank=wanted.rank, level=wanted.level)
+    verdict = comparison_verdict(found, rank=request.rank, level=request.level)
     _write(console, found, result, output or folder / "compared", _selected(folder, result), verdict)
     show_verdict(console, verdict)
     return verdict
 
 
-def _names(console: Console, result: StudyResult, drawn: Measured, wanted: Wanted) -> list[str]:
-    """Return the measures to compare; a mean only if it is named, because the rig has a zero of its own."""
-    if wanted.measures:
-        return [name for name in wanted.measures if name in drawn.values]
-    means = [name for name in drawn.values if result.study.measure(name).absolute]
+def _names(console: Console, result: StudyResult, rig: Measured, request: ComparisonRequest) -> list[str]:
+    """Return the measures to compare; a mean only if it is named, because the zero of the rig differs."""
+    if request.measures:
+        return [name for name in request.measures if name in rig.values]
+    means = [name for name in rig.values if result.study.measure(name).absolute]
     if means:
-        what = f"left out, because the rig has a zero of its own: {', '.join(means)}; --measure takes one all the same"
+        what = f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure"
         console.print(f"[yellow]note[/] {escape(what)}", highlight=False, soft_wrap=True)
-    return [name for name in drawn.values if name not in means]
+    return [name for name in rig.values if name not in means]
 
 
 def _present(console: Console, runs: Sequence[MeasuredRun], path: Path) -> list[MeasuredRun]:
-    """Return the runs whose records are there; the others are named."""
+    """Return the runs whose records exist; print the names of the missing records."""
     there = [run for run in runs if run.file.is_file()]
     missing = [run.file.name for run in runs if not run.file.is_file()]
     if not there:
-        raise InputError(f"{path}: none of its {len(runs)} records is there; {runs[0].file if runs else 'it is empty'}")
+        first = f"the first is {runs[0].file}" if runs else "the list is empty"
+        raise InputError(f"{path}: none of its {len(runs)} records exists; {first}")
     if missing:
-        console.print(f"[yellow]note[/] not measured: {', '.join(missing)}", highlight=False, soft_wrap=True)
+        console.print(f"[yellow]note[/] no record yet: {', '.join(missing)}", highlight=False, soft_wrap=True)
     return there
 
 
 def comparison_table(found: Sequence[Comparison], result: StudyResult) -> Table:
-    """Return how well each measure was predicted."""
+    """Return a table of the quality of each measure's prediction."""
     table = Table("measure", *(Column(name, justify="right") for name in (
         "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
     )))  # fmt: skip
@@ -113,20 +116,20 @@ def comparison_table(found: Sequence[Comparison], result: StudyResult) -> Table:
             f"{one.line.slope:.2f} ({low:.2f} to {high:.2f})",
             f"{one.level_error:.1f} %",
             f"{one.bias:+.1f} %",
-            sigma if one.run_to_run else "not known",
+            sigma if one.run_to_run else "unknown",
             f"{int(one.within.sum())} of {one.within.size}",
         )
     return table
 
 
 def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
-    """Return which setups were selected for which measure, where the study's folder has a selection."""
+    """Return the selected setups of each measure; empty if the study's folder has no selection."""
     path = folder / SELECTION
     selection = read_selection(path, result) if path.is_file() else None
-    found: dict[str, set[int]] = {}
+    setups: dict[str, set[int]] = {}
     for selected in selection.chosen if selection else ():
-        found.setdefault(selected.measure, set()).add(selected.setup.index)
-    return found
+        setups.setdefault(selected.measure, set()).add(selected.setup.index)
+    return setups
 
 
 def _write(
@@ -137,11 +140,13 @@ def _write(
     selected: dict[str, set[int]],
     verdict: Verdict,
 ) -> None:
-    """Write all comparisons, and a picture of the measures that setups were selected for, else of the objective."""
+    """Write all comparisons, and a picture of the measures of the selection, or else of the objective."""
     write_comparisons(found, result.provenance.measure_units, output / "comparison.json", verdict)
     names = [one.measure for one in found]
     first = selected or dict.fromkeys(term.measure for term in result.study.objective)
     drawn = [one for one in found if one.measure in first] or list(found)
     shown = {name: (result.unit(name), result.display(name)) for name in names}
     plot_comparisons(drawn, output / "comparison.png", shown=shown, selected=selected)
-    console.print(f"wrote {output / 'comparison.png'} and comparison.json beside it", highlight=False, soft_wrap=True)
+    console.print(
+        f"wrote {output / 'comparison.png'} and comparison.json in the same folder", highlight=False, soft_wrap=True
+    )

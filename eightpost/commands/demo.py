@@ -1,4 +1,4 @@
-"""`eightpost demo`: the whole line once, on shipped synthetic data."""
+"""`eightpost demo`: the whole workflow once, on shipped synthetic data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SYNTHETIC = "(synthetic data)"
 _BUILDS = ("A", "B", "C")
 _BASELINE, _SWAP, _CORNER = "A", "B", "lf"
 _CORNERS = ("lf", "rf", "lr", "rr")
-#: Of the track, in the study of every setup [s].
+#: Length of the track in the study of every setup [s].
 _STUDIED = 12.0
 _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
@@ -44,7 +44,7 @@ _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_accelerati
 
 @click.pass_context
 def demo(ctx: click.Context, output: Path) -> None:
-    """Run the whole line on shipped data: fit, build, check, couple, swap a shock, measure, try every setup."""
+    """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup."""
     console = Console()
     check_output_folder(output)
     examples = examples_folder()
@@ -57,25 +57,25 @@ def demo(ctx: click.Context, output: Path) -> None:
     console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
     for path in sorted(output.glob("*.png")):
         console.print(f"  {path}", highlight=False)
-    console.print(f"Every setup of the three shocks, as a page: {page}", highlight=False)
+    console.print(f"Page of all setups of the three shocks: {page}", highlight=False)
     ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
 
 
 def examples_folder() -> Path:
-    """Return the folder of examples: of the checkout, or the copy inside an installed wheel.
+    """Return the folder of examples: that of the checkout, or its copy in an installed wheel.
 
     Raises:
-        InputError: It is not there; the installation is broken.
+        InputError: The folder does not exist; the installation is broken.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "examples", package.parent / "examples"):
         if (folder / "seven_dof.toml").is_file():
             return folder
-    raise InputError(f"no examples/ folder beside or inside {package}; install eightpost again")
+    raise InputError(f"there is no examples/ folder in {package} or in its parent folder; reinstall eightpost")
 
 
 def _fit_builds(console: Console, examples: Path, output: Path) -> None:
-    """Fit all laws to the first record and LPNL2 to the others; leave shock files and pictures."""
+    """Fit all laws to the first record and LPNL2 to the others; write shock files and pictures."""
     console.rule("1. Fit shock laws to dynamometer records (synthetic)")
     tests = {name: read_dyno_test(examples / "data" / f"dyno_{name}.csv") for name in _BUILDS}
     show_test(console, tests["A"])
@@ -85,14 +85,14 @@ def _fit_builds(console: Console, examples: Path, output: Path) -> None:
     show_fit(console, first[-1])
     fits = {"A": first[-1]} | {name: _fit(name, tests[name], "lpnl2") for name in _BUILDS[1:]}
     console.print(fit_table(list(fits.values())))
-    for name, found in fits.items():
-        write_shock(found.shock, output / f"dyno_{name}.json")
+    for name, shock_fit in fits.items():
+        write_shock(shock_fit.shock, output / f"dyno_{name}.json")
     plot_force_velocity(first, output / "fit_laws.png")
     plot_force_velocity(list(fits.values()), output / "fit_builds.png")
 
 
 def _fit(name: str, test: DynoTest, law: LawName) -> ShockFit:
-    # The demo's static tire loads and ride heights already hold the car up, gas force and all.
+    # The demo's static tire loads and ride heights already include the gas force.
     return fit_shock(test, law, gas="included", name=f"build {name} {_SYNTHETIC}")
 
 

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from eightpost.rig import PhysicalDamper
     from eightpost.signals import Drivefile, TimeSeries
 
-#: Units of a .csv, as dynamometers write them; a .parquet is in SI.
+#: Units of a .csv file, as dynamometers write them; a .parquet file is in SI units.
 _CSV_UNITS = {"displacement": "in", "velocity": "in/s", "force": "lbf", "temperature": "degF"}
 _CSV_DECIMALS = {"time": 4, "displacement": 4, "velocity": 2, "force": 1, "temperature": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class _Specimen:
-    """A damper and what it is called in files."""
+    """A damper under test and its title in files."""
 
     damper: PhysicalDamper
     title: str
@@ -74,18 +74,20 @@ def dyno(  # one parameter per option
 
 
 def _check_options(test_name: str, *, amplitude: str | None, speed: str | None, duration: str | None) -> None:
-    """Refuse options that the test has no use for, and a sine without its two."""
+    """Refuse options that do not apply to the test, and a sine without amplitude and speed."""
     if test_name == "sine" and not (amplitude and speed):
-        raise InputError("a sine needs --amplitude '1 in' and --speed '10 in/s'; --test all runs those of Table 3.3")
+        raise InputError(
+            "--test sine needs --amplitude '1 in' and --speed '10 in/s'; --test all runs the sines of Table 3.3"
+        )
     if test_name != "sine" and (amplitude or speed):
-        raise InputError(f"--amplitude and --speed are the sine's; with --test {test_name} leave them out")
+        raise InputError(f"--amplitude and --speed are options of --test sine; omit them with --test {test_name}")
     if test_name != "random" and duration:
-        raise InputError(f"--duration is the random test's; with --test {test_name} leave it out")
+        raise InputError(f"--duration is an option of --test random; omit it with --test {test_name}")
 
 
 def _specimen(number: int | None, build: str | None, gas_text: str | None, clicks: int | None) -> _Specimen:
     if (number is None) == (build is None):
-        raise InputError("say which shock: --configuration 1 to 12 (Table 3.1), or --build such as C/B")
+        raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     if number is not None:
         return _configured(number, gas_text, clicks)
     gas = _si(gas_text or "150 psi", "Pa", "--gas")
@@ -98,7 +100,7 @@ def _specimen(number: int | None, build: str | None, gas_text: str | None, click
 
 def _configured(number: int, gas_text: str | None, clicks: int | None) -> _Specimen:
     if gas_text is not None or clicks is not None:
-        raise InputError("Table 3.1 sets gas and clicks of a --configuration; leave --gas and --clicks out")
+        raise InputError("omit --gas and --clicks: Table 3.1 sets them for a --configuration")
     damper, setting = configuration(number), CONFIGURATIONS[number]
     shims = SHIMS_OF_BUILD[setting.build]
     psi = units.convert(setting.gas_pressure, "Pa", "psi")
@@ -124,13 +126,13 @@ def _drivefile(
 
 def _check_file(output: Path) -> None:
     if output.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{output}: write a .csv or a .parquet file, or --test all into a folder")
+        raise InputError(f"{output}: the output must be a .csv or .parquet file; only --test all writes a folder")
     if output.is_dir():
         raise InputError(f"{output} is a folder; name a file in it")
 
 
 def _run(console: Console, specimen: _Specimen, drivefile: Drivefile, name: str, seed: int, path: Path) -> None:
-    """Run a test, write it, and say what happened."""
+    """Run a test, write its record and print a summary."""
     truth = specimen.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
     note = f"SYNTHETIC: eightpost dyno {__version__}, {specimen.title}, test {name}, seed {seed}"
     _write(read_out(truth, seed=seed), path, note)
@@ -139,13 +141,13 @@ def _run(console: Console, specimen: _Specimen, drivefile: Drivefile, name: str,
 
 def _summary(truth: TimeSeries) -> str:
     force = units.convert(truth["force"], "N", "lbf")
-    found = cavitation(truth)
-    lowest = units.convert(found.lowest, "Pa", "psi")
-    verdict = "cavitates" if found.cavitates else "does not cavitate"
-    share = f"{100.0 * found.share:.1f} % of the time under 30 kPa" if found.share else "never under 30 kPa"
+    cavity = cavitation(truth)
+    lowest = units.convert(cavity.lowest, "Pa", "psi")
+    verdict = "cavitates" if cavity.cavitates else "does not cavitate"
+    share = f"for {100.0 * cavity.share:.1f} % of the time" if cavity.share else "never"
     return (
         f"{truth.duration:.1f} s at {truth.sample_rate:.0f} Hz, force {force.min():.0f} to {force.max():.0f} lbf, std "
-        f"{force.std():.1f} lbf; {verdict} (a chamber {share}, lowest {lowest:.1f} psi absolute)"
+        f"{force.std():.1f} lbf; {verdict} (chamber pressure below 30 kPa {share}, minimum {lowest:.1f} psi absolute)"
     )
 
 

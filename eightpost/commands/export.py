@@ -18,17 +18,17 @@ def export(source: Path, ports: str, high: float, step: float, output: Path) -> 
     """Export models and frequency responses for other tools."""
     suffix = output.suffix.lower()
     if suffix not in (".mat", ".uff", ".unv"):
-        raise FileFormatError("name a .mat, .uff or .unv file", path=output)
+        raise FileFormatError("the output must be a .mat, .uff or .unv file", path=output)
     if source.suffix.lower() == ".npz":
-        said = _write(read_response(source), output)
+        summary = _write(read_response(source), output)
     else:
         vehicle = _vehicle(source, ports)
-        said = _write_model(vehicle, output) if suffix == ".mat" else _write(_response(vehicle, high, step), output)
-    Console(soft_wrap=True, highlight=False).print(f"read {source}; wrote {output}: {said}", markup=False)
+        summary = _write_model(vehicle, output) if suffix == ".mat" else _write(_response(vehicle, high, step), output)
+    Console(soft_wrap=True, highlight=False).print(f"read {source}; wrote {output}: {summary}", markup=False)
 
 
 def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:
-    """Return a vehicle as it was identified, or with ports that take the whole force."""
+    """Return a vehicle as it was identified, or with shock inputs that take the whole force."""
     vehicle = read_vehicle(source)
     model: StateSpace = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
     if not isinstance(vehicle, IdentifiedVehicle):

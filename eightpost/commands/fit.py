@@ -72,7 +72,7 @@ def fit(  # one parameter per option
     for test in tests:
         show_test(console, test)
     if len(tests) > 1:
-        console.print(f"{len(tests)} runs are fitted together: one curve, one law", highlight=False)
+        console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
     found = fit_shock(
         tests,
         law,
@@ -95,7 +95,7 @@ def fit(  # one parameter per option
 
 
 def show_test(console: Console, test: DynoTest) -> None:
-    """Print what was read."""
+    """Print the channels of a record, its length and its notes."""
     series = test.series
     console.print(
         f"read {escape(str(test.source))}: {', '.join(series.names)}; {series.duration:.1f} s at "
@@ -103,21 +103,21 @@ def show_test(console: Console, test: DynoTest) -> None:
         soft_wrap=True,
         highlight=False,
     )
-    for what in test.derived:
-        console.print(f"[yellow]note[/] {escape(what)}", highlight=False)
+    for note in test.derived:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
 
 
 def show_fit(console: Console, found: ShockFit) -> None:
-    """Print a fit's quality, its parameters, and what was decided on the way."""
+    """Print a fit's quality, its parameters, and the settings that it changed."""
     console.print(fit_table([found]))
     console.print(parameter_table(found))
-    for what in found.changes:
-        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
+    for change in found.changes:
+        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, found.verdict)
 
 
 def _check_output(output: Path, dyno_file: Path) -> None:
-    """Refuse an output that would take the place of something that is no shock file."""
+    """Refuse an output that would overwrite a folder or a file that is not a shock file."""
     if output.is_dir():
         raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
     if output.suffix != ".json":

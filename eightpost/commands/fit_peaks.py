@@ -1,4 +1,4 @@
-"""`eightpost fit` of a peak-velocity table: force per speed, a shock for each setting of the adjusters."""
+"""`eightpost fit` of a peak-velocity table: forces over speeds, a shock for each setting of the adjusters."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ _TEXT = (".csv", ".txt", ".tsv")
 
 
 def peak_tables(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelocityTable, ...]:
-    """Return the tables of a peak-velocity file; none where the files are records over time.
+    """Return the tables of a peak-velocity file; empty if the files are records over time.
 
     Raises:
-        InputError: There are other files beside it.
+        InputError: A peak-velocity file is given together with other files.
     """
     found = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
     if found and len(files) > 1:
-        raise InputError(f"{found[0]} is a peak-velocity table: fit it by itself")
+        raise InputError(f"{found[0]} is a peak-velocity table: fit it alone")
     return read_peak_velocity(found[0], units=units) if found else ()
 
 
 def fit_peak_tables(
     console: Console, tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None, build: str | None
 ) -> Verdict:
-    """Fit and write a shock per table, say how well each curve meets its points, and draw them.
+    """Fit and write a shock for each table, print the deviation of each curve from its points, and draw them.
 
     Returns:
-        The verdict on all of them.
+        The verdict on all shocks.
     """
     found, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
     for table in tables:
@@ -59,12 +59,12 @@ def fit_peak_tables(
 
 
 def refuse_dynamics(ctx: click.Context, law: str) -> None:
-    """Refuse a law with dynamics that was asked for: such a table says nothing of it."""
-    asked = ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT
-    if asked and law != "polylinear":
+    """Refuse a law with dynamics if --law names one: such a table has no information on them."""
+    is_given = ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT
+    if is_given and law != "polylinear":
         raise InputError(
-            f"a peak-velocity table has force per speed and says nothing of lag, which {law} has: leave --law out, "
-            "or write --law polylinear"
+            f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit --law, "
+            "or use --law polylinear"
         )
 
 
@@ -80,12 +80,12 @@ def _slug(clicks: str | None) -> str:
 def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
     fit = shock.fit or {}
     console.print(
-        f"{escape(shock.name)}: {len(table)} speeds a side to {table.speed[-1]:.4g} m/s; the curve meets its points "
-        f"within {fit['greatest_error_at_points [N]']:.3g} N, {fit['rms [N]']:.3g} N RMS",
+        f"{escape(shock.name)}: {len(table)} speeds on each side, up to {table.speed[-1]:.4g} m/s; the curve deviates "
+        f"from its points by at most {fit['greatest_error_at_points [N]']:.3g} N, {fit['rms [N]']:.3g} N RMS",
         soft_wrap=True,
         highlight=False,
     )
-    for what in fit["changes"]:
-        console.print(f"[yellow]changed[/] {escape(what)}", highlight=False)
+    for change in fit["changes"]:
+        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     if shock.validity is not None:
         show_verdict(console, shock.validity.verdict)

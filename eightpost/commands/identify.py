@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Plots = Literal["none", "main", "all"]
 
-#: What `--plots main` draws: the channels that shocks act by, and those that a setup is judged by.
+#: Channels that `--plots main` draws: shock velocities, and the outputs that setups are judged by.
 _MAIN = ("velocity", "tire_force", "ride_height")
 
 
@@ -70,10 +70,10 @@ def identify(  # one parameter per option
         console.print(escape(line), highlight=False, soft_wrap=True)
     found = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
     experiment = _experiment(prepared, found, damping, name or output.stem, output_channels)
-    _say_baseline(console, rig_files, found)
+    _show_baseline(console, rig_files, found)
     if static_files:
         experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
-    with console.status(f"identifying {len(experiment.outputs)} outputs of {len(experiment.inputs)} inputs"):
+    with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in found.order], experiment)
     fit = with_validity(fit)
     _show(console, fit)
@@ -86,11 +86,11 @@ def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> 
     if output.suffix != ".json":
         raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
     if baseline is not None and baseline not in rig_files:
-        raise InputError(f"--baseline {baseline} is none of the files given: {', '.join(map(str, rig_files))}")
+        raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
     if len(rig_files) < 2:
         raise InputError(
-            f"{rig_files[0]} alone does not tell shock forces from what causes them; give a baseline test and one with "
-            "another shock at each corner"
+            f"{rig_files[0]}: one test cannot separate shock forces from their causes; give a baseline test, and a "
+            "test with another shock at each corner"
         )
 
 
@@ -110,13 +110,13 @@ def _read(
 
 
 def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> Iterator[RigTest]:
-    """Read each file while the one before it is worked on; no more are held than these two."""
+    """Read each file while the previous one is processed; at most these two are in memory."""
     with ThreadPoolExecutor(1) as reader:
-        waiting = reader.submit(read, rig_files[0])
+        pending = reader.submit(read, rig_files[0])
         for path in rig_files[1:]:
-            test, waiting = waiting.result(), reader.submit(read, path)
+            test, pending = pending.result(), reader.submit(read, path)
             yield test
-        yield waiting.result()
+        yield pending.result()
 
 
 def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: str, outputs: str | None) -> Experiment:
@@ -127,7 +127,7 @@ def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: 
     return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
 
 
-def _say_baseline(console: Console, rig_files: Sequence[Path], found: Baseline) -> None:
+def _show_baseline(console: Console, rig_files: Sequence[Path], found: Baseline) -> None:
     slopes = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in found.damping.items())
     console.print(f"baseline {rig_files[found.test].name}: dampings {slopes} N.s/m", highlight=False, soft_wrap=True)
     for note in found.notes():
@@ -140,16 +140,16 @@ def _show(console: Console, fit: VehicleFit) -> None:
         console.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
         console.print(friction_table(fit, fit.trust))
-    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor", highlight=False)
+    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
     for note in fit.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, fit_verdict(fit))
 
 
 def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
-    wanted = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
+    names = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
     folder = output.with_name(f"{output.stem}_plots")
-    drawn = plot_fits(fit, wanted, folder)
+    drawn = plot_fits(fit, names, folder)
     if plots != "none" and fit.trust is not None and fit.trust.orders is not None:
         drawn.append(folder / "stabilisation.png")
         plot_stabilisation(fit.trust.orders, drawn[-1])

@@ -1,4 +1,4 @@
-"""The static half of `eightpost identify`: records of held loads give the car's static state (6.4.4)."""
+"""The static part of `eightpost identify`: records with held loads give the car's static state (6.4.4)."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from eightpost.rig.post import RigTest
     from eightpost.signals import TimeSeries
 
-#: Rate to which static records are brought [Hz].
+#: Sampling rate to which static records are decimated [Hz].
 _RATE = 125.0
 
 
 def with_static_state(console: Console, experiment: Experiment, tests: Sequence[RigTest]) -> Experiment:
-    """Return the experiment with the tire forces and ride heights that static tests show at zero load, and print them.
+    """Return the experiment with the tire forces and ride heights of static tests at zero load, and print them.
 
     Raises:
-        InputError: The tests hold no levels.
+        InputError: The tests have no held load levels.
     """
     loads = [name for name in experiment.rig if name.rpartition(".")[2] != "road"]
     found = rate_statically([_with_means(test) for test in tests], loads)
@@ -50,17 +50,17 @@ def _with_means(test: RigTest) -> TimeSeries:
 def _show(console: Console, found: StaticRating, static: dict[str, float]) -> None:
     tires = [f"{n.rpartition('.')[0]} {convert(v, 'N', 'lbf'):.0f}" for n, v in static.items() if "tire" in n]
     heights = [f"{n.rpartition('.')[0]} {convert(v, 'm', 'in'):.3f}" for n, v in static.items() if "height" in n]
-    lifted = f" ({found.lifted} more left out, from where a tire carries nothing)" if found.lifted else ""
-    said = f"static state at zero load, from {found.levels} levels{lifted}: tires {', '.join(tires)} lbf"
-    console.print(f"{said}; ride heights {', '.join(heights)} in" if heights else said, highlight=False, soft_wrap=True)
+    lifted = f" ({found.lifted} more left out, at which a tire carries no load)" if found.lifted else ""
+    text = f"static state at zero load, from {found.levels} levels{lifted}: tires {', '.join(tires)} lbf"
+    console.print(f"{text}; ride heights {', '.join(heights)} in" if heights else text, highlight=False, soft_wrap=True)
     if found.modal is not None and found.unexplained is not None:
         console.print(_spring_table(found))
         left = ", ".join(f"{100.0 * part:.1f}" for part in found.unexplained)
-        console.print(f"left unexplained of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
+        console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
 
 
 def _spring_table(found: StaticRating) -> Table:
-    """Return Eq 6.11: a row for each mode's force, as the dissertation has its units."""
+    """Return the table of Eq 6.11: a row for each mode's force, in the units of the dissertation."""
     assert found.modal is not None
     force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
     moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]

@@ -22,7 +22,7 @@ from eightpost.signals.raw_record import RawRecord
 def inspect(
     ctx: click.Context, path: Path, unit_words: tuple[str, ...], map_file: Path | None, flip: tuple[str, ...]
 ) -> None:
-    """Show what is in a dynamometer or rig file, and what is suspicious in it."""
+    """Show the content of a dynamometer or rig file, and everything suspicious in it."""
     console = Console(soft_wrap=True, highlight=False)
     records = read_records(path)
     for record in records:
@@ -45,7 +45,7 @@ def inspect(
 
 
 def show_record(console: Console, record: RawRecord) -> None:
-    """Print the columns and the preamble of a table as they stand in the file."""
+    """Print the columns and the preamble of a table as they are in the file."""
     line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
     console.print(f"[bold]{escape(str(record.origin.path))}[/]{line}: {record.columns[0].size} samples")
     for cells in record.preamble:
@@ -64,21 +64,21 @@ def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a test with their ranges, its conditions and its notes."""
     series = test.series
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
-    table = Table("channel", "unit", "least", "greatest", "mean")
+    table = Table("channel", "unit", "minimum", "maximum", "mean")
     for name, unit, values in zip(series.names, series.units, series.values, strict=True):
         table.add_row(name, unit, *(f"{number:.5g}" for number in (values.min(), values.max(), values.mean())))
     console.print(table)
-    for what in _conditions(test):
-        console.print(escape(what))
-    for what in test.derived:
-        console.print(f"[yellow]note[/] {escape(what)}")
-    for what in test.notes:
-        console.print(f"[red]warning[/] {escape(what)}")
+    for condition in _conditions(test):
+        console.print(escape(condition))
+    for note in test.derived:
+        console.print(f"[yellow]note[/] {escape(note)}")
+    for warning in test.notes:
+        console.print(f"[red]warning[/] {escape(warning)}")
 
 
 def _conditions(test: DynoTest) -> list[str]:
     known = test.conditions
-    stated = {
+    values = {
         "run": known.run,
         "date": known.date,
         "build": known.build,
@@ -87,14 +87,14 @@ def _conditions(test: DynoTest) -> list[str]:
         "gas force": f"{known.gas_force:.4g} N" if known.gas_force is not None else None,
         "temperature at the start": f"{known.temperature:.1f} K" if known.temperature is not None else None,
     }
-    said = [f"{name}: {value}" for name, value in stated.items() if value is not None]
+    lines = [f"{name}: {value}" for name, value in values.items() if value is not None]
     if "temperature" in test.series:
-        said.append(f"temperature drift: {temperature_drift(test.series):+.1f} K")
-    return said
+        lines.append(f"temperature drift: {temperature_drift(test.series):+.1f} K")
+    return lines
 
 
 def show_runs(console: Console, runs: list[DynoTest]) -> None:
-    """Print the runs, and what temperature does over those that repeat."""
+    """Print the runs, and the effect of temperature over repeated runs."""
     table = Table("run", "from [s]", "to [s]", "stroke [m]", "peak velocity [m/s]", "peak force [N]", "drift [K]")
     for i, run in enumerate(runs, 1):
         series = run.series
@@ -107,7 +107,7 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
     if effect:
         console.print(
             f"force changes by {100.0 * effect.per_kelvin:+.2f} %/K (standard error {100.0 * effect.error:.2f}), from "
-            f"{effect.runs} runs that repeat over {effect.spread:.1f} K"
+            f"{effect.runs} repeated runs over a range of {effect.spread:.1f} K"
         )
 
 

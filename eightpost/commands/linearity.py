@@ -77,12 +77,14 @@ def _show(console: Console, found: Linearity) -> None:
         lost = max((each for each in found.verdicts if each.output == output), key=lambda v: v.shares[Condition.III])
         share = 100.0 * lost.shares[Condition.III]
         if share >= 1.0:
-            console.print(f"{output}: {share:.1f} % of its energy from {lost.input} is lost (III)", markup=False)
+            console.print(
+                f"{output}: {share:.1f} % of its energy from {lost.input} is not predictable (III)", markup=False
+            )
     for effect in found.effects:
         if effect.is_notable:
             console.print(
-                f"{effect.output} from {effect.input}: the response changes by {100.0 * effect.change:.1f} % with the "
-                f"amplitude ({effect.large / effect.small:.3g} times), {100.0 * effect.chance:.1f} % by chance",
+                f"{effect.output} from {effect.input}: the response changes by {100.0 * effect.change:.1f} % at "
+                f"{effect.large / effect.small:.3g} times the amplitude; noise explains {100.0 * effect.chance:.1f} %",
                 markup=False,
             )
     for note in found.notes:
@@ -90,9 +92,9 @@ def _show(console: Console, found: Linearity) -> None:
 
 
 def _condition_table(found: Linearity) -> Table:
-    """Return condition and mean coherence of every path, a row per output."""
+    """Return a table with condition and mean coherence of every path, a row for each output."""
     table = Table("output", *(name.replace(".", "\n") for name in found.inputs), box=SIMPLE)
     for output in found.outputs:
-        said = [found.verdict(output, name) for name in found.inputs]
-        table.add_row(output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in said))
+        verdicts = [found.verdict(output, name) for name in found.inputs]
+        table.add_row(output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in verdicts))
     return table

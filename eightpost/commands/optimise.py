@@ -34,7 +34,7 @@ def optimise(
     workers: int | None,
     scheduler: str | None,
 ) -> None:
-    """Search the best setups of a study whose bank is too large to run them all."""
+    """Search for the best setups of a study whose bank is too large to run them all."""
     console = Console()
     check_output_folder(output)
     described = read_with_fmus(console, study_file, output)
@@ -50,7 +50,7 @@ def optimise(
     show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
         console.print(front_table(result, found, objectives))
-    console.print(f"{escape(found.status)}; {len(described.space)} there are", highlight=False)
+    console.print(f"{escape(found.status)}; the study has {len(described.space)} setups", highlight=False)
     console.print(f"table: {output / RESULTS}", highlight=False, soft_wrap=True)
     write_page(console, everything, output)
     ctx.exit(0 if found.best is not None else 1)
@@ -69,10 +69,10 @@ def _search(console: Console, requested: Requested, pool: Workers, search: Searc
 
 
 def front_table(result: StudyResult, found: Optimum, objectives: tuple[str, ...]) -> Table:
-    """Return the setups that no other beats in every measure, by the first measure."""
+    """Return a table of the Pareto front, sorted by the first measure."""
     titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
     corners = Column(" ".join(result.study.corners), no_wrap=True)
-    table = Table("setup", corners, *titles, title="no other setup is better in all of these")
+    table = Table("setup", corners, *titles, title="Pareto front")
     rows = np.searchsorted(result.setups, found.front)
     for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
         values = [f"{result.shown(name)[row]:.4g}" for name in objectives]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class _Options:
-    """What the drivefile of one test is made of; no duration for the one that the dissertation has."""
+    """Settings of the drive file of a single test; without a duration, that of the dissertation applies."""
 
     test: str
     duration: float | None
@@ -50,7 +50,7 @@ class _Options:
 
 @dataclass(frozen=True, slots=True)
 class _Rig:
-    """What all tests of a call have in common."""
+    """Settings common to all tests of a call."""
 
     car: Car
     noise: str
@@ -58,7 +58,7 @@ class _Rig:
     note: str
 
     def record(self, drivefile: Drivefile, shocks: Sequence[str], words: str, number: int = 0) -> RigTest:
-        """Run a test; each number is another run, with another drift and noise."""
+        """Run a test; each number is another run with its own drift and noise."""
         bank = shocks_named(shocks)
         return run_test(
             self.car,
@@ -95,7 +95,7 @@ def rig(  # one parameter per option
     note = f"SYNTHETIC: eightpost rig {__version__}, {truth}, friction {friction}, noise {noise}, drivefile seed {seed}"
     bench = _Rig(car, noise, run_seed, note)
     names = per_corner(shocks or ("demo:A",), len(car.corners))
-    shocks_named((*names, alternate))  # one that does not exist is told before the first test
+    shocks_named((*names, alternate))  # an unknown shock is an error before the first test
     length = si(duration, "s", "--duration") if duration else None
     if program_name is not None:
         planned = program(program_name, car, seed, duration=length, draws="other" if draws == "other" else "same")
@@ -105,39 +105,39 @@ def rig(  # one parameter per option
     sine = (si(frequency, "Hz", "--frequency"), si(amplitude, "m", "--amplitude"))
     test = bench.record(_drivefile(car, _Options(test_name, length, only, mode, *sine, seed)), names, test_name)
     test.write(output)
-    _say(Console(), car, test, output)
+    _show(Console(), car, test, output)
 
 
 def _check_file(output: Path) -> None:
     if output.suffix not in (".parquet", ".csv"):
-        raise InputError(f"{output}: write a .parquet or a .csv file; a folder takes --program")
+        raise InputError(f"{output}: the output must be a .parquet or .csv file; only --program writes a folder")
 
 
 def _run_program(
     bench: _Rig, planned: Sequence[PlannedTest], baseline: tuple[str, ...], alternate: str, target: tuple[Path, str]
 ) -> None:
-    """Run all tests and write each as it is there; a file that stands there already is replaced."""
+    """Run all tests and write each record when it is done; an existing file is replaced."""
     folder, suffix = target
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file; a program writes a folder")
+        raise InputError(f"{folder} is a file; --program needs a folder")
     folder.mkdir(parents=True, exist_ok=True)
     console = Console()
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("tests", total=len(planned))
-        for number, one in enumerate(planned):
-            progress.update(task, description=one.name)
-            names = [alternate if c == one.alternate else s for c, s in zip(bench.car.corners, baseline, strict=True)]
-            _run_planned(bench, one, names, number, folder / f"{one.name}.{suffix}", console)
+        for number, test in enumerate(planned):
+            progress.update(task, description=test.name)
+            names = [alternate if c == test.alternate else s for c, s in zip(bench.car.corners, baseline, strict=True)]
+            _run_planned(bench, test, names, number, folder / f"{test.name}.{suffix}", console)
             progress.advance(task)
 
 
 def _run_planned(
-    bench: _Rig, one: PlannedTest, names: Sequence[str], number: int, output: Path, console: Console
+    bench: _Rig, planned: PlannedTest, names: Sequence[str], number: int, output: Path, console: Console
 ) -> None:
-    """Run, write and report one test: a record of 800 s is large and must be gone before the next."""
-    test = bench.record(one.draw(), names, one.drivefile, number)
+    """Run, write and report one test; its record (800 s are large) is freed before the next test."""
+    test = bench.record(planned.draw(), names, planned.drivefile, number)
     test.write(output)
-    _say(console, bench.car, test, output)
+    _show(console, bench.car, test, output)
 
 
 def _drivefile(car: Car, options: _Options) -> Drivefile:
@@ -157,7 +157,7 @@ def _drivefile(car: Car, options: _Options) -> Drivefile:
     return track_drive(car, options.seed, duration=duration or 33.0)
 
 
-def _say(console: Console, car: Car, test: RigTest, output: Path) -> None:
+def _show(console: Console, car: Car, test: RigTest, output: Path) -> None:
     series = test.series
     loads = [units.convert(series[name].std(), "N", "lbf") for name in car.named("tire_force")]
     speeds = [units.convert(series[name].std(), "m/s", "in/s") for name in car.named("velocity")]
@@ -169,5 +169,5 @@ def _say(console: Console, car: Car, test: RigTest, output: Path) -> None:
         highlight=False,
         soft_wrap=True,
         markup=False,
-        emoji=False,  # a ':A:' among the shocks is none
+        emoji=False,  # ':A:' in the names of shocks is not an emoji
     )

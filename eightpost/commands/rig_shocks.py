@@ -1,4 +1,4 @@
-"""Shocks on the virtual rig, as the command line names them."""
+"""Shocks of the virtual rig, by their names on the command line."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 def per_corner(names: tuple[str, ...], corners: int) -> tuple[str, ...]:
-    """Return one name per corner, from one for all or one for each."""
+    """Return one name for each corner, from one name for all or one for each."""
     if len(names) not in (1, corners):
         raise InputError(f"give --shock once or {corners} times, not {len(names)} times")
     return names * corners if len(names) == 1 else names
 
 
 def shocks_named(names: Iterable[str]) -> dict[str, Shock]:
-    """Return each shock once by its name: 'demo:A', 'configuration:1', 'build:C/B', a damping, or a shock.json."""
+    """Return each different shock by its name: 'demo:A', 'configuration:1', 'build:C/B', a damping, or a shock.json."""
     return {name: _shock(name) for name in dict.fromkeys(names)}
 
 
@@ -46,7 +46,7 @@ def _shock(name: str) -> Shock:
 
 
 def si(text: str, unit: str, option: str) -> float:
-    """Return a quantity above zero in an SI unit, from what was given to an option."""
+    """Return the positive quantity that was given to an option, in an SI unit."""
     try:
         number, given = units.quantity(text)
         value = units.convert(number, given, unit)

@@ -27,14 +27,14 @@ from eightpost.processors import usable_processors
 def robust(
     folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
 ) -> None:
-    """Say which of a study's best setups differ by more than the uncertainty that is stated."""
+    """Show which of a study's best setups differ by more than the stated uncertainty."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     known = read_uncertainty(uncertain, result)
     plan = _plan(console, known, draws, seed)
     setups = leading(result, top, rank).tolist()
     if not plan.any and not any(known.run_to_run.values()):
-        raise InputError(f"{uncertain}: nothing is uncertain; name fits, parameters, vehicles or run_to_run")
+        raise InputError(f"{uncertain}: no uncertainty is stated; add fits, uncertain, vehicles or run_to_run")
     found = spreads_of(result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs)
     kept = tuple(spread.only(setups) for spread in found)
     first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -48,7 +48,7 @@ def robust(
 
 
 def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
-    """Add what the fits say to what is given, and print what is drawn."""
+    """Add the uncertainty of the fits to that of the file, and print all distributions."""
     parts = list(known.parts)
     for build, path in known.fits.items():
         part, held = uncertainty_of(path, build)
@@ -57,10 +57,10 @@ def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
             console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     for part in parts:
         spread = zip(part.names, part.values, part.covariance.diagonal() ** 0.5, strict=True)
-        said = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)
-        console.print(f"{escape(part.part)}: {said}", highlight=False, soft_wrap=True)
+        text = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)
+        console.print(f"{escape(part.part)}: {text}", highlight=False, soft_wrap=True)
     for vehicle in known.vehicles:
-        console.print(f"vehicle in turn: {vehicle}", highlight=False, soft_wrap=True)
+        console.print(f"alternative vehicle: {vehicle}", highlight=False, soft_wrap=True)
     return Draws(tuple(parts), draws, seed, known.vehicles)
 
 
@@ -78,15 +78,15 @@ def _run(
 
 
 def spread_table(spread: Spread, result: StudyResult) -> Table:
-    """Return setups in groups of which no member is told from the first, best first."""
+    """Return a table of setups in groups of ties, best first: no member differs significantly from the first."""
     unit, factor = _shown(spread.measure, result)
     table = Table("group", "setup", *result.study.corners, escape(f"{spread.measure} [{unit}]"), f"± {REACH:g} sigma",
-                  "behind the group's first", f"± {REACH:g} sigma")  # fmt: skip
+                  "difference from the group's first", f"± {REACH:g} sigma")  # fmt: skip
     for number, group in enumerate(spread.groups(), start=1):
-        behind, doubt = spread.difference(int(group[0]))
+        difference, deviation = spread.difference(int(group[0]))
         for row in group.tolist():
             setup = result.study.space.setup(int(spread.setups[row]))
-            numbers = (spread.values[row], REACH * spread.deviation[row], behind[row], REACH * doubt[row])
+            numbers = (spread.values[row], REACH * spread.deviation[row], difference[row], REACH * deviation[row])
             cells = [f"{factor * number:.4g}" for number in numbers]
             table.add_row(str(number), str(setup.index), *setup.builds.values(), *cells)
         table.add_section()
@@ -94,19 +94,19 @@ def spread_table(spread: Spread, result: StudyResult) -> Table:
 
 
 def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:
-    """Print which setup is first, and whether it is better than the baseline, within the stated uncertainty."""
+    """Print the best setup, and whether it is better than the baseline by more than the stated uncertainty."""
     group = spread.groups()[0]
     best = result.study.space.setup(int(spread.setups[group[0]]))
-    console.print(f"first of the first group: setup {best.index} ({best})", highlight=False, soft_wrap=True)
+    console.print(f"best setup of the first group: {best.index} ({best})", highlight=False, soft_wrap=True)
     baseline = result.study.baseline_setup
     rows = [] if baseline is None else [row for row, n in enumerate(spread.setups.tolist()) if n == baseline.index]
     for row in rows:
-        told = "better than" if spread.worse_than(int(group[0]))[row] else "not told apart from"
-        console.print(f"it is {told} the baseline, within the stated uncertainty", highlight=False)
+        relation = "better than" if spread.worse_than(int(group[0]))[row] else "a tie with"
+        console.print(f"it is {relation} the baseline, within the stated uncertainty", highlight=False)
 
 
 def _shown(measure: str, result: StudyResult) -> tuple[str, float]:
-    """Return the unit that a measure is shown in, and what a value [SI] is multiplied by."""
+    """Return the display unit of a measure, and the factor from SI to it."""
     if measure == OBJECTIVE:
         return "1", 1.0
     unit = result.display(measure)

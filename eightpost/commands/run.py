@@ -21,7 +21,7 @@ from eightpost.errors import InputError, UnknownUnitError
 from eightpost.files import check_output_folder
 from eightpost.signals import TimeSeries
 
-#: Panels of the picture that every run leaves, and how much of a long run it shows [s].
+#: Number of panels of traces.png, and the length that it shows of a long run [s].
 _PANELS, _SHOWN = 12, 4.0
 
 
@@ -49,8 +49,8 @@ def run(
         result = interrupted.result
     show_result(console, case.name, result)
     if verify and not result.partial:
-        found = cosim.verify(case.system, case.scenario, case.algorithm, result)
-        show_verification(console, found, result)
+        verification = cosim.verify(case.system, case.scenario, case.algorithm, result)
+        show_verification(console, verification, result)
     paths = _write(case, result, folder, report=report)
     console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
     _show_window(console, result)
@@ -71,7 +71,7 @@ def _case(
     isolate: bool,
     compile_missing: bool,
 ) -> Case:
-    """Read the case, with what the command line changes in it."""
+    """Read the case and apply the options of the command line."""
     given = Given(drive, _seconds(stop, "--stop"), _seconds(record_step, "--record-step"), dict(map(_input, inputs)))
     swapped = dict(_swap(text) for text in swaps)
     case = read_case(path, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
@@ -91,11 +91,11 @@ def _with_tolerance(algorithm: cosim.Algorithm | cosim.Automatic, percent: float
         return replace(algorithm, tolerance=percent)
     if isinstance(algorithm, cosim.Adaptive):
         return replace(algorithm, relative=0.01 * percent)
-    raise InputError(f"--tolerance: {algorithm.name} has none; it is for default and adaptive")
+    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
 
 
 def _write(case: Case, result: cosim.Result, output: Path, *, report: bool) -> list[Path]:
-    """Write a run's files and return their paths."""
+    """Write the files of a run and return their paths."""
     paths = [*result.write(output), output / "traces.png"]
     shown, (first, last) = result.series.names[:_PANELS], _window(result.series)
     plot_traces({case.name: result.series}, shown, paths[-1], start=first, stop=last, title=case.name)
@@ -108,7 +108,7 @@ def _write(case: Case, result: cosim.Result, output: Path, *, report: bool) -> l
 
 
 def _show_window(console: Console, result: cosim.Result) -> None:
-    """Print which part of a run its picture shows."""
+    """Print which channels and which part of a run traces.png shows."""
     count, (first, last) = len(result.series.names), _window(result.series)
     console.print(
         f"traces.png shows {min(count, _PANELS)} of {count} channels from {first:g} to {last:g} s", highlight=False
@@ -116,7 +116,7 @@ def _show_window(console: Console, result: cosim.Result) -> None:
 
 
 def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:
-    """Run a case behind a progress bar; `compared` as for `cosim.run`."""
+    """Run a case with a progress bar; `compared` has the meaning that it has in `cosim.run`."""
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task(case.name, total=1.0)
         return cosim.run(
@@ -130,7 +130,7 @@ def run_with_progress(console: Console, case: Case, *, compared: bool = True) ->
 
 
 def _window(series: TimeSeries) -> tuple[float, float]:
-    """Return four seconds from the middle of a long run, else all of it."""
+    """Return the middle four seconds of a long run, or the whole of a short run."""
     last = float(series.time[-1])
     return (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
 

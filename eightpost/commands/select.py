@@ -21,12 +21,12 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
-    names, share = _asked(measures)
+    names, share = _measures_and_counts(measures)
     selection = choose(result, names, total=total, share=share, pool=pool)
     console.print(selection_table(selection, result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
-        console.print(f"* {marked} predictions carry a mark: see the list's column marks", highlight=False)
-    console.print(f"any two differ at {selection.closest} or more places", highlight=False)
+        console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
+    console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
     write_selection(selection, result, folder / SELECTION)
     repeats = f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
     console.print(
@@ -35,20 +35,20 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     write_page(console, result, folder)
 
 
-def _asked(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
-    """Return the measures without counts, or how many of each end by measure."""
+def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
+    """Return the measures, and the number of setups of each end by measure if counts are given."""
     counted = {name: count for name, equal, count in (m.rpartition("=") for m in measures) if equal}
     if not counted:
         return measures, None
     if len(counted) < len(measures) or not all(count.isdecimal() and int(count) for count in counted.values()):
-        raise InputError("give every --measure a count, as 'total tire force, RMS=4', or none of them")
+        raise InputError("give every --measure a count, e.g. 'total tire force, RMS=4', or omit all counts")
     return tuple(counted), {name: int(count) for name, count in counted.items()}
 
 
 def selection_table(selection: Selection, result: StudyResult) -> Table:
-    """Return the selected setups in the manner of Table 7.5; an asterisk: the prediction carries a mark."""
+    """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     table = Table("", "measure", "", *(Column(corner, no_wrap=True) for corner in result.study.corners), "predicted",
-                  Column("place", justify="right"))  # fmt: skip
+                  Column("rank", justify="right"))  # fmt: skip
     for number, selected in enumerate(selection.chosen, start=1):
         name = selected.measure
         value = units.convert(selected.value, result.unit(name), result.display(name))

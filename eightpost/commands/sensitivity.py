@@ -28,15 +28,15 @@ def sensitivity(folder: Path, output: Path | None) -> None:
 
 
 def share_table(found: Sequence[Sensitivity]) -> Table:
-    """Return the shares of the variance in percent, a row per measure: corners, the largest interaction, the rest."""
+    """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
     names = [factor.name for factor in found[0].factors]
     table = Table("% of the variance", *names, "all interactions", "largest", "rest")
     for one in found:
         pairs = {pair: one.share(*pair) for pair in one.pairs}
         largest = max(pairs, key=lambda pair: pairs[pair], default=None)
-        said = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
+        strongest = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
         shares = [_percent(one.share(name)) for name in names]
-        table.add_row(escape(one.measure), *shares, _percent(sum(pairs.values())), said, _percent(one.rest_share))
+        table.add_row(escape(one.measure), *shares, _percent(sum(pairs.values())), strongest, _percent(one.rest_share))
     return table
 
 

@@ -1,4 +1,4 @@
-"""How well a fitted shock is known, as parameters of its FMU."""
+"""Uncertainty of a fitted shock, as uncertain parameters of its FMU."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from eightpost.shock.laws import own_parameters
 
 
 def uncertainty_of(path: str | Path, build: str) -> tuple[Uncertain, tuple[str, ...]]:
-    """Return what a fit leaves open of a shock, and what is left out of it, in sentences.
+    """Return the uncertainty of a fitted shock, and a sentence for each parameter that is kept constant.
 
-    The law's own parameters vary by their standard errors, each by itself, within the fit's bounds; one that sits at a
-    bound or that the record does not determine is held. The curve varies by `compression_scale` and `rebound_scale`:
-    its 95 % band is taken as wholly common to all velocities of a side, weighted by force, which overstates rather than
-    understates what the band does to a measure.
+    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
+    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
+    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
+    force, which overstates rather than understates the effect of the band on a measure.
 
     Args:
-        path: A shock file of `eightpost fit`.
+        path: Shock file of `eightpost fit`.
         build: Name of the build in the study.
 
     Raises:
-        FileFormatError: It is no shock file, or none that a fit wrote.
+        FileFormatError: The file is not a shock file, or not one that a fit wrote.
     """
     shock = read_shock(path)
     fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
     if not isinstance(fitted, dict) or not isinstance(band, dict):
-        raise FileFormatError("does not say how well it is known; fit it with `eightpost fit`", path=path)
+        raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
     own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
     free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
     held = tuple(
-        f"{build}: {name} is held at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free
+        f"{build}: {name} is kept at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free
     )
     scales = dict(_scales(band))
     return Uncertain(
@@ -63,7 +63,7 @@ def _bound(entry: dict[str, Any], side: int) -> float:
 
 
 def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the standard deviation of each side's scale: the band's half width over the force, both as RMS."""
+    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
     velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
     reach = float(norm.ppf(0.5 + 0.5 * band["level"]))
     for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):

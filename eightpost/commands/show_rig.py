@@ -1,4 +1,4 @@
-"""What `eightpost inspect` prints of a rig file."""
+"""Output of `eightpost inspect` for a rig file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
-    """Say whether a file is a rig's: it has wheelloaders, by its own names or by a map."""
+    """Return whether a file is a rig file: it has wheelloaders, by its own names or by a map."""
     names = {*record.names, *(channel_map.channels if channel_map else ())}
     return bool(names & {"road", "lf.road", "rf.road", "lr.road", "rr.road"})
 
@@ -27,24 +27,24 @@ def show_rig_test(console: Console, test: RigTest) -> bool:
     """Print channels, conditions and lags of a rig test; return whether something is suspicious.
 
     Raises:
-        ConstantChannelError: A channel dies in the course of the record.
+        ConstantChannelError: A channel becomes constant during the record.
     """
     series = test.series
     check_lives(series, test.corners, path=test.source)
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}")
     console.print(_channel_table(test))
     known = test.conditions
-    for what in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
-        if what:
-            console.print(escape(what))
-    for what in test.derived:
-        console.print(f"[yellow]note[/] {escape(what)}")
+    for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
+        if line:
+            console.print(escape(line))
+    for note in test.derived:
+        console.print(f"[yellow]note[/] {escape(note)}")
     return _show_lags(console, test)
 
 
 def _channel_table(test: RigTest) -> Table:
     series = test.series
-    table = Table("channel", "unit", "least", "greatest", "mean", "deviation")
+    table = Table("channel", "unit", "minimum", "maximum", "mean", "std")
     for name, unit, values in zip(series.names, series.units, series.values, strict=True):
         numbers = (values.min(), values.max(), values.mean(), values.std())
         table.add_row(name, unit, *(f"{number:.5g}" for number in numbers))
@@ -58,10 +58,10 @@ def _show_lags(console: Console, test: RigTest) -> bool:
         word = "[red]warning[/] " if lag.is_notable else ""
         console.print(f"{word}{escape(str(lag))}")
     if late:
-        console.print("a logger that is late is brought into step by delays (docs/rig_data.md)")
+        console.print("correct a late logger with delays in the preparation file (docs/rig_data.md)")
     for drift in changes:
         console.print(
-            f"[red]warning[/] between start and end {escape(drift.channel)} falls behind {escape(drift.against)} by "
+            f"[red]warning[/] from start to end {escape(drift.channel)} falls behind {escape(drift.against)} by "
             f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ"
         )
     return bool(late or changes)

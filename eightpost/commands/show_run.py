@@ -1,4 +1,4 @@
-"""What `eightpost run` and the demo say of a run."""
+"""Output of `eightpost run` and the demo about a run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eightpost.commands.show_verdict import show_verdict
 
 
 def show_result(console: Console, name: str, result: cosim.Result) -> None:
-    """Print how the run went and a table of what was recorded."""
+    """Print scheme, step and duration of a run, its statistics, its errors and its verdict."""
     scheme = f"{result.algorithm}: {result.scheme}" if result.scheme else result.algorithm
     console.print(
         f"{escape(name)}: {result.steps} steps of {_step(result)}, {scheme} ({', '.join(result.order)}), "
@@ -27,8 +27,9 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
                       f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
     if result.held_direct:
         console.print(
-            f"[yellow]note[/] {len(result.held_direct)} outputs, such as {result.held_direct[0]}, follow an input that "
-            "was held over each step: their error is proportional to it (docs/coupling.md; all in result.json)",
+            f"[yellow]note[/] {len(result.held_direct)} outputs, e.g. {result.held_direct[0]}, depend directly on an "
+            "input that is held over each step: their error is proportional to the step (docs/coupling.md; list in "
+            "result.json)",
             highlight=False,
         )
     for note in result.notes:
@@ -36,15 +37,15 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
     show_verdict(console, result.verdict)
 
 
-def show_verification(console: Console, found: cosim.Verification, result: cosim.Result) -> None:
-    """Print how far a run and its repetition at a finer step are apart, channel by channel."""
+def show_verification(console: Console, verification: cosim.Verification, result: cosim.Result) -> None:
+    """Print the difference between a run and its repetition at a finer step, channel by channel."""
     table = Table(
         Column("channel", no_wrap=True), "difference", "stated error",
-        caption=f"RMS in percent of the standard deviation: steps of {_step(result)} against {_step(found.finer)}",
+        caption=f"RMS in % of the standard deviation: steps of {_step(result)} and of {_step(verification.finer)}",
     )  # fmt: skip
-    for name, apart in sorted(found.difference.items(), key=lambda item: -item[1]):
+    for name, difference in sorted(verification.difference.items(), key=lambda item: -item[1]):
         stated = result.stated_error.get(name)
-        table.add_row(name, f"{apart:.2g} %", "" if stated is None else f"{stated:.2g} %")
+        table.add_row(name, f"{difference:.2g} %", "" if stated is None else f"{stated:.2g} %")
     console.print(table)
 
 
@@ -55,7 +56,7 @@ def _step(result: cosim.Result) -> str:
 
 
 def _show_local_error(console: Console, result: cosim.Result) -> None:
-    """Print the largest local error of a bond where the run states no error."""
+    """Print the largest local error of a bond if the run states no coupling error."""
     if result.coupled and not result.stated_error:
         bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
         console.print(
@@ -65,7 +66,7 @@ def _show_local_error(console: Console, result: cosim.Result) -> None:
 
 def _statistics(result: cosim.Result) -> Table:
     table = Table(
-        Column("channel", no_wrap=True), "unit", "mean", "RMS", "least", "greatest", caption="RMS about the mean"
+        Column("channel", no_wrap=True), "unit", "mean", "RMS", "minimum", "maximum", caption="RMS about the mean"
     )
     series = result.settled()
     for channel in series.names:

@@ -1,4 +1,4 @@
-"""A verdict as every command prints it."""
+"""Output of a verdict, the same for every command."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLORS: Mapping[Grade, str] = {
 
 
 def show_verdict(console: Console, verdict: Verdict) -> None:
-    """Print a verdict: its grade, and each of its reasons on a line."""
+    """Print a verdict: its grade, and each of its reasons on a line of its own."""
     color = _COLORS[verdict.grade]
     console.print(f"[bold {color}]{verdict.headline}[/]: {escape(verdict.detail)}.", highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
@@ -26,6 +26,6 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
 
 
 def _line(reason: Reason) -> str:
-    found = f"{reason.about}: {reason.statement}: {reason.figure} ({reason.origin})"
-    to_do = "" if reason.grade is Grade.USABLE else f". To do: {reason.remedy}"
-    return f"[{_COLORS[reason.grade]}]{reason.grade.value}[/] {escape(found + to_do)}"
+    text = f"{reason.about}: {reason.statement}: {reason.figure} ({reason.origin})"
+    remedy = "" if reason.grade is Grade.USABLE else f". To do: {reason.remedy}"
+    return f"[{_COLORS[reason.grade]}]{reason.grade.value}[/] {escape(text + remedy)}"

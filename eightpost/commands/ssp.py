@@ -17,18 +17,18 @@ def ssp(system: Path, output: Path | None) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools."""
     output = output or system.with_suffix(".ssp")
     if output.resolve() == system.resolve():
-        raise InputError(f"{output}: is the package itself; name another file (-o)")
+        raise InputError(f"{output}: the output is the input package itself; name another file with -o")
     case = read_case(system)
     open_inputs = write_ssp(output, ssp_system(case))
     console = Console()
     count = len(case.system.components)
     console.print(f"{output}: {count} components, {len(case.system.all_connections)} connections, SSP 1.0")
     if open_inputs:
-        console.print(f"  left open, 0 unless driven: {', '.join(open_inputs)}", highlight=False)
+        console.print(f"  open inputs, 0 unless driven: {', '.join(open_inputs)}", highlight=False)
 
 
 def ssp_system(case: Case) -> SspSystem:
-    """Return what a package of a case holds.
+    """Return the system of a case as the content of a package.
 
     Raises:
         InputError: A parameter is neither a number nor true or false.
@@ -36,14 +36,14 @@ def ssp_system(case: Case) -> SspSystem:
     """
     system = case.system
     if system.sums:
-        raise WiringError(f"{min(system.sums)} adds up several sources: SSP 1.0 knows one source per input and no sums")
+        raise WiringError(f"{min(system.sums)} adds up several sources: SSP 1.0 allows one source per input, no sums")
     components = []
     for name in system.components:
         values = dict(system.parameters.get(name, {}))
         values |= {k.partition(".")[2]: v for k, v in system.constants.items() if k.partition(".")[0] == name}
         numbers = {k: v for k, v in values.items() if not isinstance(v, str)}
         if words := sorted(set(values) - set(numbers)):
-            raise InputError(f"{name}.{words[0]} is text; a package of ours holds numbers and true or false only")
+            raise InputError(f"{name}.{words[0]} is text; the package can hold only numbers and true or false")
         components.append(SspComponent(name, case.fmus[name], numbers))
     connections = []
     for c in system.all_connections:

@@ -31,7 +31,7 @@ from eightpost.files import check_output_folder
 from eightpost.processors import usable_processors
 from eightpost.signals import write_series
 
-#: Failed setups that are named one by one, and measures that stand in the ranking.
+#: Number of failed setups that are listed individually, and of measures in the ranking.
 _NAMED, _SHOWN = 5, 3
 
 
@@ -73,17 +73,17 @@ def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
     sources = source_files(path)
     folder = output / "fmus"
     if missing := [source for source in sources if not source.is_file()]:
-        raise InputError(f"{path}: there is no file {missing[0]}")
+        raise InputError(f"{path}: the file {missing[0]} does not exist")
     built = build_with_progress(console, sources, folder) if sources else []
     fmus = {Path(item.source): item.path for item in built}
     if built:
         console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
-    return read_study(path, lambda asked: fmus.get(asked, asked))
+    return read_study(path, lambda source: fmus.get(source, source))
 
 
 @contextmanager
 def running_workers(count: int | None, scheduler: str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
-    """The workers that were asked for, ended at last."""
+    """Yield the requested workers, and close them afterwards."""
     if scheduler is not None:
         from cosim.study.running.dask_workers import DaskWorkers  # noqa: PLC0415 -- an optional extra
 
@@ -97,7 +97,7 @@ def running_workers(count: int | None, scheduler: str | None, *, patience: float
 
 
 def show_study(console: Console, sweep: Sweep) -> None:
-    """Print what was read."""
+    """Print the settings of a study."""
     read = sweep.study
     total = len(read.space)
     console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {sweep.left} to be run", highlight=False)
@@ -105,7 +105,7 @@ def show_study(console: Console, sweep: Sweep) -> None:
     console.print(f"bank of {len(read.bank)}: {escape(', '.join(read.bank))}", highlight=False, soft_wrap=True)
     for corner, builds in read.corners.items():
         if set(builds) != set(read.bank):
-            console.print(f"{corner} may have {escape(', '.join(builds))}", highlight=False, soft_wrap=True)
+            console.print(f"{corner} allows {escape(', '.join(builds))}", highlight=False, soft_wrap=True)
     for group in read.alike:
         console.print(f"alike: {', '.join(group)}", highlight=False)
     for drive in read.drives:
@@ -115,15 +115,15 @@ def show_study(console: Console, sweep: Sweep) -> None:
             highlight=False,
             soft_wrap=True,
         )
-    console.print(f"{len(read.measures)} measures; RMS is of what is left when the mean is removed", highlight=False)
+    console.print(f"{len(read.measures)} measures; RMS values are about the mean", highlight=False)
 
 
 def _trust(read: Study) -> str:
-    return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that hang on them are left out"
+    return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that depend on them are left out"
 
 
 def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
-    """Choose the coupling and run a study behind a progress bar."""
+    """Choose the coupling and run a study with a progress bar."""
     with console.status("choosing the coupling step"):
         coupling = sweep.coupling(workers)
     show_coupling(console, coupling, sweep.study)
@@ -134,38 +134,38 @@ def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyR
 
 
 def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
-    """Print how the runs are coupled."""
+    """Print how the runs are coupled, and a note if the coupling error exceeds the accuracy."""
     for note in coupling.notes:
         console.print(escape(note), highlight=False, soft_wrap=True)
     if coupling.stated_error > read.accuracy:
         console.print(
-            f"[yellow]note[/] the coupling error of {coupling.stated_error:.2g} % is above the {read.accuracy:g} % "
-            "that was asked for",
+            f"[yellow]note[/] the coupling error of {coupling.stated_error:.2g} % exceeds the requested accuracy of "
+            f"{read.accuracy:g} %",
             highlight=False,
         )
 
 
 def show_result(console: Console, result: StudyResult, *, rank: str | None = None, top: int = 10) -> None:
-    """Print the ranking, and which setups failed or are marked."""
+    """Print the ranking, and the setups that failed or have a mark."""
     rows = result.ranking(rank)
     console.print(_ranking(result, rows[:top].tolist(), rank))
     infeasible = int(result.done.sum()) - rows.size
     if infeasible:
-        console.print(f"{infeasible} setups break a constraint and are not ranked", highlight=False)
+        console.print(f"{infeasible} setups violate a constraint and are not ranked", highlight=False)
     _show_failed(console, result)
     _show_marks(console, result)
     seconds = float(np.sum(result.table["seconds"].to_numpy()))
     errors = result.table["coupling_error_percent"].drop_null().to_numpy()
     worst = f"; coupling error up to {float(errors.max()):.2g} %" if errors.size else ""
-    console.print(f"{len(result)} setups, {seconds:.1f} s of workers' time{worst}", highlight=False)
+    console.print(f"{len(result)} setups, {seconds:.1f} s of worker time{worst}", highlight=False)
     if result.partial:
-        console.print("[yellow]partial[/]: call it again with the same folder to go on", highlight=False)
+        console.print("[yellow]partial[/]: run it again with the same folder to resume", highlight=False)
     show_verdict(console, study_verdict(result))
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
-    """A table of rows; the baseline's last, for comparison."""
-    shown = [rank] if rank else _judged(result)
+    """Return the table of the ranking, with the baseline in the last row."""
+    shown = [rank] if rank else _ranking_measures(result)
     objective = result.objective if rank is None else None
     titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
     corners = Column(" ".join(result.study.corners), no_wrap=True)
@@ -180,8 +180,8 @@ def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
     return table
 
 
-def _judged(result: StudyResult) -> list[str]:
-    """Measures of the objective and the constraints; where there are none, the first ones."""
+def _ranking_measures(result: StudyResult) -> list[str]:
+    """Return the measures of the objective and the constraints; without any, the first measures."""
     read = result.study
     named = [*(term.measure for term in read.objective), *(one.measure for one in read.constraints)]
     return list(dict.fromkeys(named or [measure.name for measure in read.measures]))[:_SHOWN]
@@ -193,14 +193,16 @@ def _show_failed(console: Console, result: StudyResult) -> None:
         message = result.table["message"][int(row)].as_py()
         console.print(f"[red]failed[/] {result.setup(int(row))}: {escape(message)}", highlight=False, soft_wrap=True)
     if failed.size > _NAMED:
-        console.print(f"[red]failed[/] {failed.size - _NAMED} more; column message of the table says why")
+        console.print(f"[red]failed[/] {failed.size - _NAMED} more; see the column message of the table")
 
 
 def _show_marks(console: Console, result: StudyResult) -> None:
-    """How often each kind of mark was made."""
+    """Print how many setups have each kind of mark."""
     kinds = Counter[str]()
     for marks in result.table["marks"].to_pylist():
-        found = {kind for kind in ("beyond its fitted velocities", "tire off the ground", "coupling") if kind in marks}
-        kinds.update(found)
+        present = {
+            kind for kind in ("beyond its fitted velocities", "tire off the ground", "coupling") if kind in marks
+        }
+        kinds.update(present)
     for kind, count in kinds.items():
         console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)

@@ -1,4 +1,4 @@
-"""The page of a study, with what was chosen from it so far."""
+"""The page of a study, with the selection and the spreads so far."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from cosim.study.result import StudyResult
 from cosim.study.running.trace import traces
 from eightpost.errors import FileFormatError
 
-#: Names in a study's folder.
+#: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What was chosen from a study so far.
+    """Selection and spreads of a study so far.
 
     Attributes:
-        selection: Setups to confirm on the rig; None where none were selected.
-        spreads: Of the measures of the leading setups.
-        notes: What lies in the folder and is not of this study, a sentence each.
+        selection: Setups to confirm on the rig; None without a selection.
+        spreads: Uncertainty of the measures of the leading setups.
+        notes: Sentences about files in the folder that belong to another study.
     """
 
     selection: Selection | None
@@ -37,7 +37,7 @@ class Chosen:
 
 
 def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
-    """Return the selection and the spreads that a study's folder has; what is of another study is named instead."""
+    """Return the selection and the spreads in a study's folder; files of another study are named in the notes."""
     selection, spreads, notes = None, tuple[Spread, ...](), list[str]()
     try:
         if (folder / SELECTION).is_file():
@@ -53,7 +53,7 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
 
 
 def write_page(console: Console, result: StudyResult, folder: Path, *, trace_command: str = "") -> None:
-    """Write the report of a study with what was chosen from it so far, and print where the page is."""
+    """Write the report of a study with its selection and spreads so far, and print the path of the page."""
     chosen = chosen_so_far(result, folder)
     for note in chosen.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
@@ -64,17 +64,17 @@ def write_page(console: Console, result: StudyResult, folder: Path, *, trace_com
 def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
     """Write the report of a study and return its page.
 
-    Traces are of the best, the worst, the baseline and the selected setups, which are run once more.
+    The page has traces of the best, the worst, the baseline and the selected setups, which are run again for them.
     """
     ranked = result.setups[result.ranking()].tolist()
     baseline = result.study.baseline_setup
-    asked = [*ranked[:1], *ranked[-1:], *([] if baseline is None else [baseline.index])]
-    asked += [selected.setup.index for selected in chosen.selection.chosen] if chosen.selection else []
+    traced = [*ranked[:1], *ranked[-1:], *([] if baseline is None else [baseline.index])]
+    traced += [selected.setup.index for selected in chosen.selection.chosen] if chosen.selection else []
     done = set(result.setups[result.done].tolist())
     return write_study_report(
         result,
         folder,
-        traces=traces(result, dict.fromkeys(index for index in asked if index in done)),
+        traces=traces(result, dict.fromkeys(index for index in traced if index in done)),
         selection=chosen.selection,
         bands=chosen.spreads,
         trace_command=trace_command,

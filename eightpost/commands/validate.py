@@ -1,4 +1,4 @@
-"""`eightpost validate`: fitted shocks or an identified vehicle against records that they were not fitted to."""
+"""`eightpost validate`: fitted shocks or an identified vehicle on held-out records."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def validate(  # one parameter per option
     map_file: Path | None,
     flip: tuple[str, ...],
 ) -> None:
-    """Validate fitted shocks or an identified vehicle on records that they were not fitted to."""
+    """Validate fitted shocks or an identified vehicle on held-out records."""
     console = Console()
     models, records = sorted_paths(paths)
     if report and report.suffix.lower() not in (".html", ".htm"):
@@ -44,21 +44,21 @@ def validate(  # one parameter per option
     units = dict(pair(word, "--units") for word in unit_words)
     if is_vehicle(models):
         _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff})
-        from eightpost.commands import validate_vehicle as vehicles  # noqa: PLC0415 - shocks need none of it
+        from eightpost.commands import validate_vehicle as vehicles  # noqa: PLC0415 - shocks do not need it
 
         limits = vehicles.limits_of(level, limit)
-        wait = SETTLING if settling is None else settling
-        car = vehicles.VehicleOptions(kinds, shock_words, against, limits, wait, units, channel_map, flip, keep)
+        settled = SETTLING if settling is None else settling
+        car = vehicles.VehicleOptions(kinds, shock_words, against, limits, settled, units, channel_map, flip, keep)
         ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report).is_acceptable else 1)
     _refuse("shock", {"--level": level, "--shock": shock_words, "--against": against, "--settling": settling})
-    from eightpost.commands import validate_shock as shocks  # noqa: PLC0415 - a vehicle needs none of it
+    from eightpost.commands import validate_shock as shocks  # noqa: PLC0415 - a vehicle does not need it
 
     options = shocks.ShockOptions(kinds, configurations, limit, cutoff, units, channel_map, flip, keep)
     ctx.exit(0 if shocks.validate_shocks(console, models, records, options, report).is_acceptable else 1)
 
 
-def _refuse(what: str, given: Mapping[str, object]) -> None:
-    """Refuse options that say nothing to what is validated."""
+def _refuse(kind: str, given: Mapping[str, object]) -> None:
+    """Refuse options that do not apply to the kind of model."""
     for option, value in given.items():
         if value not in (None, ()):
-            raise click.BadParameter(f"it says nothing to a {what}; leave it away", param_hint=option)
+            raise click.BadParameter(f"it does not apply to a {kind}; omit it", param_hint=option)

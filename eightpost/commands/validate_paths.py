@@ -1,4 +1,4 @@
-"""What both halves of `eightpost validate` need: which file is what, choices by file, tables."""
+"""Common parts of `eightpost validate` for shocks and vehicles: kinds of files, options by file, tables."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ if TYPE_CHECKING:
 
     from eightpost.ident.validation.tables import Cell, ResultTable
 
-#: What a folder is searched for.
+#: Suffixes of the records that are read from a folder.
 _RECORDS = {".csv", ".txt", ".parquet", ".mat", ".mf4", ".mdf"}
 
 
 @dataclass(frozen=True, slots=True)
 class RecordChoices:
-    """The records, of which an option may mean one or all.
+    """Records that an option may address one by one or all together.
 
     Attributes:
-        records: Their files.
+        records: Files of the records.
     """
 
     records: list[Path]
 
     def of(self, words: Iterable[str], option: str) -> dict[Path, str]:
-        """Return a value by record from `VALUE` (of all) and `FILE=VALUE` words; a file's own goes first."""
+        """Return a value for each record from `VALUE` (for all) and `FILE=VALUE`; the value of a file has priority."""
         chosen: dict[Path, str] = {}
         for word in sorted(words, key=lambda word: "=" in word):
             name, equals, value = word.rpartition("=")
-            meant = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
-            if not meant:
+            matching = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
+            if not matching:
                 known = ", ".join(path.name for path in self.records)
-                raise click.BadParameter(f"{name!r} is none of the records: {known}", param_hint=option)
-            chosen |= dict.fromkeys(meant, value)
+                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint=option)
+            chosen |= dict.fromkeys(matching, value)
         return chosen
 
 
 def sorted_paths(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
-    """Return what is validated (.json) and the records among paths, folders opened.
+    """Return the models (.json) and the records among paths, with the records of folders.
 
     Raises:
-        InputError: One of the two is missing.
+        InputError: There is no model, or no record.
     """
     models: list[Path] = []
     records: list[Path] = []
@@ -66,25 +66,25 @@ def sorted_paths(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
             records.append(path)
     if not models:
         raise InputError(
-            "no shock file and no vehicle among the arguments; make one: eightpost fit DYNO -o shock.json, or "
-            "eightpost identify RIG -o vehicle.json"
+            "no shock file and no vehicle among the arguments; create one with `eightpost fit DYNO -o shock.json` or "
+            "`eightpost identify RIG -o vehicle.json`"
         )
     if not records:
-        raise InputError("no record among the arguments; name dynamometer or rig files, or a folder that has some")
+        raise InputError("no record among the arguments; name dynamometer or rig files, or a folder of them")
     return models, records
 
 
 def is_vehicle(models: list[Path]) -> bool:
-    """Say whether vehicles are to be validated, by what the files say they are.
+    """Return whether the models are vehicles, by the kind that the files state.
 
     Raises:
-        InputError: There are shocks and vehicles, or several vehicles.
+        InputError: There are both shocks and vehicles, or several vehicles.
     """
     vehicles = [path for path in models if document_kind(path) == "vehicle"]
     if vehicles and len(models) > 1:
         raise InputError(
-            f"{vehicles[0]} is a vehicle: validate it alone; shocks at its ports are given as --shock lf=SHOCK.json, "
-            "another car for its modes as --against CAR.json"
+            f"{vehicles[0]} is a vehicle: validate it alone; give shocks at its ports as --shock lf=SHOCK.json, and "
+            "another car to compare modes with as --against CAR.json"
         )
     return bool(vehicles)
 
@@ -99,13 +99,13 @@ def pair(word: str, option: str) -> tuple[str, str]:
 
 
 def show_table(console: Console, table: ResultTable) -> None:
-    """Print a table in the field's units; nothing where it has no rows."""
+    """Print a table in the units of the field (in/s, lbf); an empty table is not printed."""
     if not table.rows:
         return
     drawn = Table(title=table.title)
     for (text, unit), is_numeric in zip(table.heads, table.numeric, strict=True):
-        head = f"{text}, {field_unit(unit)}" if unit else text
-        drawn.add_column(escape(head), justify="right" if is_numeric else "left", overflow="fold")
+        title = f"{text}, {field_unit(unit)}" if unit else text
+        drawn.add_column(escape(title), justify="right" if is_numeric else "left", overflow="fold")
     for row in table.rows:
         cells = zip(table.heads, row, strict=True)
         drawn.add_row(

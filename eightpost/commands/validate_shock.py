@@ -1,4 +1,4 @@
-"""Fitted shocks against other dynamometer records: one half of `eightpost validate`."""
+"""Validation of fitted shocks on other dynamometer records, for `eightpost validate`."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ _KINDS = get_args(Kind)
 
 @dataclass(frozen=True, slots=True)
 class ShockOptions:
-    """What `eightpost validate` was told, for shocks.
+    """Options of `eightpost validate` for shocks.
 
     Attributes:
-        kinds: `KIND` or `FILE=KIND`.
-        configurations: `N` or `FILE=N`.
-        limit: Highest error [percent of standard deviation].
-        cutoff: Of the low-pass [Hz].
-        units: By channel.
-        channel_map: Of all records.
-        flip: Channels whose sign is turned.
+        kinds: Kinds of records, each `KIND` or `FILE=KIND`.
+        configurations: Configurations of Table 3.1, each `N` or `FILE=N`.
+        limit: Maximum error [% of the standard deviation].
+        cutoff: Cut-off frequency of the low-pass [Hz].
+        units: Units by channel.
+        channel_map: Channel map of all records.
+        flip: Channels whose sign is reversed.
         keep: Whether to write the verdict into the shock files.
     """
 
@@ -65,7 +65,7 @@ class ShockOptions:
 def validate_shocks(
     console: Console, shocks: list[Path], records: list[Path], options: ShockOptions, report: Path | None
 ) -> Verdict:
-    """Validate, print, write the report; return the verdict."""
+    """Validate shocks, print the tables, write the report, and return the verdict."""
     chosen = RecordChoices(records)
     kind_of, number_of = chosen.of(options.kinds, "--kind"), chosen.of(options.configurations, "--configuration")
     laws = [read_shock(path) for path in shocks]
@@ -89,7 +89,7 @@ def validate_shocks(
 
 
 def _keep(console: Console, paths: Mapping[str, Path], study: ValidationStudy, limit: float | None) -> None:
-    """Write into each shock file what its validation found; a file that was held against no record stays as it is."""
+    """Write the verdict into each shock file; a shock that was compared with no record keeps its file."""
     for label, path in paths.items():
         shock, part = study.shocks[label], study.of_shock(label)
         if part.cases:
@@ -99,7 +99,7 @@ def _keep(console: Console, paths: Mapping[str, Path], study: ValidationStudy, l
 
 
 def show_study(console: Console, study: ValidationStudy, limit: float | None) -> None:
-    """Print the tables of a study and its notes."""
+    """Print the tables, the notes and the verdict of a study."""
     for record in study.records:
         console.print(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False)
     tables = [random_table(study), *(sine_table(rows) for rows in sine_groups(study).values())]
@@ -113,7 +113,7 @@ def show_study(console: Console, study: ValidationStudy, limit: float | None) ->
 
 def _kind(word: str | None) -> Kind | None:
     if word is not None and word not in _KINDS:
-        raise click.BadParameter(f"{word!r}: it must be one of {', '.join(_KINDS)}", param_hint="--kind")
+        raise click.BadParameter(f"{word!r}: the kind must be one of {', '.join(_KINDS)}", param_hint="--kind")
     return word  # type: ignore[return-value]
 
 

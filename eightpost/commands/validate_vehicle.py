@@ -1,4 +1,4 @@
-"""An identified vehicle against other rig records: one half of `eightpost validate`."""
+"""Validation of an identified vehicle on other rig records, for `eightpost validate`."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ _KINDS = get_args(Kind)
 
 @dataclass(frozen=True, slots=True)
 class VehicleOptions:
-    """What `eightpost validate` was told, for a vehicle.
+    """Options of `eightpost validate` for a vehicle.
 
     Attributes:
-        kinds: `KIND` or `FILE=KIND`.
-        shocks: `CORNER=FILE` or `WORD=FILE`.
-        against: Another car, for the modes.
-        limits: From where on the vehicle is not usable.
-        settling: Left out at the start of records [s].
-        units: By channel.
-        channel_map: Of all records.
-        flip: Channels whose sign is turned.
+        kinds: Kinds of records, each `KIND` or `FILE=KIND`.
+        shocks: Shock files, each `CORNER=FILE` or `NAME=FILE`.
+        against: File of another car whose modes are listed for comparison.
+        limits: Limits above which the vehicle is not usable.
+        settling: Settling time that is left out at the start of each record [s].
+        units: Units by channel.
+        channel_map: Channel map of all records.
+        flip: Channels whose sign is reversed.
         keep: Whether to write the verdict into the vehicle file.
     """
 
@@ -60,7 +60,7 @@ class VehicleOptions:
 
 
 def limits_of(level: float | None, error: float | None) -> Limits:
-    """Return the limits from percents; None keeps the default."""
+    """Return the limits from percentages; None keeps the default."""
     limits = Limits()
     limits = limits if level is None else replace(limits, level=level / 100.0)
     return limits if error is None else replace(limits, error=error / 100.0)
@@ -69,7 +69,7 @@ def limits_of(level: float | None, error: float | None) -> Limits:
 def validate_one(
     console: Console, path: Path, records: list[Path], options: VehicleOptions, report: Path | None
 ) -> Verdict:
-    """Validate, print, write the report; return the verdict."""
+    """Validate a vehicle, print the tables, write the report, and return the verdict."""
     fit = read_fit(path)
     kind_of = RecordChoices(records).of(options.kinds, "--kind")
     shocks = {name: read_shock(file).law for name, file in (pair(word, "--shock") for word in options.shocks)}
@@ -97,8 +97,8 @@ def validate_one(
 
 def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
     for case in study.cases:
-        said = f"{escape(case.record.name)}: {case.record.kind}, {escape(case.record.reason)}"
-        console.print(said, soft_wrap=True, highlight=False)
+        text = f"{escape(case.record.name)}: {case.record.kind}, {escape(case.record.reason)}"
+        console.print(text, soft_wrap=True, highlight=False)
     for table in (overview(study), trend_table(study), friction_table(study), port_table(study.fit), mode_table(study)):
         show_table(console, table)
     if study.fit.trust is not None and study.fit.trust.outputs:
@@ -111,5 +111,5 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
 
 def _kind(word: str | None) -> Kind | None:
     if word is not None and word not in _KINDS:
-        raise click.BadParameter(f"{word!r}: it must be one of {', '.join(_KINDS)}", param_hint="--kind")
+        raise click.BadParameter(f"{word!r}: the kind must be one of {', '.join(_KINDS)}", param_hint="--kind")
     return word  # type: ignore[return-value]

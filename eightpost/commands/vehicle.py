@@ -1,4 +1,4 @@
-"""`eightpost vehicle`: frequency responses, modes and parameter studies of a structural vehicle."""
+"""`eightpost vehicle`: modes, frequency responses and parameter studies of a vehicle."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
     from eightpost.vehicle import Mode, Vehicle
 
-#: Frequencies of a response file and a picture.
+#: Number of frequencies in a response file and in a picture.
 _POINTS = 800
 
-#: What is drawn unless other outputs are named: the dissertation's key outputs.
+#: Outputs that are drawn by default: the key outputs of the dissertation.
 _KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
 
 
 def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:
-    """Show modes and frequency responses of a vehicle, and what a parameter does to them."""
+    """Show modes and frequency responses of a vehicle, and the effect of a parameter on them."""
     if not 0.0 < high < 1e4:
         raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
     check_output_folder(folder)
@@ -57,7 +57,7 @@ def _studied(
     factors: Sequence[float],
     frequency: np.ndarray[tuple[int], np.dtype[np.float64]],
 ) -> tuple[dict[str, tuple[Mode, ...]], dict[str, FrequencyResponse]]:
-    """Return modes and responses by label."""
+    """Return modes and frequency responses by label."""
     if parameter is None:
         model = car.with_damper()
         return {"as given": model.modes()}, {"as given": response_of(model, frequency)}
@@ -70,7 +70,7 @@ def _studied(
 
 
 def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
-    """Return frequency and damping ratio of every mode, a column per variant."""
+    """Return a table with frequency and damping ratio of every mode, a column for each variant."""
     table = Table("mode")
     for label in modes:
         table.add_column(label, no_wrap=True)
@@ -94,4 +94,4 @@ def _numbers(text: str) -> list[float]:
     try:
         return list(dict.fromkeys(float(part) for part in text.split(",")))
     except ValueError:
-        raise InputError(f"--factors {text!r}: give numbers with commas between them, such as 0.5,1,2") from None
+        raise InputError(f"--factors {text!r}: give numbers separated by commas, e.g. 0.5,1,2") from None

@@ -14,7 +14,7 @@ from eightpost.verbs.body import body
               help="Output folder for all files of the demo.")  # fmt: skip
 @body
 def demo() -> None:
-    """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, evaluate every setup.
+    """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup.
 
     The dynamometer records and the track are SYNTHETIC: examples/make_demo_data.py computes them.
     """

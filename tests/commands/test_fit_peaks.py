@@ -49,11 +49,11 @@ def test_a_table_of_one_setting_goes_to_the_file_that_is_named(tmp_path):
 def test_a_law_with_dynamics_is_refused_and_nothing_is_written(table, tmp_path):
     code, shown = fit(table, "--law", "lpnl2", "-o", tmp_path / "valve.json")
     assert code == 2
-    assert "says nothing of lag" in shown
+    assert "no information on lag" in shown
     assert sorted(path.name for path in tmp_path.iterdir()) == ["valve.csv"]
 
 
 def test_a_table_beside_a_record_is_refused(table, tmp_path):
     code, shown = fit(table, table, "-o", tmp_path / "valve.json")
     assert code == 2
-    assert "by itself" in shown
+    assert "fit it alone" in shown

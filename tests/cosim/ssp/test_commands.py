@@ -63,7 +63,7 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_written_over(folde
     )
     assert all(np.array_equal(series[name], expected[name]) for name in expected.names)
     ran = CliRunner().invoke(main, ["ssp", str(folder / "twice.ssp")])
-    assert ran.exit_code == 2 and "is the package itself" in ran.output
+    assert ran.exit_code == 2 and "the output is the input package itself" in ran.output
 
 
 def test_the_verb_takes_what_a_package_lacks(folder, monkeypatch):

@@ -128,7 +128,7 @@ def test_records_that_are_not_there_are_refused(folder, tmp_path):
     path.write_text("file,setup\nnone.parquet,0\n")
     shown = eightpost("compare", folder, "--measured", path)
     assert shown.exit_code == 2
-    assert "none of its 1 records is there" in " ".join(shown.stderr.split())
+    assert "none of its 1 records exists" in " ".join(shown.stderr.split())
 
 
 def test_several_studies_are_not_compared_with_the_rig(folder):
@@ -163,4 +163,4 @@ def test_robust_needs_something_that_is_uncertain(folder, tmp_path):
     (tmp_path / "uncertain.toml").write_text("schema = 1\n")
     shown = eightpost("robust", folder, tmp_path / "uncertain.toml")
     assert shown.exit_code == 2
-    assert "nothing is uncertain" in shown.stderr
+    assert "no uncertainty is stated" in shown.stderr

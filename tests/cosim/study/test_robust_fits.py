@@ -41,7 +41,7 @@ def test_parameters_vary_by_their_standard_errors(free):
 def test_a_parameter_at_a_bound_is_held_and_said():
     found, held = uncertainty_of(BANK / "C_C.json", "C/C")
     assert "lag_full_force" not in found.names
-    assert held == ("C/C: lag_full_force is held at 44.48: the fit ended at its lower bound",)
+    assert held == ("C/C: lag_full_force is kept at 44.48: the fit ended at its lower bound",)
 
 
 def test_the_curves_band_is_the_scatter_of_its_scale():
@@ -65,5 +65,5 @@ def test_draws_keep_to_the_bounds_of_the_fit(free):
 
 def test_a_shock_that_no_fit_wrote_does_not_say_how_well_it_is_known(tmp_path, shocks):
     write_shock(shocks["lpf1"], tmp_path / "shock.json")
-    with pytest.raises(FileFormatError, match="does not say how well it is known"):
+    with pytest.raises(FileFormatError, match="states no uncertainty of the shock"):
         uncertainty_of(tmp_path / "shock.json", "A")

@@ -231,7 +231,7 @@ def test_the_command_takes_the_baseline_damper_out_on_request(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "car.csv"], "name a .mat, .uff or .unv file"),
+        (["-o", "car.csv"], "the output must be a .mat, .uff or .unv file"),
         (["-o", "car.uff", "--step", "0"], "give 0 < step < high"),
     ],
 )

@@ -186,4 +186,4 @@ def test_the_command_exits_1_where_a_response_is_lost(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*quarter_files(tmp_path, large=1.5), *KEY], env={"COLUMNS": "200"})
     assert done.exit_code == 1, done.output
     assert "tire_force: " in done.output
-    assert "of its energy from road is lost (III)" in done.output
+    assert "of its energy from road is not predictable (III)" in done.output

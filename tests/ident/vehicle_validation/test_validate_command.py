@@ -92,8 +92,8 @@ def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--cutoff", "40"), "it says nothing to a vehicle"),
-        (("--configuration", "1"), "it says nothing to a vehicle"),
+        (("--cutoff", "40"), "it does not apply to a vehicle"),
+        (("--configuration", "1"), "it does not apply to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),
@@ -111,7 +111,7 @@ def test_unusable_arguments_exit_2(run: Run, words: tuple[str, ...], said: str) 
 def test_options_of_vehicles_are_rejected_for_shocks(run: Run) -> None:
     result = run("shock.json", "--level", "3")
     assert result.exit_code == 2
-    assert "it says nothing to a shock" in result.output
+    assert "it does not apply to a shock" in result.output
 
 
 @pytest.mark.slow
