@@ -58,7 +58,7 @@ def _show_lags(console: Console, test: RigTest) -> bool:
         word = "[red]warning[/] " if lag.is_notable else ""
         console.print(f"{word}{escape(str(lag))}")
     if late:
-        console.print("correct a late logger with delays in the preparation file (docs/rig_data.md)")
+        console.print("shift the channels of a late logger with delays (docs/rig_data.md)")
     for drift in changes:
         console.print(
             f"[red]warning[/] from start to end {escape(drift.channel)} falls behind {escape(drift.against)} by "

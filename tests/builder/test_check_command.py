@@ -109,4 +109,4 @@ def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
     report = check(fmus["lpf1"], groups=("static", "footprint", "surroundings"))
     console = Console(file=io.StringIO(), width=40)
     show_report(console, report)
-    assert "  did static, footprint, surroundings\n" in console.file.getvalue()
+    assert "  performed static, footprint, surroundings\n" in console.file.getvalue()

@@ -99,7 +99,7 @@ def test_an_identified_vehicle_takes_the_whole_shock_force(done: tuple[Result, P
     [
         (lambda files: [files[0]], "cannot separate shock forces from their causes"),
         (lambda files: [*files, "-o", "car.toml"], "ends in .json"),
-        (lambda files: [*files, "--baseline", "other.parquet"], "none of the files"),
+        (lambda files: [*files, "--baseline", "other.parquet"], "not one of the RIG files"),
         (lambda files: [files[0], files[0]], "no test has another shock"),
         (lambda files: [*files, "--rate", "7 s"], "--rate"),
         (lambda files: [*files, "--output-channels", "spin"], "no output spin"),

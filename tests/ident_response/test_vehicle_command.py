@@ -65,7 +65,7 @@ def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> 
     ("words", "message"),
     [
         (["--vary", "colour"], "has no parameter 'colour'"),
-        (["--vary", "damping", "--factors", "a,b"], "give numbers with commas"),
+        (["--vary", "damping", "--factors", "a,b"], "give numbers separated by commas"),
         (["--output", "rf.velocity"], "'rf.velocity' is not there"),
         (["--high", "-1"], "give a frequency"),
     ],

@@ -18,6 +18,6 @@ def test_the_command_says_what_was_put_together(system_file, tmp_path, toolchain
 
 def test_the_command_takes_a_system_file_or_sources(system_file):
     both = CliRunner().invoke(command, ["--assemble", str(system_file), "shock.json"])
-    assert both.exit_code == 2 and "nothing else" in both.output
+    assert both.exit_code == 2 and "omit SOURCES" in both.output
     neither = CliRunner().invoke(command, [])
     assert neither.exit_code == 2 and "Missing argument" in neither.output
