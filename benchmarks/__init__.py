@@ -1,1 +1,1 @@
-"""Accuracy and cost, as tables."""
+"""Benchmarks of accuracy and cost, which print tables."""

@@ -1,11 +1,11 @@
-"""Bouc-Wen, the hysteresis that measured dampers are most often fitted with, as a peer of the laws of `eightpost fit`.
+"""The Bouc-Wen hysteresis model, often fitted to measured dampers, for comparison with the laws of `eightpost fit`.
 
     F = c v + k x + alpha z + F0,    z' = A v - beta |v| |z|^(n-1) z - gamma v |z|^n
 
 (Y. K. Wen, J. Eng. Mech. Div. 102(2), 1976; for dampers B. F. Spencer et al., J. Eng. Mech. 123(3), 1997). A only
 scales z, so A = 1 and z is a length [m]; its largest magnitude is z_m = (beta + gamma)^(-1/n). The force is linear in
-c, k, alpha and each run's F0: these are solved for exactly at every trial of (z_m, beta z_m^n, n), which least squares
-seeks from twelve starts. All signs of c, k and alpha are allowed. z starts at 0.
+c, k, alpha and each run's F0: these are solved exactly for every trial of (z_m, beta z_m^n, n), which nonlinear least
+squares optimizes from twelve starts. All signs of c, k and alpha are allowed. z starts at 0.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
-#: Of the starts: z_m as a share of the stroke's half [1], beta z_m^n [1], n [1].
+#: Start values: z_m as a share of half the stroke [1], beta z_m^n [1], n [1].
 REACHES, SHARES, EXPONENTS = (0.03, 0.2, 1.0), (0.5, 0.9), (1.0, 2.0)
-#: Bounds of the same three; beta z_m^n + gamma z_m^n = 1.
+#: Bounds of the same three values; beta z_m^n + gamma z_m^n = 1.
 BOUNDS = ((1e-4, 10.0), (0.05, 50.0), (1.0, 8.0))
 
-#: Evaluations from every start, how many of the best are followed on, and evaluations of these.
+#: Evaluations from every start, number of best starts that are continued, and evaluations of these.
 _FIRST, _FOLLOWED, _LAST = 8, 2, 60
 
-#: dz/dx changes by about this in a step of the integration [1] ...
+#: Approximate change of dz/dx in a step of the integration [1] ...
 _FINE = 0.5
-#: ... but a sample has at most so many: z has long come to its limit.
+#: ... and maximum number of steps per sample: z has reached its limit by then.
 _MOST = 60
 
 
 @dataclass(frozen=True, slots=True)
 class BoucWen:
-    """The law, A = 1.
+    """The Bouc-Wen law with A = 1.
 
     Attributes:
         damping: c [N.s/m].
         stiffness: k [N/m].
         hysteresis: alpha [N/m].
-        offset: F0 [N], of the first run that was fitted.
+        offset: F0 of the first fitted run [N].
         reach: z_m [m].
-        share: beta z_m^n [1]; gamma z_m^n is what it lacks of 1.
+        share: beta z_m^n [1]; gamma z_m^n is 1 - beta z_m^n.
         exponent: n [1].
-        reference: Displacement that k counts from [m].
+        reference: Displacement at which the force of k is zero [m].
     """
 
     damping: float
@@ -73,14 +73,14 @@ class BoucWen:
 
 @dataclass(frozen=True, slots=True)
 class BoucWenFit:
-    """A fit and how good it is.
+    """A fit and its quality.
 
     Attributes:
-        law: The best that was found.
-        rms: Of the residual, model and measurement through the same low-pass [N].
-        deviation: Of the measured force, each run about its own mean [N].
-        costs: RMS [N] that each of twelve starts came to before the best were followed on, the best first.
-        seconds: What it took, without compiling [s].
+        law: Best law.
+        rms: RMS residual [N]; model and measurement pass the same low-pass filter.
+        deviation: Standard deviation of the measured force, each run about its own mean [N].
+        costs: RMS residual [N] for each of twelve starts before the best were continued, in ascending order.
+        seconds: Computing time without compilation [s].
     """
 
     law: BoucWen
@@ -91,13 +91,13 @@ class BoucWenFit:
 
 
 def fit_bouc_wen(tests: Sequence[DynoTest], *, segment: tuple[float, float] | None = None) -> BoucWenFit:
-    """Fit the law to one run or several of one damper; each run has its own F0.
+    """Fit the law to one or several runs of one damper; each run has its own F0.
 
     Args:
-        tests: With displacement.
-        segment: Of each [s]; as `eightpost.ident.fit_shock` has it.
+        tests: Runs with displacement.
+        segment: Time range of each run that is fitted [s]; see `eightpost.ident.fit_shock`.
     """
-    hysteresis(np.zeros(2), 0.5, np.array([1.0, 0.5, 1.0]))  # compiled here
+    hysteresis(np.zeros(2), 0.5, np.array([1.0, 0.5, 1.0]))  # compile before the time is measured
     started = time.perf_counter()
     problem = _Problem.of([prepare(test, segment=segment) for test in tests])
     starts = [np.log(start) for start in product(REACHES, SHARES, EXPONENTS)]
@@ -115,7 +115,7 @@ def fit_bouc_wen(tests: Sequence[DynoTest], *, segment: tuple[float, float] | No
 
 
 def predict(law: BoucWen, prepared: Prepared) -> Array:
-    """Return the law's force inside the segment of a record [N], through the record's low-pass."""
+    """Return the law's force in the segment of a record [N], filtered with the record's low-pass."""
     about = prepared.record["displacement"] + prepared.reference - law.reference
     record = prepared.record.with_channel("displacement", "m", about)
     return np.asarray(prepared.filtered(law.force(record))[prepared.inside])
@@ -123,15 +123,15 @@ def predict(law: BoucWen, prepared: Prepared) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """The least squares over a shape (z_m, share, n), all else solved for.
+    """The least-squares problem over a shape (z_m, share, n); all other parameters are solved for.
 
     Attributes:
-        runs: Prepared.
-        stroke: Half of the longest [m].
-        target: The measured force of all runs (N,) [N].
-        known: What multiplies c, k and each run's F0, low-passed (N, 2 + runs): it does not hang on the shape.
-        basis: Orthonormal columns that span `known`.
-        rest: `target` without what `known` explains (N,) [N].
+        runs: Prepared runs.
+        stroke: Half of the longest stroke [m].
+        target: Measured force of all runs (N,) [N].
+        known: Regressors of c, k and each run's F0 after the low-pass (N, 2 + runs); they do not depend on the shape.
+        basis: Orthonormal basis of the columns of `known`.
+        rest: Residual of `target` after regression on `known` (N,) [N].
     """
 
     runs: tuple[Prepared, ...]
@@ -143,7 +143,7 @@ class _Problem:
 
     @classmethod
     def of(cls, runs: Sequence[Prepared]) -> _Problem:
-        """Return the problem of one run or several."""
+        """Return the problem for one or several runs."""
         stroke = 0.5 * max(float(np.ptp(run.record["displacement"][run.inside])) for run in runs)
         target = np.concatenate([run.measured for run in runs])
         known = np.vstack([_known(run, number, len(runs)) for number, run in enumerate(runs)])
@@ -152,12 +152,12 @@ class _Problem:
 
     @property
     def deviation(self) -> float:
-        """Of the target, each run about its own mean [N]."""
+        """Standard deviation of the target, each run about its own mean [N]."""
         squares = sum(float(np.sum((run.measured - run.measured.mean()) ** 2)) for run in self.runs)
         return float(np.sqrt(squares / self.target.size))
 
     def minimum(self, start: Array, evaluations: int) -> OptimizeResult:
-        """Return what least squares finds from logarithms of (z_m over stroke, share, n)."""
+        """Return a solution of nonlinear least squares from a start, in logarithms of (z_m over stroke, share, n)."""
         low, high = np.log(BOUNDS).T
         inside = np.clip(start, low + 1e-6, high - 1e-6)
         return least_squares(self.residual, inside, bounds=(low, high), ftol=1e-6, max_nfev=evaluations)
@@ -167,20 +167,20 @@ class _Problem:
         return np.array([self.stroke, 1.0, 1.0]) * np.exp(logarithms)
 
     def residual(self, logarithms: Array) -> Array:
-        """Return what is left (N,) [N] with the best c, k, alpha and F0."""
+        """Return the residual (N,) [N] with the best c, k, alpha and F0."""
         z = self.z(self.shape(logarithms))
         new = z - self.basis @ (self.basis.T @ z)
         return np.asarray(self.rest - new * (new @ self.rest) / max(new @ new, 1e-300))
 
     def solved(self, shape: Array) -> tuple[Array, Array]:
-        """Return the best (c, k, alpha, F0 of each run) of a shape, and what it leaves [N]."""
+        """Return the best (c, k, alpha, F0 of each run) for a shape, and the residual [N]."""
         design = np.column_stack([self.known[:, :2], self.z(shape), self.known[:, 2:]])
         size = np.linalg.norm(design, axis=0)
         linear = np.linalg.lstsq(design / size, self.target, rcond=None)[0] / size
         return linear, design @ linear - self.target
 
     def z(self, shape: Array) -> Array:
-        """Return z of all runs (N,) [m], low-passed as the force."""
+        """Return z of all runs (N,) [m], with the same low-pass as the force."""
         return np.concatenate([run.filtered(_hysteresis_of(run.record, shape))[run.inside] for run in self.runs])
 
 
@@ -200,8 +200,8 @@ def _hysteresis_of(record: TimeSeries, shape: Array) -> Array:
 def hysteresis(velocity: Array, step: float, shape: Array) -> Array:
     """Return z (N,) [m] along a velocity (N,) [m/s] sampled every `step` [s]; z starts at 0.
 
-    z depends on the way and not on time, and dz/dx on the direction alone: the way of each sample, by the trapezoidal
-    rule, is gone in small steps with the fourth-order Runge-Kutta rule.
+    z depends on the path and not on time, and dz/dx only depends on z and the direction. The displacement of each
+    sample, computed with the trapezoidal rule, is integrated in small steps with the fourth-order Runge-Kutta method.
     """
     reach, share, exponent = shape[0], shape[1], shape[2]
     z = np.zeros(velocity.size)
@@ -223,6 +223,6 @@ def hysteresis(velocity: Array, step: float, shape: Array) -> Array:
 
 @njit(inline="always", error_model="numpy")  # type: ignore[untyped-decorator]
 def _slope(z: float, sign: float, share: float, exponent: float) -> float:
-    """Return dz/dx of z over z_m, moving in a direction."""
+    """Return the derivative of z / z_m with respect to x / z_m for a direction of motion."""
     same = 1.0 if z * sign > 0.0 else -1.0
     return 1.0 - abs(z) ** exponent * (share * same + 1.0 - share)

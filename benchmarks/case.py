@@ -1,9 +1,9 @@
-"""The case that benchmarks run: a car, four shocks, a drive, and the answer of the same equations as one system.
+"""The standard case of the benchmarks: a car, four shocks, a drive file, and a monolithic reference solution.
 
-The seven-DOF car of examples/car.toml with four LPNL2 shocks fitted to examples/data/dyno_A.csv on the start of
-examples/data/track.parquet. The reference is integrated by scipy (tests/monolithic.py). Damping is `full`, all of it
-in the shocks, or `split`: the vehicle keeps linear dampers at its ports, half of what fits the shock's curve best, and
-the shocks give the rest.
+The model is the seven-DOF car of examples/car.toml with four LPNL2 shocks fitted to examples/data/dyno_A.csv, on the
+first part of examples/data/track.parquet. The reference is integrated by scipy (tests/monolithic.py). The damping is
+`full`: all of it is in the shocks; or `split`: the vehicle has linear dampers at its ports, with half of the rate that
+fits the shock's curve best, and the shocks supply the rest.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ ROOT = Path(__file__).resolve().parents[1]
 CORNERS = ("lf", "rf", "lr", "rr")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 SETTLING = 1.0
-#: An error above this is no answer [%].
+#: Results with a larger error count as diverged [%].
 DIVERGED = 1000.0
 
 
 @cache
 def monolithic() -> ModuleType:
-    """Load the independent reference that the tests use."""
+    """Load the independent reference solver of the tests."""
     spec = importlib.util.spec_from_file_location("monolithic", ROOT / "tests" / "monolithic.py")
     assert spec is not None and spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
@@ -43,9 +43,9 @@ def monolithic() -> ModuleType:
 
 @dataclass(frozen=True)
 class Case:
-    """A car, one law on all corners, a drive; the reference's answers at `time`.
+    """A car, one shock law for all corners, a drive file, and the reference solution at `time`.
 
-    `port_damping` [N.s/m] is what the vehicle keeps at each port. `velocity` and `tire_force` are (4, K), as changes
+    `port_damping` [N.s/m] is the vehicle's own damping at each port. `velocity` and `tire_force` (4, K) are changes
     from the static state.
     """
 
@@ -61,7 +61,7 @@ class Case:
 def make_case(
     law: Lpnl2, drive: Drivefile, stop: float, *, record_step: float = 0.004, port_damping: float = 0.0
 ) -> Case:
-    """Solve the reference at the recorded times; `law` is what the shocks give, `port_damping` the vehicle besides."""
+    """Solve the reference at the recorded times, with shocks of a `law` and `port_damping` in the vehicle."""
     series = drive.series.window(0.0, stop)
     inputs = np.stack([series[name] for name in (*(f"{c}.road" for c in CORNERS), *LOADS)])
     time = np.arange(0.0, stop + record_step / 2, record_step)
@@ -70,7 +70,7 @@ def make_case(
 
 
 def _solve(law: Lpnl2, port_damping: float, drive_time: Any, inputs: Any, time: Any) -> Any:
-    """Integrate the car with its own dampers and the shocks from knot to knot of the drive."""
+    """Integrate the car with its own dampers and the shocks between the samples of the drive file."""
     reference = monolithic()
     vehicle = read_vehicle(ROOT / "examples" / "car.toml")
     assert isinstance(vehicle, StructuralVehicle)
@@ -94,7 +94,7 @@ def _solve(law: Lpnl2, port_damping: float, drive_time: Any, inputs: Any, time: 
 
 
 def build_fmus(law: ShockLaw, folder: Path, *, port_damping: float = 0.0) -> None:
-    """Build car.fmu and shock.fmu; the car keeps linear dampers [N.s/m] at its ports."""
+    """Build car.fmu and shock.fmu; the car has linear dampers [N.s/m] at its ports."""
     folder.mkdir(parents=True, exist_ok=True)
     write_shock(Shock("shock", law), folder / "shock.json")
     car = ROOT / "examples" / "car.toml"
@@ -108,7 +108,7 @@ def build_fmus(law: ShockLaw, folder: Path, *, port_damping: float = 0.0) -> Non
 
 @cache
 def fitted_law() -> Lpnl2:
-    """Fit the demo's first record."""
+    """Fit the first record of the demo."""
     from eightpost.ident import fit_shock  # noqa: PLC0415
     from eightpost.rig import read_dyno_test  # noqa: PLC0415
 
@@ -118,12 +118,12 @@ def fitted_law() -> Lpnl2:
 
 
 def track() -> Drivefile:
-    """Read the demo's drivefile: 30 s."""
+    """Read the drive file of the demo: 30 s."""
     return Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
 
 
 def split_law(law: Lpnl2) -> tuple[Lpnl2, float]:
-    """Return what the shocks give beside linear dampers of half of the curve's best rate, and that rate [N.s/m]."""
+    """Return a law and a rate [N.s/m] whose sum is `law`; the rate is half of the best linear fit of its curve."""
     v = np.linspace(-law.curve.rebound_speed, law.curve.compression_speed, 401)
     force = np.array([law.curve.force(one) for one in v])
     rate = 0.5 * float(force @ v / (v @ v))
@@ -131,7 +131,7 @@ def split_law(law: Lpnl2) -> tuple[Lpnl2, float]:
 
 
 def _less_linear(curve: StaticCurve, rate: float) -> StaticCurve:
-    """The curve less `rate * v`; in its outer pieces v = +-v_t (1 + s)."""
+    """Return the curve minus `rate * v`; in its outer pieces v = +-v_t (1 + s)."""
     part = rate * curve.transition_speed
     return replace(
         curve,
@@ -144,9 +144,9 @@ def _less_linear(curve: StaticCurve, rate: float) -> StaticCurve:
 
 
 def errors(case: Case, time: Any, velocity: Any, tire_force: Any) -> tuple[float | None, float | None]:
-    """Return the errors of shock velocity and tire force [%] of the worst corner at the reference's times.
+    """Return the errors of shock velocity and tire force [%] at the worst corner, at the times of the reference.
 
-    Tire forces (4, K) are totals: the car's static ones are taken off. None where it diverged.
+    Tire forces (4, K) are total forces: the car's static forces are subtracted. Returns None for a diverged run.
     """
     static = read_vehicle(ROOT / "examples" / "car.toml").static
     at = np.clip(np.searchsorted(time, case.time - 1e-7), 0, len(time) - 1)
@@ -164,5 +164,5 @@ def _worst(found: Any, true: Any) -> float:
 
 
 def rms(values: Any) -> Any:
-    """Return the root mean square along time."""
+    """Return the root mean square over time."""
     return np.sqrt(np.mean(values**2, axis=1))

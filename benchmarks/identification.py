@@ -1,17 +1,17 @@
-"""Identified vehicles against cars whose truth is known: how well response measures of unseen setups are predicted.
+"""Benchmark of identified vehicles against known cars: accuracy of the predicted response measures of unseen setups.
 
     python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N] [--seeds N]
 
 Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
-eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3 as laws that the model knows),
-eight_post_fitted (the same with physical dampers, of which the model knows fits only), eight_post_close (laws within
-10 % of each other). --quick: the same records, 100 setups. Prints Markdown; --json leaves rows {case, method, setups,
+eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3, the model uses the true laws),
+eight_post_fitted (the same with physical dampers, the model uses fitted laws), eight_post_close (laws within 10 % of
+each other). --quick: the same records, 100 setups. Prints Markdown; --json writes rows {case, method, setups,
 all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS measures and setups,
 the lowest rank correlations over the measures, and the processor time of the identification. quarter_car adds
 mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and tire_force_max_lbf (of
-the deviations of the tire force's standard deviation over the shocks). --seeds: so many sets of rig tests with other
-noise each, on the same drive and truths; two rows per method, the worst of every figure over the seeds and its median.
-Seeds are in benchmarks/identification_cases.py.
+the deviations of the tire force's standard deviation over the shocks). --seeds: number of sets of rig tests with
+different noise, for the same drive file and true cars; two rows per method, with the worst value and the median of
+every figure over the seeds. Seeds are in benchmarks/identification_cases.py.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads only get into each other's way
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads are slower
 
 import numpy as np
 from rich.console import Console
@@ -48,7 +48,7 @@ from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 Row = dict[str, Any]
 Measures = list[dict[str, float]]
 
-#: Outputs are kept at every fifth sample of 1250 Hz, and so many setups are held at once.
+#: Outputs are kept at every fifth sample of 1250 Hz, and this number of setups is simulated at once.
 _EVERY, _TOGETHER = 5, 20
 
 
@@ -66,14 +66,14 @@ def main() -> None:
 
 
 def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row]:
-    """Return a row per method, of several seeds two; the truths are computed once."""
+    """Return a row per method, or two rows for several seeds; the true measures are computed once."""
     lap, setups = case.lap(), case.chosen(100 if options.quick else options.setups)
     task = progress.add_task(f"{case.name}: {len(setups)} truths (lap {LAP})", total=len(setups))
     true: Measures = []
     for row in truths(case, lap, setups):
         true.append(row)
         progress.advance(task)
-    judged = _Judged(case, lap, setups, true)
+    judged = _Evaluation(case, lap, setups, true)
     chosen = options.methods.split(";") if options.methods else list(methods())
     rows: dict[str, list[Row]] = {name: [] for name in chosen}
     for noise in noise_seeds(options.seeds):
@@ -87,14 +87,14 @@ def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row
 
 
 @dataclass(frozen=True, slots=True)
-class _Judged:
-    """What every method is judged by.
+class _Evaluation:
+    """The common basis on which methods are evaluated.
 
     Attributes:
-        case: The case.
-        lap: What the actuators do.
-        setups: Which shock at which corner.
-        true: The setups' true measures.
+        case: Case of the benchmark.
+        lap: Motion of the actuators.
+        setups: Index of the shock at each corner, per setup.
+        true: True measures of the setups.
     """
 
     case: Case
@@ -103,7 +103,7 @@ class _Judged:
     true: Measures
 
     def row(self, name: str, records: Sequence[TimeSeries], experiment: Experiment) -> Row:
-        """Return what a method makes of records; one that fails has no figures."""
+        """Return the figures of a method for records; a method that fails has no figures."""
         row: Row = {"case": self.case.name, "method": name, "setups": len(self.true)}
         started = process_time()
         try:
@@ -127,7 +127,7 @@ class _Judged:
 
 def _quarter(fit: VehicleFit, true: Measures, found: Measures) -> Row:
     wrong = [convert(p["tire_force"] - t["tire_force"], "N", "lbf") for t, p in zip(true, found, strict=True)]
-    # The car with the damper that it was identified around: Table 4.1's own, 16.67 lbf/(in/s), is another.
+    # The car has the damper of its identification tests, not that of Table 4.1, 16.67 lbf/(in/s).
     car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), fit.vehicle.baseline_damping)
     modes = sorted({(round(m.frequency_hz, 9), m.damping_ratio) for m in car.modes()})
     pairs = list(zip(modes_of(fit), modes, strict=True))
@@ -140,7 +140,7 @@ def _quarter(fit: VehicleFit, true: Measures, found: Measures) -> Row:
 
 
 def modes_of(fit: VehicleFit) -> list[tuple[float, float]]:
-    """Return frequency [Hz] and damping ratio of both modes: of a fourth-order fit of velocity over road."""
+    """Return frequency [Hz] and damping ratio of both modes, from a fourth-order fit of velocity over road."""
     frequency = np.arange(0.5, 25.0, 0.05)
     model = fit.vehicle.state_space.select(inputs=["road"], outputs=["velocity"])
     path = RationalFit(4, 3).fit(frequency, model.frequency_response(frequency)[0, 0], np.ones_like(frequency))
@@ -168,9 +168,9 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--case", choices=tuple(CASES), required=True)
     parser.add_argument("--quick", action="store_true", help="100 setups")
-    parser.add_argument("--setups", type=int, help="at most so many setups, chosen at random")
-    parser.add_argument("--methods", default="", help="only these, separated by semicolons")
-    parser.add_argument("--seeds", type=int, default=1, help="so many sets of rig tests with other noise")
+    parser.add_argument("--setups", type=int, help="maximum number of setups, chosen at random")
+    parser.add_argument("--methods", default="", help="methods to run, separated by semicolons (default: all)")
+    parser.add_argument("--seeds", type=int, default=1, help="number of sets of rig tests with different noise")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

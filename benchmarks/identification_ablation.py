@@ -1,10 +1,10 @@
-"""What makes the stand-in hard: the identification's misfit and its predictions with parts of the truth left out.
+"""Ablation study of the stand-in: misfit and predictions of the identification if nonlinear parts are removed from it.
 
     python benchmarks/identification_ablation.py [--duration 800] [--setups 40] [--only NAMES] [--json FILE]
 
 Each row is eight_post_known of benchmarks/identification.py with parts of the true car made linear, identified with
 friction at the ports and without: RMS and largest error over all measures and setups, rank correlations, the misfit in
-deviations of the estimate (the largest of a quantity's outputs), and the friction found over that of the truth.
+standard deviations of the estimate (the largest of a quantity's outputs), and the estimated friction over the true one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads only get into each other's way
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads are slower
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from eightpost.rig.post import Car
 Row = dict[str, Any]
 Change = Callable[[Car], Car]
 
-#: Outputs are kept at every fifth sample of 1250 Hz, and so many setups are held at once.
+#: Outputs are kept at every fifth sample of 1250 Hz, and this number of setups is simulated at once.
 _EVERY, _TOGETHER = 5, 20
 
 
@@ -41,7 +41,7 @@ def _smooth(car: Car) -> Car:
 
 
 def _straight(car: Car) -> Car:
-    """Return the car with springs of one rate."""
+    """Return the car with linear springs."""
     return replace(car, springs=replace(car.springs, progression=np.zeros_like(car.springs.progression)))
 
 
@@ -51,11 +51,11 @@ def _free(car: Car) -> Car:
 
 
 def _glued(car: Car) -> Car:
-    """Return the car whose tires pull too."""
+    """Return the car with tires that do not lift off."""
     return replace(car, tires=replace(car.tires, static_load=np.full_like(car.tires.static_load, np.inf)))
 
 
-#: What is left out, in words, and how.
+#: Descriptions of the removed parts, and functions that remove them.
 ABLATIONS: dict[str, tuple[Change, ...]] = {
     "nothing": (),
     "friction": (_smooth,),
@@ -121,9 +121,9 @@ def _forces(case: Case, found: Identification) -> Row:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=800.0, help="of each rig test [s]")
-    parser.add_argument("--setups", type=int, default=40, help="chosen at random")
-    parser.add_argument("--only", default="", help=f"only these, separated by semicolons: {', '.join(ABLATIONS)}")
+    parser.add_argument("--duration", type=float, default=800.0, help="duration of each rig test [s]")
+    parser.add_argument("--setups", type=int, default=40, help="number of setups, chosen at random")
+    parser.add_argument("--only", default="", help=f"ablations to run, separated by semicolons: {', '.join(ABLATIONS)}")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

@@ -1,7 +1,7 @@
-"""The cases of the identification benchmark: a truth, its rig tests, a drive and setups with their true measures.
+"""The cases of the identification benchmark: a true car, its rig tests, a drive file, setups with true measures.
 
-Noise is white, of each measured channel's standard deviation, at the rig's 1250 Hz; there is no drift. The truths run
-at 5 kHz in code that shares nothing with the identified models (docs/rig.md).
+Noise is white, proportional to each measured channel's standard deviation, at the rig's 1250 Hz; there is no drift. The
+true cars are simulated at 5 kHz with code that shares nothing with the identified models (docs/rig.md).
 """
 
 from __future__ import annotations
@@ -47,25 +47,25 @@ if TYPE_CHECKING:
 _DAMPING = convert(1.0, "lbf.s/in", "N.s/m")
 _INCH, _POUND = convert(1.0, "in", "m"), convert(1.0, "lbf", "N")
 
-#: Seeds that are reported; settings are chosen on others.
+#: Seeds of the reported results; settings were chosen with other seeds.
 DRIVE, NOISE, LAP, CHOICE = 11, 1100, 77, 5
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A case.
+    """A case of the identification benchmark.
 
     Attributes:
-        name: Its name.
-        truth: Which car.
-        duration: Of each rig test [s].
-        noise: Of each channel's standard deviation [1].
-        setups: How many in full; --quick takes 100 at most.
-        baseline: The shock of the baseline test.
-        alternate: The other shock, one corner at a time.
-        shocks: The bank as the truth has it.
-        laws: The bank as the identified vehicle is simulated with.
-        changes: What makes the truth another one, in turn.
+        name: Name of the case.
+        truth: Name of the true car.
+        duration: Duration of each rig test [s].
+        noise: Noise relative to each channel's standard deviation [1].
+        setups: Number of setups in a full run; --quick uses at most 100.
+        baseline: Shock of the baseline test.
+        alternate: Shock that replaces the baseline shock at one corner at a time.
+        shocks: Bank of shocks for the true car.
+        laws: Bank of shock laws for the identified vehicle.
+        changes: Functions that modify the true car, applied in order.
     """
 
     name: str
@@ -81,14 +81,14 @@ class Case:
 
     @property
     def car(self) -> Car:
-        """The truth."""
+        """Return the true car."""
         car = TRUTHS[self.truth]()
         for change in self.changes:
             car = change(car)
         return car
 
     def tests(self, noise: int = NOISE) -> Iterator[RigTest]:
-        """Yield the rig tests: baseline, then the alternate shock at each corner, on one drive; seeds from `noise`."""
+        """Yield the rig tests: baseline, then the alternate shock at each corner; noise seeds start at `noise`."""
         car, drive = self.car, self._identification_drive()
         baseline, alternate = self.baseline(), self.alternate()
         for number in range(len(car.corners) + 1):
@@ -100,13 +100,13 @@ class Case:
         return random_drive(self.car, DRIVE, duration=self.duration)
 
     def lap(self) -> TimeSeries:
-        """Return what the actuators do on the drive that setups are judged by."""
+        """Return the motion of the actuators for which setups are compared."""
         car = self.car
         command = _quarter_lap() if self.truth == "quarter_car" else track_drive(car, LAP, duration=33.0).series
         return Actuators().follow(command, car)
 
     def chosen(self, most: int | None) -> list[tuple[int, ...]]:
-        """Return setups: all combinations, or a random part of them."""
+        """Return setups: all combinations, or a random subset of them."""
         corners, count = len(self.car.corners), len(self.laws())
         every = np.array(np.unravel_index(np.arange(count**corners), (count,) * corners)).T
         wanted = min(self.setups, most or self.setups, len(every))
@@ -121,7 +121,7 @@ def noise_seeds(count: int) -> tuple[int, ...]:
 
 
 def records_of(case: Case, noise: int = NOISE) -> tuple[tuple[TimeSeries, ...], Experiment]:
-    """Return records at 125 Hz with noise seeds from `noise`, baseline first, and the experiment that they make."""
+    """Return records at 125 Hz with noise seeds from `noise`, baseline first, and their experiment."""
     prepared = prepare(case.tests(noise), Preparation())
     found = find_baseline(prepared.records, prepared.corners, test=0)
     experiment = experiment_of(prepared.channels, found.damping, name=case.name)
@@ -139,7 +139,7 @@ def truths(case: Case, lap: TimeSeries, setups: Sequence[Sequence[int]]) -> Iter
 
 
 def _quarter_lap() -> TimeSeries:
-    """Return the drive of 4.4.2: 1 in and 100 lbf about 500 lbf; Fig 4.13's spectra are Table 3.2's and Table 6.3's."""
+    """Return the drive file of 4.4.2: 1 in, and 100 lbf about 500 lbf; spectra of Fig 4.13 as in Tables 3.2 and 6.3."""
     road = random_multisine(LAP, duration=33.0).series.resample(RATE)
     time = np.arange(round(33.0 * RATE) + 1) / RATE
     generator = np.random.default_rng(LAP)

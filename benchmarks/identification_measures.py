@@ -1,4 +1,4 @@
-"""RMS measures of setups, of truths and of identified vehicles, and how well two tables of them agree."""
+"""RMS measures of setups for true cars and identified vehicles, and the agreement of two tables of measures."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Left out at the start of a lap [s].
+#: Time at the start of a lap that is not evaluated [s].
 SETTLING = 3.0
-#: What is measured, as channels of a rig test; and the sum of the tire forces on four wheels.
+#: Measured quantities, as channels of a rig test; the sum of the tire forces of four wheels is added.
 QUANTITIES = ("velocity", "tire_force", "hub_acceleration", "ride_height")
 TOTAL = "total_tire_force"
 
 
 class Agreement(NamedTuple):
-    """How well predicted measures agree with true ones, over all measures and setups."""
+    """Agreement of predicted with true measures, over all measures and setups."""
 
     all_percent: float
     max_percent: float
@@ -44,7 +44,7 @@ def measures_of(names: tuple[str, ...], values: Array, rate: float) -> dict[str,
 
 
 def truth_of(car: Car, motion: Motion) -> tuple[tuple[str, ...], Array]:
-    """Return the measured channels of a truth (p, N) by name."""
+    """Return the names and values (p, N) of the measured channels of a true car."""
     q, corners = motion.position, len(car.corners)
     rows = [car.shock @ motion.velocity, motion.tire_force, car.wheel @ motion.acceleration]
     names = [name for quantity in QUANTITIES[:3] for name in car.named(quantity)]
@@ -58,7 +58,7 @@ def truth_of(car: Car, motion: Motion) -> tuple[tuple[str, ...], Array]:
 
 
 def _chassis(car: Car, q: Array) -> tuple[Array, Array]:
-    """Return heave and pitch as the rig has them: by the aeroloaders' positions where there are such."""
+    """Return heave and pitch as the rig measures them: at the aeroloaders' positions if there are aeroloaders."""
     if car.geometry is not None and car.loads == car.named("aero"):
         modes = displacement_modes(car.geometry) @ (-car.load @ q)
         return modes[0], modes[1]

@@ -1,10 +1,10 @@
-"""Memory and time of `eightpost identify` from files: five rig tests of 800 s, both recipes.
+"""Benchmark of memory and time of `eightpost identify` from files: five rig tests of 800 s, both recipes.
 
     python benchmarks/identification_memory.py FOLDER [--duration 800] [--car eight_post]
 
-Makes the files (`eightpost rig --program identification`, linear shocks of 20.74 and 9 lbf/(in/s), 6.3.1) in FOLDER
-unless they are there, identifies each recipe in a process of its own, and prints Markdown: what the whole command took,
-reading, preparation, model and pictures included.
+Creates the files (`eightpost rig --program identification`, linear shocks of 20.74 and 9 lbf/(in/s), 6.3.1) in FOLDER
+if they do not exist, runs the identification with each recipe in a separate process, and prints Markdown: time and
+memory of the whole command, including reading, preparation, model and pictures.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-#: 6.3.1: the baseline shocks and the alternate one.
+#: Options for the shocks of 6.3.1: baseline and alternate.
 SHOCKS = ("--shock", "20.74 lbf.s/in", "--alternate", "9 lbf.s/in")
 RECIPES = ("boggs", "common-poles")
 
 
 class Cost(NamedTuple):
-    """What a process took."""
+    """Time and memory of a process."""
 
     exit_code: int
     wall_seconds: float
@@ -48,13 +48,13 @@ def main() -> None:
 
 
 def cost_of(words: list[str]) -> Cost:
-    """Run eightpost in a process of its own and return what it took."""
+    """Run eightpost in a separate process and return its time and memory."""
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "eightpost", *words]
     began = time.perf_counter()
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)  # Linux and macOS; only the child's own figures
-    process.returncode = os.waitstatus_to_exitcode(status)  # which Popen would wait for otherwise
+    _, status, used = os.wait4(process.pid, 0)  # Linux and macOS; figures of this child process only
+    process.returncode = os.waitstatus_to_exitcode(status)  # otherwise Popen would wait for it
     unit = 1 if sys.platform == "darwin" else 1024
     wall = time.perf_counter() - began
     return Cost(process.returncode, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * unit / 1e9)
@@ -70,7 +70,7 @@ def _made(options: argparse.Namespace) -> list[Path]:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--duration", type=float, default=800.0, help="of each test [s]")
+    parser.add_argument("--duration", type=float, default=800.0, help="duration of each test [s]")
     parser.add_argument("--car", default="eight_post")
     return parser.parse_args()
 

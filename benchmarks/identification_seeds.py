@@ -1,4 +1,4 @@
-"""Rows of one method over noise seeds: the worst of every figure, and its median."""
+"""Worst value and median of every figure of a method over noise seeds."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 Row = dict[str, Any]
 
-#: Figures of which less is worse.
+#: Figures for which a smaller value is worse.
 _MORE_IS_BETTER = ("spearman_min", "kendall_min")
 
 
 def over_seeds(rows: Sequence[Row]) -> tuple[Row, Row]:
-    """Return the worst and the median row; figures that one seed lacks are lacking, for that seed failed.
+    """Return the worst and the median row; figures that are missing for one seed, which failed, are omitted.
 
     Args:
-        rows: Of one case and method, one per seed.
+        rows: Rows of one case and method, one per seed.
     """
     return _over(rows, "worst", _worst), _over(rows, "median", lambda _, values: median(values))
 

@@ -1,4 +1,4 @@
-"""Shocks of the identification benchmark: laws fitted on the virtual dynamometer, and a close-ranked bank."""
+"""Shocks of the identification benchmark: laws fitted on the virtual dynamometer, and a bank of similar laws."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from eightpost.shock import Lpnl2, write_shock
 from eightpost.shock.file import read_shock
 from eightpost.signals import write_parquet
 
-#: Of the dynamometer's random test [s]; it repeats every 10 s.
+#: Duration of the dynamometer's random test [s]; it repeats every 10 s.
 _DURATION = 12.0
 
-#: The close-ranked bank: compression and rebound against those of build B/B, within 10 % of each other.
+#: Bank of similar laws: scales of compression and rebound relative to build B/B, within 10 % of each other.
 CLOSE = ((0.95, 0.95), (0.95, 1.05), (1.05, 0.95), (1.05, 1.05), (1.0, 1.0), (0.97, 1.02), (1.03, 0.98))
 
 
@@ -61,7 +61,7 @@ def _damper(name: str) -> PhysicalDamper:
 
 @cache
 def _fitted(name: str) -> Lpnl2:
-    """Return a damper's law, from the machine's cache where it was fitted before."""
+    """Return a damper's law, from the cache if it was fitted before."""
     folder = user_cache_path("eightpost") / f"benchmark_shocks_{__version__}"
     kept = folder / f"{name.replace('/', '_').replace(' ', '_')}.json"
     if not kept.exists():

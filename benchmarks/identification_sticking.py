@@ -1,12 +1,12 @@
-"""What it costs that the friction of vehicle FMUs creeps where a bristle sticks: tests of the stand-in with either law.
+"""Benchmark of two friction laws on tests of the stand-in: tanh, which creeps (vehicle FMUs), and a sticking bristle.
 
     python benchmarks/identification_sticking.py [--duration 200] [--noise 0.01] [--json FILE]
 
-The stand-in's friction is a bristle that holds and slides. Its force is looked for with the FMU's law, tanh(v / v_f),
-of several widths v_f [m/s], and with a bristle that follows the measured velocity, of several reaches [m]. Rows: the
-force over that of the truth, and what no linear response explains, mean square over that without friction. Then the
-misfit of the common-pole model in deviations of the estimate, with each law's best width. Noise seeds differ from those
-reported elsewhere.
+The stand-in's friction is a bristle that sticks and slides. Its force is estimated with the FMU's law, tanh(v / v_f),
+for several widths v_f [m/s], and with a bristle that follows the measured velocity, for several reaches [m]. Each row
+gives the estimated over the true force, and the mean square that no linear response explains, relative to that without
+friction. The second table gives the misfit of the common-pole model in standard deviations of the estimate, with each
+law's best width. Noise seeds differ from those reported elsewhere.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads only get into each other's way
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads are slower
 
 import numpy as np
 from scipy.signal import resample
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-#: First noise seed of the tests; rate at which the bristle is followed [Hz].
+#: First noise seed of the tests; rate at which the bristle is simulated [Hz].
 _NOISE, _FINE = 5000, 2000.0
 
 
 def bristle(velocity: Array, rate: float, reach: float) -> Array:
-    """Return z / z_b (N,) of a bristle that slides from the reach z_b [m] on: dz/dt = v - |v| z / z_b."""
+    """Return z / z_b (N,) of a bristle that slides at the reach z_b [m]: dz/dt = v - |v| z / z_b."""
     finer = max(1, round(_FINE / rate))
     fine = resample(velocity, velocity.size * finer)
     kept = np.exp(-np.abs(fine) / (rate * finer * reach))
@@ -59,7 +59,7 @@ def bristle(velocity: Array, rate: float, reach: float) -> Array:
     return np.asarray(resample(z, velocity.size), dtype=np.float64)
 
 
-#: Laws by name, with the widths that are tried.
+#: Laws by name, with the widths to try.
 LAWS: dict[str, tuple[Signal, tuple[float, ...]]] = {
     "tanh(v / v_f)": (direction, (0.003, 0.006, 0.012, 0.024)),
     "bristle": (bristle, (5e-5, 1e-4, 2e-4, 4e-4)),
@@ -96,7 +96,7 @@ def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Exper
 
 
 def _rubbed(test: TimeSeries, experiment: Experiment, signal: Signal, row: Row) -> TimeSeries:
-    """Return a test whose shock forces hold the friction that was found."""
+    """Return a test whose shock forces include the estimated friction."""
     for port in experiment.ports:
         name, velocity = channel(port, "force"), test[channel(port, "velocity")]
         rubbed = row["forces"][port] * signal(velocity, test.sample_rate, row["width"])
@@ -111,8 +111,10 @@ def _misfit(name: str, tests: Sequence[TimeSeries], experiment: Experiment) -> R
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=200.0, help="of each rig test [s]")
-    parser.add_argument("--noise", type=float, default=0.01, help="of each channel's standard deviation [1]")
+    parser.add_argument("--duration", type=float, default=200.0, help="duration of each rig test [s]")
+    parser.add_argument(
+        "--noise", type=float, default=0.01, help="noise relative to each channel's standard deviation [1]"
+    )
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

@@ -1,11 +1,11 @@
-"""The errors on measured records as Markdown: a line for each run that was held out, a column for each law."""
+"""Errors on measured records as Markdown tables: a line for each held-out run, a column for each law."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from benchmarks.shock_records import BOUC_WEN, LAWS
-from benchmarks.shock_rows import Found, Refused, Result
+from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
 from eightpost.ident.shock.report.tables import law_title
@@ -14,17 +14,17 @@ _COLUMNS = (*LAWS, BOUC_WEN)
 
 
 def held_out_table(found: Sequence[Result]) -> str:
-    """Return the errors on the held-out runs, the least of each line in bold, and the mean of LPNL2's error."""
+    """Return the errors on the held-out runs, the smallest of each line in bold, and the mean of LPNL2's error."""
     return _table(found, lambda one: one.validation_percent, "mean of LPNL2's error [%]", _mean)
 
 
 def fit_errors_table(found: Sequence[Result]) -> str:
-    """Return the errors on the runs that were fitted."""
+    """Return the errors on the fitted runs."""
     return _table(found, lambda one: one.fit_percent, "", None)
 
 
 def lag_table(found: Sequence[Result]) -> str:
-    """Return what the lagged laws found, with a mark where a parameter sits at its bound."""
+    """Return the parameters of the laws with lag; parameters at a bound are marked."""
     heads = ("fitted", "LPF1: lag [ms]", "LPNL2: lag [ms]", "alpha = 1 up to [N]", "0 from [N]",
              "Maxwell: stiffness [N/mm]")  # fmt: skip
     lines: dict[str, list[str]] = {}
@@ -43,16 +43,16 @@ def lag_table(found: Sequence[Result]) -> str:
 
 def _table(
     found: Sequence[Result],
-    figure: Callable[[Found], float],
+    figure: Callable[[FitErrors], float],
     last: str,
     more: Callable[[dict[str, Result]], str] | None,
 ) -> str:
     heads = ["fitted, held out", *(_title(law) for law in _COLUMNS), *([last] if more else [])]
     lines = []
     for record, by_law in _by_record(found).items():
-        figures = {law: figure(one) for law, one in by_law.items() if isinstance(one, Found)}
-        least = min(figures.values())
-        cells = [_cell(figures.get(law), least) for law in _COLUMNS]
+        figures = {law: figure(one) for law, one in by_law.items() if isinstance(one, FitErrors)}
+        smallest = min(figures.values())
+        cells = [_cell(figures.get(law), smallest) for law in _COLUMNS]
         lines.append([record, *cells, *([more(by_law)] if more else [])])
     return grid(heads, lines)
 
@@ -69,19 +69,19 @@ def _by_record(found: Sequence[Result]) -> dict[str, dict[str, Result]]:
     return by_record
 
 
-def _cell(value: float | None, least: float) -> str:
+def _cell(value: float | None, smallest: float) -> str:
     if value is None:
         return "refused"
-    return f"**{number(value)}**" if value == least else number(value)
+    return f"**{number(value)}**" if value == smallest else number(value)
 
 
 def _mean(by_law: dict[str, Result]) -> str:
     one = by_law.get("lpnl2")
-    return number(100.0 * one.offset / one.deviation) if isinstance(one, Found) else "-"
+    return number(100.0 * one.offset / one.deviation) if isinstance(one, FitErrors) else "-"
 
 
 def _parameter(one: Result | None, name: str, factor: float) -> str:
-    if one is None or isinstance(one, Refused):
+    if one is None or isinstance(one, FailedFit):
         return "-"
     held = any(warning.startswith(f"{name} = ") and "sits at" in warning for warning in one.warnings)
     return f"{number(factor * one.parameters[name])}{' (bound)' if held else ''}"

@@ -1,10 +1,10 @@
-"""What a step of a native FMU costs, against the python FMU and in a C loop; sizes; times of the build.
+"""Benchmark of native FMUs: cost of a step compared with Python FMUs and in a C loop, file sizes, build times.
 
     python benchmarks/native.py
 
-A step is what a coupling master does: set all inputs, with or without their derivatives, fmi2DoStep, get the port's
-outputs. Ratios are of one run on one machine; absolute times are that machine's. The worst case is the slowest of
-200,000 steps: on a machine that does other things it is the operating system's.
+A step consists of the calls of a coupling master: set all inputs, with or without their derivatives, fmi2DoStep, get
+the port's outputs. Ratios are from one run on one machine; absolute times are valid for that machine only. The worst
+case is the slowest of 200,000 steps: on a busy machine, it is dominated by the operating system.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PORT = ("force", "velocity", "displacement")
 
 
 def main() -> None:
-    """Build, time, print tables."""
+    """Build FMUs, measure times and print tables."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sources = _sources(folder)
@@ -69,7 +69,7 @@ def _sources(folder: Path) -> list[Path]:
 
 
 def _large_model(states: int) -> StateSpace:
-    """A car of many lightly damped modes, with the channels of a four-corner rig."""
+    """Return a car with many lightly damped modes and the channels of a four-corner rig."""
     rng = np.random.default_rng(states)
     A = np.zeros((states, states))
     for k in range(0, states, 2):
@@ -91,7 +91,7 @@ def _fmpy_table(native: list[Path], python: list[Path]) -> None:
 
 
 def _microseconds(path: Path) -> float:
-    """Median time of set, step and get through fmpy."""
+    """Return the median time of set, step and get with fmpy."""
     fmu = FmuComponent(path, "timed")
     fmu.begin(0.0, 1e6, {})
     fmu.end_initialization()
@@ -110,7 +110,7 @@ def _microseconds(path: Path) -> float:
 
 
 def _port(variables: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the inputs that have an amplitude, and the outputs that are a port's."""
+    """Return the inputs that have an amplitude, and the outputs of ports."""
     inputs = tuple(v.name for v in variables if v.causality == "input" and v.name.rpartition(".")[2] in AMPLITUDES)
     return inputs, tuple(v.name for v in variables if v.causality == "output" and v.name.rpartition(".")[2] in PORT)
 
@@ -118,7 +118,7 @@ def _port(variables: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def _c_table(fmus: list[Path], folder: Path) -> None:
     compiler = _compiler()
     if compiler is None:
-        print("\nThere is no C compiler and no ziglang: no C loop.")
+        print("\nThe C loop is skipped: neither a C compiler nor ziglang is installed.")
         return
     program = folder / "step"
     source = str(Path(__file__).with_name("step.c"))
@@ -139,7 +139,7 @@ def _c_table(fmus: list[Path], folder: Path) -> None:
 
 
 def _states(path: Path) -> int:
-    """Of a vehicle, as its own source says; a shock has one."""
+    """Return the number of states: for a vehicle, from its source; a shock has one."""
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
         text = archive.read("sources/vehicle_data.h").decode() if "sources/vehicle_data.h" in names else ""

@@ -1,8 +1,8 @@
-"""The tables and the picture of docs/coupling.md: errors and stability of every scheme, by rate.
+"""Benchmark of coupling schemes: tables and picture of docs/coupling.md with errors and stability of every scheme.
 
     python -m benchmarks.orders [--picture FILE] [--only NAMES]
 
-The case is that of benchmarks/case.py, 10 s of the demo's track, all damping in the shocks. Prints Markdown.
+The case is that of benchmarks/case.py: 10 s of the demo's track, all damping in the shocks. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Errors = dict[str, list[tuple[float | None, float | None]]]
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the tables."""
     options = _options()
     parts = {"curve": _curve, "linear": _linear, "python": _python, "drive": _drive, "limits": _limits}
     with tempfile.TemporaryDirectory() as name:
@@ -58,8 +58,10 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "coupling.png", help="where to draw")
-    parser.add_argument("--only", help="of curve, linear, python, drive, limits; separated by commas")
+    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "coupling.png", help="picture file to write")
+    parser.add_argument(
+        "--only", help="tables to print, from curve, linear, python, drive, limits; separated by commas"
+    )
     return parser.parse_args()
 
 
@@ -68,7 +70,7 @@ def _case() -> Case:
 
 
 def _curve(folder: Path, picture: Path) -> Iterator[str]:
-    """LPNL2 shocks as fitted, native FMUs."""
+    """Yield the table for fitted LPNL2 shocks and native FMUs."""
     build_fmus(fitted_law(), folder)
     found = _errors(_case(), folder, RATES)
     draw(found, RATES, picture)
@@ -76,7 +78,7 @@ def _curve(folder: Path, picture: Path) -> Iterator[str]:
 
 
 def _python(folder: Path, _: Path) -> Iterator[str]:
-    """The same with python FMUs, which hold their inputs; they repeat no steps."""
+    """Yield the same table for Python FMUs, which hold their inputs, without schemes that repeat steps."""
     build_fmus(fitted_law(), folder)
     build([ROOT / "examples" / "car.toml", folder / "shock.json"], folder, target="python")
     names = ("Jacobi, held", "Gauss-Seidel, held", "Gauss-Seidel, extrapolated")
@@ -102,7 +104,7 @@ def _table(found: Errors, rates: tuple[float, ...]) -> Iterator[str]:
 
 
 def _order(pairs: list[tuple[float | None, float | None]]) -> str:
-    """Of both quantities, between the two highest rates."""
+    """Return the observed orders of both quantities between the two highest rates."""
     slopes = [np.log2((a or np.nan) / (b or np.nan)) for a, b in zip(*pairs[-2:], strict=True)]
     return " / ".join(f"{slope:.2f}" for slope in slopes)
 
@@ -112,7 +114,7 @@ def _rate(rate: float) -> str:
 
 
 def linear_curve(rate: float) -> StaticCurve:
-    """F_s = rate * v [N.s/m] in every piece of the curve."""
+    """Return the linear curve F_s = rate * v, with the rate [N.s/m] in every piece."""
     v = 0.4
     outer = (rate * v, rate * v, 0.0, 0.0)
     back = (-rate * v, -rate * v, 0.0, 0.0)
@@ -120,7 +122,7 @@ def linear_curve(rate: float) -> StaticCurve:
 
 
 def _linear(folder: Path, _: Path) -> Iterator[str]:
-    """Linear shocks: the closed loop's own answer."""
+    """Yield the tables for linear shocks, compared with the exact closed-loop response."""
     plain, lagged, tau = 16.67 * POUNDS, 30.0 * POUNDS, 0.0013
     eye = np.eye(4)
     yield "16.67 lbf/(in/s) without lag\n"
@@ -163,7 +165,7 @@ def _worst_apart(found: TimeSeries, expected: TimeSeries) -> tuple[float | None,
 
 
 def _closed_loop(damper: Any) -> TimeSeries:
-    """python-control's answer: the car with a linear damper in feedback, the drive straight between its points."""
+    """Return the response from python-control: the car with linear dampers in feedback, a piecewise linear drive."""
     car = read_vehicle(ROOT / "examples" / "car.toml").coupled()
     ports = [car.input_names.index(f"{c}.force") for c in CORNERS]
     speeds = [car.output_names.index(f"{c}.velocity") for c in CORNERS]
@@ -179,7 +181,7 @@ def _closed_loop(damper: Any) -> TimeSeries:
 
 
 def _drive(folder: Path, _: Path) -> Iterator[str]:
-    """What it costs to hold the drive alone: a staircase, coupled at 32 kHz, read at the end of each of its steps."""
+    """Yield the errors from holding only the drive: a staircase, coupled at 32 kHz, read at the end of each step."""
     build_fmus(fitted_law(), folder)
     case, system, fine = _case(), load(folder), 1.0 / 32000.0
     names = tuple(quantity.format(corner) for quantity in QUANTITIES for corner in CORNERS)
@@ -195,7 +197,7 @@ def _drive(folder: Path, _: Path) -> Iterator[str]:
 
 
 def _staircase(drive: Drivefile, held: float, fine: float) -> Drivefile:
-    """The drive at the start of each interval, held over it; it jumps in the first `fine` of the next."""
+    """Return the drive held over each interval at its start value; it jumps within `fine` [s] of the next interval."""
     time = np.arange(0.0, STOP + fine / 2, fine)
     steps = np.maximum(0.0, np.ceil(time / held - 1e-6) - 1.0) * held
     series = drive.series
@@ -203,7 +205,7 @@ def _staircase(drive: Drivefile, held: float, fine: float) -> Drivefile:
 
 
 def _limits(folder: Path, _: Path) -> Iterator[str]:
-    """The largest steps at which a linear shock of 30 lbf/(in/s) on the car is stable."""
+    """Yield the largest steps at which the coupling of the car with linear shocks of 30 lbf/(in/s) is stable."""
     rate = 30.0 * POUNDS
     build_fmus(Polylinear(linear_curve(rate)), folder / "plain")
     build_fmus(Lpf1(linear_curve(rate), 0.0013), folder / "lagged")

@@ -1,4 +1,4 @@
-"""Error against rate of every scheme, with the orders as slopes."""
+"""Picture of the error over the coupling rate for every scheme, with slopes of the orders."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 
 from benchmarks.picture import _apart
 
-#: Okabe and Ito's colours; one per method, one line style per kind of values.
+#: Colours of Okabe and Ito, one per method; line styles, one per kind of values.
 COLORS = {"Jacobi": "#D55E00", "Gauss-Seidel": "#0072B2", "Implicit": "#000000"}
 STYLES = {"held": "-", "interpolated": ":", "extrapolated": "--", "parabolic": "-.", "": "-"}
 TITLES = ("shock velocity", "tire force")
@@ -23,7 +23,7 @@ Errors = Mapping[str, Sequence[tuple[float | None, float | None]]]
 
 
 def draw(found: Errors, rates: Sequence[float], path: Path) -> None:
-    """Draw both quantities [%] by scheme; what diverged is left out of a line."""
+    """Draw both quantities [%] by scheme; diverged runs are omitted."""
     figure, both = plt.subplots(1, 2, figsize=(12.0, 5.4), sharey=True)
     figure.subplots_adjust(left=0.07, right=0.83, bottom=0.11, top=0.9, wspace=0.04)
     lowest = min(value for pairs in found.values() for pair in pairs for value in pair if value is not None)
@@ -56,7 +56,7 @@ def _dress(axes: Any, rates: Sequence[float], title: str, lowest: float) -> None
 
 
 def _slope(axes: Any, order: int) -> None:
-    """A short line of the order's slope, named."""
+    """Draw a short line with the slope of an order, and its label."""
     first, top = {1: (1400.0, 70.0), 2: (140.0, 0.03), 3: (140.0, 0.009)}[order]
     ends = (first, 2.0 * first), (top, top / 2.0**order)
     axes.loglog(*ends, color="0.35", linewidth=1.0)
@@ -64,7 +64,7 @@ def _slope(axes: Any, order: int) -> None:
 
 
 def _names(axes: Any, found: Errors) -> None:
-    """Names beside the right end of each line, moved apart."""
+    """Draw names at the right end of each line, without overlaps."""
     low, high = (log10(limit) for limit in axes.get_ylim())
     ends = sorted((pairs[-1][1], scheme) for scheme, pairs in found.items() if pairs[-1][1] is not None)
     wanted = [(log10(value) - low) / (high - low) for value, _ in ends]

@@ -1,4 +1,4 @@
-"""Error against cost of every engine and scheme."""
+"""Picture of error over cost for every engine and scheme."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 
 Row = dict[str, Any]
 
-#: Okabe and Ito's colours, told apart by colour-blind readers.
+#: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = {
     "eightpost": "#0072B2", "fmpy": "#E69F00", "fmpy-ssp": "#CC79A7", "libcosim": "#009E73", "ecos": "#D55E00",
     "fmu-container": "#000000", "C loop": "#999999",
@@ -74,10 +74,10 @@ def _key(row: Row) -> tuple[str, str]:
 
 
 def _label(axes: Any, lines: Sequence[Line], *, left: bool) -> None:
-    """Names beside the axes at the height of a line's outer end, moved apart, with thin lines to them."""
+    """Draw names next to the axes at the height of a line's outer end, without overlaps, with thin lines to them."""
     low, high = (log10(limit) for limit in axes.get_ylim())
     ends = [(engine, scheme, min(points) if left else max(points)) for engine, scheme, points in lines]
-    ends.sort(key=lambda end: (end[2][1], end[2][0] if left else -end[2][0]))  # so that lines to names do not cross
+    ends.sort(key=lambda end: (end[2][1], end[2][0] if left else -end[2][0]))  # avoid crossing lines
     wanted = [(log10(point[1]) - low) / (high - low) for *_, point in ends]
     for (engine, scheme, point), height in zip(ends, _apart(wanted, 0.052), strict=True):
         axes.annotate(
@@ -91,7 +91,7 @@ def _label(axes: Any, lines: Sequence[Line], *, left: bool) -> None:
 
 
 def _apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Sorted heights at least `gap` apart, within the axes where that fits."""
+    """Return sorted heights at least `gap` apart, within the axes if they fit."""
     placed: list[float] = []
     for height in heights:
         placed.append(max(height, placed[-1] + gap) if placed else max(height, 0.02))

@@ -1,11 +1,11 @@
-"""What a plain host gets: every FMU stepped at once, all inputs held, outputs read after the step (docs/import.md).
+"""Benchmark of a plain host: parallel steps of all FMUs with held inputs, outputs read after the step (docs/import.md).
 
     python benchmarks/plain_host.py [--picture FILE]
 
-Most importing tools exchange values this way. The loop below is such a host, on its own: it shares nothing with cosim's
-master but the loading of an FMU. The car, the shocks, the drive and the monolithic reference are those of
-benchmarks/case.py, on 10 s of the track; errors are in percent of the reference signal's standard deviation, of the
-worst corner, without the first second. Prints a Markdown table.
+Most importing tools exchange values this way. The loop below is such a host; it shares only the loading of FMUs with
+cosim's master. The car, the shocks, the drive file and the monolithic reference are those of benchmarks/case.py, on
+10 s of the track. Errors are those of the worst corner in percent of the reference signal's standard deviation, without
+the first second. Prints a Markdown table.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PORT = ("velocity", "displacement")
 
 
 def plain_host(folder: Path, drive: Drivefile, stop: float, step: float) -> Any:
-    """Return car outputs (12, K+1) at every step: velocities, displacements, tire forces in the order of OUTPUTS."""
+    """Return car outputs (12, K+1) at every step: velocities, displacements and tire forces in the order of OUTPUTS."""
     car = FmuComponent(folder / "car.fmu", "car")
     shocks = {corner: FmuComponent(folder / "shock.fmu", corner) for corner in cases.CORNERS}
     forces = tuple(f"{corner}.force" for corner in cases.CORNERS)
@@ -51,7 +51,7 @@ def plain_host(folder: Path, drive: Drivefile, stop: float, step: float) -> Any:
         for one in everyone:
             one.begin(0.0, stop, {})
         car.set(driven, drives[:, 0].tolist())
-        for _ in range(10):  # the common start: values are handed round in initialization mode
+        for _ in range(10):  # consistent start: values are exchanged repeatedly in initialization mode
             exchange()
         for one in everyone:
             one.end_initialization()
@@ -68,12 +68,14 @@ def plain_host(folder: Path, drive: Drivefile, stop: float, step: float) -> Any:
 
 
 def errors(case: cases.Case, folder: Path, rate: float) -> tuple[float, float]:
-    """Return the errors of shock velocity and tire force [%]; infinite where the host diverges."""
+    """Return the errors of shock velocity and tire force [%]; infinite if the host diverges."""
     try:
         rows = plain_host(folder, case.drive, case.stop, 1.0 / rate)
     except StepError:
         return np.inf, np.inf
-    per_sample = float(case.time[1]) * rate  # steps; below 1 the host is the slower one
+    per_sample = (
+        float(case.time[1]) * rate
+    )  # steps per sample; less than 1 if the host is slower than the reference's sampling
     kept = rows[:, :: max(1, round(per_sample))]
     velocity, tire_force = kept[:4], kept[8:]
     at = slice(None, None, max(1, round(1.0 / per_sample)))
@@ -88,9 +90,9 @@ def errors(case: cases.Case, folder: Path, rate: float) -> tuple[float, float]:
 
 
 def draw(rows: list[tuple[float, float, float]], ours: list[tuple[float, float, float]], path: Path) -> None:
-    """Draw error against rate."""
+    """Draw the error over the rate."""
     figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
-    for label, table, line in (("plain host: all at once, held", rows, "o-"), ("eightpost run", ours, "s--")):
+    for label, table, line in (("plain host: parallel, held", rows, "o-"), ("eightpost run", ours, "s--")):
         rates, velocity, tire_force = np.array(table).T
         for name, values, color in (("shock velocity", velocity, "C0"), ("tire force", tire_force, "C3")):
             shown = np.isfinite(values)
@@ -108,7 +110,7 @@ def draw(rows: list[tuple[float, float, float]], ours: list[tuple[float, float, 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--picture", type=Path, help="draw error against rate into this file")
+    parser.add_argument("--picture", type=Path, help="picture file for the error over the rate")
     options = parser.parse_args()
     drive = Drivefile.read(cases.ROOT / "examples" / "data" / "track.parquet")
     case = cases.make_case(cases.fitted_law(), drive, 10.0, record_step=0.008)

@@ -1,4 +1,4 @@
-"""Rows of the table of engines: every engine, scheme, damping and rate."""
+"""Rows of the comparison of engines: every engine, scheme, damping and rate."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ RATES = (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)
 QUICK_RATES = (125.0, 1000.0, 4000.0)
 DAMPINGS = ("full", "split")
 RECORD_STEP = 0.008
-#: With --quick slow engines are not run at higher rates [Hz].
+#: Highest rate of slow engines with --quick [Hz].
 SLOW_RATE = 1000.0
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What is run: rates [Hz], engines (none: all), dampings, how often, and on what.
+    """The program of the benchmark: rates [Hz], engines (empty: all), dampings, repetitions, and stop time.
 
-    Everything is run in `passes` passes, and in each what is quick `repeats` times; the least time counts. A machine's
-    own speed changes, and so every engine meets its better moments.
+    Everything is run in `passes` passes; in each pass, fast engines run `repeats` times. The minimum time counts.
+    Several passes are needed because the machine's speed varies: every engine then also runs while it is fast.
     """
 
     folder: Path
@@ -49,29 +49,29 @@ class Bench:
     quick: bool = False
 
     def wants(self, engine: str) -> bool:
-        """Whether an engine was asked for."""
+        """Return whether an engine is selected."""
         return not self.engines or engine in self.engines
 
     def peers(self) -> tuple[Peer, ...]:
-        """Those that are asked for and installed."""
+        """Return the peers that are selected and installed."""
         return tuple(peer for peer in PEERS if self.wants(peer.engine) and peer.version)
 
     def notes(self) -> list[str]:
-        """How each engine was measured, and which are left out."""
+        """Return notes on how each engine was measured, and which engines were omitted."""
         found = [f"{ours.ENGINE}: {ours.NOTE}."] if self.wants(ours.ENGINE) else []
         found += [f"{peer.engine} {peer.version}: {peer.note}." for peer in self.peers()]
         left = [peer for peer in PEERS if self.wants(peer.engine) and not peer.version]
-        found += [f"{peer.engine}: {peer.package} is not installed, so it is left out." for peer in left]
+        found += [f"{peer.engine}: {peer.package} is not installed, so it was omitted." for peer in left]
         found.append(
-            f"Every time is the least of at least {self.passes * self.repeats} runs, in {self.passes} passes over the "
-            f"whole table (ours of as many as take about as long as a slower engine's, {ours.MOST} a pass at most); "
-            "of slow engines (fmpy-ssp) it is that of one run."
+            f"Every time is the minimum of {self.passes * self.repeats} or more runs in {self.passes} passes over the "
+            f"whole table (eightpost runs as often as fits into the time of a slower engine, up to {ours.MOST} times "
+            "per pass); slow engines (fmpy-ssp) run once."
         )
         return [*found, *(f"{text}." for text in ABSENT if not self.engines)]
 
 
 def prepare(bench: Bench) -> Mapping[str, cases.Case]:
-    """Build the FMUs and solve the references, by damping."""
+    """Build the FMUs and solve the reference for each damping."""
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         law = cases.fitted_law()
         laws = {"full": (law, 0.0), "split": cases.split_law(law)}
@@ -87,12 +87,12 @@ def _solve(law: Lpnl2, port_damping: float, stop: float) -> cases.Case:
     return cases.make_case(law, cases.track(), stop, record_step=RECORD_STEP, port_damping=port_damping)
 
 
-def rows(bench: Bench, solved: Mapping[str, cases.Case], tell: Callable[[Row], None]) -> list[Row]:
-    """Run everything; `tell` is called with every row as it is measured."""
+def rows(bench: Bench, solved: Mapping[str, cases.Case], report: Callable[[Row], None]) -> list[Row]:
+    """Run everything; `report` is called with every row when it is measured."""
     best: dict[tuple[Any, ...], Row] = {}
     for k in range(bench.passes):
         for found in _measured(bench, solved, is_first=k == 0):
-            tell(found)
+            report(found)
             name = tuple(found[part] for part in ("engine", "scheme", "damping", "rate_hz"))
             if name not in best or _cost(found) < _cost(best[name]):
                 best[name] = found
@@ -136,7 +136,7 @@ def _our_rows(bench: Bench, case: cases.Case, damping: str) -> Iterator[Row]:
 
 
 def warm_up(system: Any, drive: Drivefile) -> None:
-    """Have the loops compiled, or read from numba's cache."""
+    """Compile the loops, or load them from numba's cache."""
     ours.run_fixed(system, drive, 0.04, ours.FIXED["jacobi, held"], 1000.0, repeats=1)
     ours.run_adaptive(system, drive, 0.04, next(iter(ours.ADAPTIVE.values())), repeats=1)
 
@@ -154,7 +154,7 @@ def _peer_rows(bench: Bench, case: cases.Case, damping: str, peer: Peer) -> Iter
 
 
 def attempt(run: Callable[[], Recording]) -> Recording | Diverged:
-    """Run; what diverged is an answer too."""
+    """Run, and return the exception if the run diverges."""
     try:
         return run()
     except Diverged as reason:
@@ -162,7 +162,7 @@ def attempt(run: Callable[[], Recording]) -> Recording | Diverged:
 
 
 def row(case: cases.Case, label: tuple[str, str, str, float | None], found: Recording | Diverged) -> Row:
-    """Compare; what diverges has neither errors nor a cost."""
+    """Return a row with errors and cost, which are empty for a diverged run."""
     named = dict(zip(("engine", "scheme", "damping", "rate_hz"), label, strict=True))
     if isinstance(found, Diverged):
         print(f"{', '.join(map(str, label))} Hz: {found}", file=sys.stderr)
@@ -178,7 +178,7 @@ def row(case: cases.Case, label: tuple[str, str, str, float | None], found: Reco
 
 
 def measure(case: cases.Case, folder: Path, algorithm: cosim.Algorithm, step: float) -> Row:
-    """Run ours once; return a row of the table. Errors are None where it diverged."""
+    """Run eightpost's engine once; return a row of the table. Errors are None if the run diverged."""
 
     def once() -> Recording:
         return ours.run_fixed(ours.load(folder), case.drive, case.stop, algorithm, 1.0 / step, repeats=1)

@@ -1,4 +1,4 @@
-"""The errors of the laws on the twelve configurations, ours and printed."""
+"""Picture of the errors of the laws on the twelve configurations, and of the errors in the dissertation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from benchmarks.shock_tables import virtual
 from eightpost.ident.shock.report.tables import law_title
 from eightpost.ident.validation.printed import CONFIGURATIONS
 
-#: Okabe and Ito's colours, told apart by colour-blind readers.
+#: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73", "maxwell": "#D55E00"}
 
 
 def draw(found: Sequence[Result], path: Path) -> None:
-    """Draw the errors on the held-out draws; printed ones as hollow marks."""
+    """Draw the errors on the held-out draws; errors of the dissertation have hollow marks."""
     errors = virtual(found)
     if not errors:
         return
@@ -30,9 +30,11 @@ def draw(found: Sequence[Result], path: Path) -> None:
         ours = [(one.configuration + 0.08 * (shift - 1.5), one.rms[law]) for one in errors if law in one.rms]
         if ours:
             axes.semilogy(*zip(*ours, strict=True), "o", color=color, label=law_title(law))
-        theirs = [(one.number + 0.08 * (shift - 1.5), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf]
-        if theirs:
-            axes.semilogy(*zip(*theirs, strict=True), "o", color=color, fillstyle="none", label="printed")
+        printed_points = [
+            (one.number + 0.08 * (shift - 1.5), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf
+        ]
+        if printed_points:
+            axes.semilogy(*zip(*printed_points, strict=True), "o", color=color, fillstyle="none", label="printed")
     axes.set_xticks([one.number for one in CONFIGURATIONS], [_tick(one.number) for one in CONFIGURATIONS], fontsize=8)
     axes.set_yticks([4, 5, 6, 8, 10, 15, 20, 30, 50])
     axes.yaxis.set_major_formatter(ScalarFormatter())

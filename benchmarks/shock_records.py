@@ -1,6 +1,6 @@
-"""What the laws are fitted to and what they are held against: the virtual dynamometer's records, and measured ones.
+"""Records to fit and records to compare with: from the virtual dynamometer, and measured ones.
 
-The measured records are those of the folder that EIGHTPOST_DATA names; none of them is in the project.
+The measured records are in the folder that EIGHTPOST_DATA names; they are not part of the project.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ Segment = tuple[float, float]
 LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
 BOUC_WEN = "bouc-wen"
 
-#: Phase draws, of the fit and of the validation; the damper was calibrated on others (docs/dynamometer.md).
+#: Phase draws for fit and validation; the damper was calibrated with other draws (docs/dynamometer.md).
 DRAWS = ((11, 12), (13, 14), (15, 16))
 
-#: Runs of one magneto-rheological damper: each is held out in turn, and of the last two, which are of one force level,
-#: each is predicted from the other alone.
+#: Runs of one magneto-rheological damper: each is held out in turn. The last two have the same force level, and each of
+#: them is also predicted from the other alone.
 LABCONTROL = ("ensaio1", "ensaio8.2", "ensaio.vali.1")
 ALIKE = LABCONTROL[1:]
 
-#: Pairs of runs with the same clicks, by what differs; the force of all 18-18 runs is positive in extension.
+#: Pairs of runs with the same clicks, and the difference between them; forces of 18-18 runs are positive in extension.
 OHLINS_PAIRS = (
     ("1_1_18_18_s1_n10_150psi", "1_1_18_18_s5_n10_150psi", "speed"),
     ("1_1_18_18_s5_n10_50psi", "1_1_18_18_s5_n10_150psi", "gas pressure"),
 )
-#: Settings with one run: their last third is held out.
+#: Settings with one run, whose last third is held out.
 OHLINS_SINGLE = ("3_3_18_18_s5_n100_50psi", "3_3_24_24_s5_n10_100psi")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One or more runs to fit, one to hold out.
+    """One or more runs to fit, and one held-out run.
 
     Attributes:
-        record: Its name in the rows.
-        fitted: Runs of one damper.
-        held_out: The run to predict.
-        segment: Seconds of the fitted ones; None for the dissertation's, 1 to 10.
-        held_out_segment: Of the other.
-        about_mean: Whether the load cell's zero is unknown, so that errors are judged about their mean.
-        configuration: Of Table 3.1; 0 for a measured record.
-        cavitates: Whether a chamber was pulled apart in the held-out run.
+        record: Name of the case in the rows.
+        fitted: Fitted runs of one damper.
+        held_out: Run to predict.
+        segment: Time range of the fitted runs [s]; None for that of the dissertation, 1 to 10 s.
+        held_out_segment: Time range of the held-out run [s].
+        about_mean: Whether the load cell's zero is unknown, so that errors are evaluated about their mean.
+        configuration: Configuration number of Table 3.1; 0 for a measured record.
+        cavitates: Whether the damper cavitates in the held-out run.
     """
 
     record: str
@@ -62,14 +62,15 @@ class Case:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """What is fitted to it."""
+        """Names of the laws that are fitted to the case."""
         return (*LAWS, BOUC_WEN) if self.about_mean else LAWS
 
 
 def configurations(numbers: Sequence[int], *, quick: bool) -> Iterator[Case]:
-    """Yield shocks of Table 3.1, fitted on one phase draw and held against another.
+    """Yield shocks of Table 3.1, fitted on one phase draw and compared with another.
 
-    Quick, it is one pair of draws of 10.5 s, of which seconds 1 to 10 are used as in 3.3; else three pairs of 30 s.
+    If `quick`, there is one pair of draws of 10.5 s, of which 1 to 10 s are used as in 3.3; otherwise three pairs of
+    30 s.
     """
     duration = 10.5 if quick else 30.0
     segment = None if quick else (1.0, duration - 0.5)
@@ -94,9 +95,9 @@ def _drive(seed: int, duration: float) -> Drivefile:
 
 
 def measured(*, quick: bool) -> Iterator[Case]:
-    """Yield the measured records, where EIGHTPOST_DATA names their folder; each run is fitted without its rest.
+    """Yield the measured records if EIGHTPOST_DATA names their folder; phases at rest are not fitted.
 
-    Quick, seconds 1 to 10 of each run are used as in 3.3, else all of it.
+    If `quick`, 1 to 10 s of each run are used as in 3.3; otherwise the whole run.
     """
     folder = Path(os.environ.get("EIGHTPOST_DATA") or "/nowhere")
     if (folder / "labcontrol").is_dir():
@@ -133,7 +134,7 @@ def _ohlins(folder: Path, *, quick: bool) -> Iterator[Case]:
 def _by_run(name: str, fitted: Sequence[DynoTest], held_out: DynoTest, *, quick: bool) -> Case:
     if quick:
         return Case(name, tuple(fitted), held_out, about_mean=True)
-    # A segment longer than a run is refused: the shortest of the fitted ones sets it.
+    # A segment must not be longer than a run, so the shortest fitted run limits it.
     whole = (0.0, min(run.series.duration for run in fitted))
     return Case(name, tuple(fitted), held_out, whole, (0.0, held_out.series.duration), about_mean=True)
 

@@ -1,4 +1,4 @@
-"""Cases fitted with laws and held against their other runs: a row each."""
+"""Rows of the benchmark of shock laws: one for each case and law, with the errors of fit and held-out run."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 
 Row = dict[str, Any]
 
-#: Of a row, beside record and law.
+#: Keys of a row besides record and law.
 FIGURES = ("fit_percent", "validation_percent", "seconds")
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A law's errors on a case.
+class FitErrors:
+    """The errors of a law on a case.
 
     Attributes:
-        case: What was fitted and held out.
-        law: Its name.
-        fit_rms: [N].
-        fit_deviation: Of the force fitted to [N].
-        rms: Of the error on the held-out run [N], with its mean.
-        offset: The error's mean [N].
-        deviation: Of the held-out force [N].
-        seconds: What the fit took.
-        parameters: Of the law, SI.
-        warnings: Of the fit.
+        case: Fitted and held-out runs.
+        law: Name of the law.
+        fit_rms: RMS error of the fit [N].
+        fit_deviation: Standard deviation of the fitted force [N].
+        rms: RMS error on the held-out run, including its mean [N].
+        offset: Mean error on the held-out run [N].
+        deviation: Standard deviation of the held-out force [N].
+        seconds: Computing time of the fit [s].
+        parameters: Parameters of the law in SI units.
+        warnings: Warnings of the fit.
     """
 
     case: Case
@@ -53,12 +53,12 @@ class Found:
 
     @property
     def error(self) -> float:
-        """What is judged: `rms`, or where the load cell's zero is unknown, that about the error's mean [N]."""
+        """Evaluated error [N]: `rms`, or the RMS error about its mean if the load cell's zero is unknown."""
         return float(np.sqrt(max(self.rms**2 - self.offset**2, 0.0))) if self.case.about_mean else self.rms
 
     @property
     def fit_percent(self) -> float:
-        """Of the fitted force's standard deviation."""
+        """RMS error of the fit in percent of the fitted force's standard deviation."""
         return 100.0 * self.fit_rms / self.fit_deviation
 
     @property
@@ -67,19 +67,19 @@ class Found:
         return 100.0 * self.error / self.deviation
 
     def row(self) -> Row:
-        """Return what --json leaves."""
+        """Return the row that --json writes."""
         figures = (self.fit_percent, self.validation_percent, self.seconds)
         return {"record": self.case.record, "law": self.law} | dict(zip(FIGURES, figures, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
-    """A law that could not be fitted to a case: an answer too.
+class FailedFit:
+    """A law that could not be fitted to a case.
 
     Attributes:
-        case: What was to be fitted.
-        law: Its name.
-        reason: In words.
+        case: Fitted and held-out runs.
+        law: Name of the law.
+        reason: Error message.
     """
 
     case: Case
@@ -87,24 +87,24 @@ class Refused:
     reason: str
 
     def row(self) -> Row:
-        """Return what --json leaves: no figures."""
+        """Return the row that --json writes, without figures."""
         return {"record": self.case.record, "law": self.law} | dict.fromkeys(FIGURES)
 
 
-Result = Found | Refused
+Result = FitErrors | FailedFit
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What is asked for.
+    """The program of the benchmark.
 
     Attributes:
-        configurations: Of Table 3.1.
-        laws: Names; `bouc-wen` is fitted to measured records only.
-        quick: Shorter records and one pair of phase draws.
-        recipe: Of our fits.
-        processes: How many work at a time.
-        measured: The measured cases, by their place; None for all.
+        configurations: Configuration numbers of Table 3.1.
+        laws: Names of the laws; `bouc-wen` is fitted to measured records only.
+        quick: Whether to use shorter records and one pair of phase draws.
+        recipe: Recipe of the fits.
+        processes: Number of parallel processes.
+        measured: Indices of the measured cases; None for all.
     """
 
     configurations: tuple[int, ...]
@@ -116,7 +116,7 @@ class Bench:
 
 
 def results(bench: Bench) -> Iterator[Result]:
-    """Fit and hold out everything; results come in the order of the cases."""
+    """Fit and validate all cases; yield results in the order of the cases."""
     jobs = [("configuration", number) for number in bench.configurations]
     places = range(len(list(measured(quick=bench.quick)))) if bench.measured is None else bench.measured
     jobs += [("measured", number) for number in places]
@@ -148,7 +148,7 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
 
 
 def _warm_up(bench: Bench) -> None:
-    """Have everything compiled, in one thread: times are of fits."""
+    """Compile everything in one thread, so that times do not include compilation."""
     test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
     for law in bench.laws:
         if law != BOUC_WEN:
@@ -158,19 +158,19 @@ def _warm_up(bench: Bench) -> None:
 def _attempt(case: Case, law: str, recipe: RecipeName) -> Result:
     try:
         return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
-    except ValueError as error:  # what laws and fits refuse with
-        return Refused(case, law, str(error))
+    except ValueError as error:  # raised by laws and fits that reject the data
+        return FailedFit(case, law, str(error))
 
 
-def _ours(case: Case, law: str, recipe: RecipeName) -> Found:
+def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     fit = fit_shock(case.fitted, law, recipe=recipe, segment=case.segment)
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
-    return Found(case, law, *errors, fit.seconds, parameters, fit.warnings)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, fit.warnings)
 
 
-def _bouc_wen(case: Case) -> Found:
+def _bouc_wen(case: Case) -> FitErrors:
     fit = fit_bouc_wen(case.fitted, segment=case.segment)
     prepared = prepare(case.held_out, segment=case.held_out_segment)
     error = prepared.measured - predict(fit.law, prepared)
@@ -178,4 +178,4 @@ def _bouc_wen(case: Case) -> Found:
     names = ("damping", "stiffness", "hysteresis", "reach", "share", "exponent")
     parameters = {name: float(getattr(fit.law, name)) for name in names}
     errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
-    return Found(case, BOUC_WEN, *errors, fit.seconds, parameters)
+    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters)

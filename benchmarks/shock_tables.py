@@ -1,4 +1,4 @@
-"""The shock laws' errors as Markdown: Tables 3.4 and 3.5 beside the printed ones, and the measured records."""
+"""Errors of the shock laws as Markdown: Tables 3.4 and 3.5 next to the printed values, and measured records."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.shock_records import LAWS
-from benchmarks.shock_rows import Found, Refused, Result
+from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.table import number
 from eightpost.ident.shock.report.tables import law_title
 from eightpost.ident.validation.printed import (
@@ -19,7 +19,7 @@ from eightpost.ident.validation.printed import (
 )
 from eightpost.units import convert
 
-#: What part D of the plan asks for: gains over the static law in percent, and LPNL2 over LPF1.
+#: Required gains over the static law [%], and required ratio of the errors of LPNL2 and LPF1.
 LEAST_GAIN, MEAN_GAIN, MOST_RATIO = 35.0, 50.0, 1.005
 
 
@@ -32,12 +32,12 @@ def markdown(found: Sequence[Result]) -> str:
 
 
 def rows_table(found: Sequence[Result]) -> str:
-    """Return a line for each row, with what the JSON has not."""
+    """Return a line for each row, with additional columns that are not in the JSON."""
     heads = ("record", "law", "fit [%]", "held out [%]", "mean of the error [%]", "fit [s]")
     lines = []
     for one in found:
-        if isinstance(one, Refused):
-            lines.append([one.case.record, one.law, f"refused: {one.reason.partition(', and')[0]}", "-", "-", "-"])
+        if isinstance(one, FailedFit):
+            lines.append([one.case.record, one.law, f"not fitted: {one.reason.partition(', and')[0]}", "-", "-", "-"])
             continue
         figures = (one.fit_percent, one.validation_percent, 100.0 * one.offset / one.deviation, one.seconds)
         lines.append([one.case.record, one.law, *(number(figure) for figure in figures)])
@@ -46,13 +46,13 @@ def rows_table(found: Sequence[Result]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """A configuration's errors on the held-out draws.
+    """The errors of a configuration on the held-out draws.
 
     Attributes:
-        configuration: 1 to 12.
+        configuration: Configuration number, 1 to 12.
         rms: RMS error by law over all draws [lbf].
-        deviation: Of the force [lbf].
-        cavitates: Whether a chamber was pulled apart.
+        deviation: Standard deviation of the force [lbf].
+        cavitates: Whether the damper cavitates.
     """
 
     configuration: int
@@ -61,13 +61,13 @@ class Errors:
     cavitates: bool
 
     def gain(self, law: str) -> float | None:
-        """Return by how much a law's error is less than the static one's [percent]."""
+        """Return the reduction of a law's error relative to that of the static law [%]."""
         return less(self.rms, law)
 
 
 def virtual(found: Sequence[Result]) -> list[Errors]:
-    """Return the errors of the virtual dynamometer's configurations, draws taken together."""
-    kept = [one for one in found if isinstance(one, Found) and one.case.configuration]
+    """Return the errors for the virtual dynamometer's configurations, combined over the draws."""
+    kept = [one for one in found if isinstance(one, FitErrors) and one.case.configuration]
     errors = []
     for configuration in sorted({one.case.configuration for one in kept}):
         here = [one for one in kept if one.case.configuration == configuration]
@@ -79,32 +79,33 @@ def virtual(found: Sequence[Result]) -> list[Errors]:
 
 
 def table_3_4(found: Sequence[Result]) -> str:
-    """Return the fits of the configuration that Table 3.4 is of, beside it."""
+    """Return the fits of the configuration of Table 3.4, next to the printed values."""
     heads = ("law", "fit, ours [lbf]", "printed", "% of std, ours", "printed", "less than static, ours [%]", "printed",
              "fit [s], ours", "printed")  # fmt: skip
-    fits: dict[str, Found] = {}
+    fits: dict[str, FitErrors] = {}
     for one in found:
-        if isinstance(one, Found) and one.case.configuration == TABLE_3_4_CONFIGURATION:
+        if isinstance(one, FitErrors) and one.case.configuration == TABLE_3_4_CONFIGURATION:
             fits.setdefault(one.law, one)
     rms = {law: _pounds([one.fit_rms]) for law, one in fits.items()}
     lines = []
     for law, one in fits.items():
         printed = TABLE_3_4.get(law)
-        theirs = (
+        printed_values = (
             (printed.rms_lbf, printed.percent_of_deviation, printed.percent_less_than_static, printed.fit_seconds)
             if printed
             else (None,) * 4
         )
         ours = (rms[law], one.fit_percent, less(rms, law), one.seconds)
         pairs = [
-            (number(mine), "-" if other is None else f"{other:g}") for mine, other in zip(ours, theirs, strict=True)
+            (number(mine), "-" if other is None else f"{other:g}")
+            for mine, other in zip(ours, printed_values, strict=True)
         ]
         lines.append([law_title(law), *(cell for pair in pairs for cell in pair)])
     return grid(heads, lines) if lines else ""
 
 
 def table_3_5(errors: Sequence[Errors]) -> str:
-    """Return the errors on held-out draws beside Table 3.5 [lbf]."""
+    """Return the errors on held-out draws [lbf], next to the values of Table 3.5."""
     laws = [law for law in LAWS if any(law in one.rms for one in errors)]
     heads = ["no.", "build, clicks, gas"]
     for law in laws:
@@ -123,7 +124,7 @@ def _cells(one: Errors, laws: Sequence[str]) -> Iterator[str]:
 
 
 def gains_table(errors: Sequence[Errors]) -> str:
-    """Return by how much each dynamic law is better than the static one, and LPNL2 over LPF1, ours and printed."""
+    """Return the gain of each dynamic law over the static law, and LPNL2 over LPF1, next to the printed values."""
     laws = [law for law in LAWS[1:] if any(law in one.rms for one in errors)]
     heads = ["no.", "force std [lbf]", "cavitates"]
     for law in laws:
@@ -141,19 +142,19 @@ def gains_table(errors: Sequence[Errors]) -> str:
 
 
 def summary(errors: Sequence[Errors]) -> Iterator[str]:
-    """Yield what is asked for and what was found, a line each."""
+    """Yield a line for each requirement and the result."""
     for law in LAWS[1:]:
         gains = {one.configuration: gain for one in errors if (gain := one.gain(law)) is not None}
         if not gains:
             continue
         whole = [one.configuration for one in errors if not one.cavitates and one.configuration in gains]
-        theirs = [value for c in CONFIGURATIONS if (value := less(c.rms_lbf, law)) is not None]
-        printed = f"; printed: {min(theirs):.0f} to {max(theirs):.0f} %, mean {np.mean(theirs):.0f} %" if theirs else ""
+        others = [value for c in CONFIGURATIONS if (value := less(c.rms_lbf, law)) is not None]
+        printed = f"; printed: {min(others):.0f} to {max(others):.0f} %, mean {np.mean(others):.0f} %" if others else ""
         least = min((gains[c] for c in whole), default=float("nan"))
         yield (
             f"- {law_title(law)} is {min(gains.values()):.0f} to {max(gains.values()):.0f} % better than Polylinear, "
-            f"mean {np.mean(list(gains.values())):.0f} % (asked for: {MEAN_GAIN:.0f} %); without the cavitating ones "
-            f"at least {least:.0f} % (asked for: {LEAST_GAIN:.0f} %){printed}."
+            f"mean {np.mean(list(gains.values())):.0f} % (required: {MEAN_GAIN:.0f} %); without the cavitating ones "
+            f"at least {least:.0f} % (required: {LEAST_GAIN:.0f} %){printed}."
         )
     ratios = {
         one.configuration: one.rms["lpnl2"] / one.rms["lpf1"] for one in errors if {"lpf1", "lpnl2"} <= set(one.rms)
@@ -161,13 +162,13 @@ def summary(errors: Sequence[Errors]) -> Iterator[str]:
     if ratios:
         worst = max(ratios, key=lambda c: ratios[c])
         yield (
-            f"- LPNL2 over LPF1: {min(ratios.values()):.3f} to {ratios[worst]:.3f} (configuration {worst}); asked for: "
-            f"{MOST_RATIO} at most."
+            f"- LPNL2 over LPF1: {min(ratios.values()):.3f} to {ratios[worst]:.3f} (configuration {worst}); required: "
+            f"at most {MOST_RATIO}."
         )
 
 
 def less(errors: dict[str, float], law: str) -> float | None:
-    """Return by how much a law's error is less than the static one's [percent]; of the static law itself None."""
+    """Return the reduction of a law's error relative to the static law [%]; None for the static law itself."""
     if law == "polylinear" or not {law, "polylinear"} <= set(errors):
         return None
     return 100.0 * (1.0 - errors[law] / errors["polylinear"])

@@ -1,12 +1,12 @@
-"""What commands take before they compute: processor time of help texts and of short runs, beside an earlier version.
+"""Benchmark of the start-up time of commands: processor time of help texts and short runs, vs an earlier version.
 
     python -m benchmarks.startup [--against COMMIT] [--repeat 7] [--first 1] [--json FILE]
 
-Both versions run in turns, in one go, with the same Python and packages, each on FMUs that it built from the examples.
-A *first* run finds no machine code that was kept; later ones find that of the first. Processor time is that of a
-command and all that it starts; a busy machine makes it longer, so what counts is the ratio. Prints Markdown. Exits 1
-where the first run takes more than 40 % of the earlier one, a later one more than half, or a help text more than twice
-that of `eightpost --help`. Needs git, Linux or macOS.
+Both versions run alternately with the same Python and packages, each on FMUs that it built from the examples. A *first*
+run finds no cached machine code; later runs use that of the first. Processor time includes all child processes of a
+command; it is longer on a busy machine, so the ratio is what counts. Prints Markdown. The exit code is 1 if the first
+run takes more than 40 % of the time of the earlier version, a later run more than half, or a help text more than twice
+the time of `eightpost --help`. Requires git, and Linux or macOS.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ class Times:
 
     @property
     def ratio(self) -> float:
-        """The least time now by the least time before."""
+        """Ratio of the minimum times, now to before."""
         return min(self.now) / min(self.before)
 
 
 @dataclass(frozen=True)
 class Version:
-    """A checkout, and a folder with the examples and the FMUs that it built of them."""
+    """A checkout, and a folder with the examples and the FMUs that it built from them."""
 
     checkout: Path
     folder: Path
@@ -103,7 +103,7 @@ def main() -> int:
 
 
 def measured(versions: dict[str, Version], folder: Path, *, repeat: int, first: int) -> dict[str, Times]:
-    """Run everything, both versions in turns."""
+    """Run everything, both versions alternately."""
     found = {command: Times() for command in (FIRST, LATER, HELP, *HELPS)}
     kept = {name: folder / f"cache_{name}" for name in versions}
     for k in range(first):
@@ -120,25 +120,26 @@ def measured(versions: dict[str, Version], folder: Path, *, repeat: int, first: 
 
 
 def table(found: dict[str, Times]) -> str:
-    """Return the times as Markdown; of help texts, the one that takes longest and `eightpost --help`."""
+    """Return the times as Markdown; of the help texts, only the slowest one and `eightpost --help`."""
     slowest = max(HELPS, key=lambda command: min(found[command].now))
     lines = [
-        "| command | before, least and median [s] | now, least and median [s] | now / before |",
+        "| command | before, minimum and median [s] | now, minimum and median [s] | now / before |",
         "|---|---|---|---|",
     ]
     for command in (FIRST, LATER, HELP, slowest):
         times = found[command]
-        mark = " (of all verbs the slowest)" if command == slowest else ""
-        lines.append(f"| {command}{mark} | {_said(times.before)} | {_said(times.now)} | {number(times.ratio)} |")
+        mark = " (slowest of all commands)" if command == slowest else ""
+        cells = (f"{command}{mark}", _min_and_median(times.before), _min_and_median(times.now), number(times.ratio))
+        lines.append(f"| {' | '.join(cells)} |")
     times_help = min(found[slowest].now) / min(found[HELP].now)
     return "\n".join([*lines, "", f"The slowest help text takes {number(times_help)} times as long as `{HELP}`."])
 
 
 def beyond_limits(found: dict[str, Times]) -> list[str]:
-    """Return what takes longer than it may."""
+    """Return messages for all commands that exceed their limit."""
     least = min(found[HELP].now)
     missed = [
-        f"{command}: {found[command].ratio:.2f} of what it took, the limit is {limit:g}"
+        f"{command}: {found[command].ratio:.2f} of its earlier time, the limit is {limit:g}"
         for command, limit in LIMITS.items()
         if found[command].ratio > limit
     ]
@@ -149,12 +150,12 @@ def beyond_limits(found: dict[str, Times]) -> list[str]:
     ]
 
 
-def _said(seconds: Sequence[float]) -> str:
+def _min_and_median(seconds: Sequence[float]) -> str:
     return f"{number(min(seconds))}, {number(statistics.median(seconds))}"
 
 
 def _version(checkout: Path, folder: Path) -> Version:
-    """Build the FMUs of the examples with a checkout's own commands; its modules are then compiled to byte code."""
+    """Build the FMUs of the examples with a checkout's commands, which also compiles its modules to byte code."""
     shutil.copytree(checkout / "examples", folder / "examples")
     version = Version(checkout, folder)
     fit = ("fit", "examples/data/dyno_A.csv", "--law", "lpnl2", "--gas", "included", "-o", "dist/dyno_A.json")
@@ -175,9 +176,9 @@ def _git(*words: str) -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--against", default="25f5bbe", help="an earlier commit")
-    parser.add_argument("--repeat", type=int, default=7, help="runs of every command")
-    parser.add_argument("--first", type=int, default=1, help="runs without kept machine code")
+    parser.add_argument("--against", default="25f5bbe", help="earlier commit to compare with")
+    parser.add_argument("--repeat", type=int, default=7, help="number of runs of every command")
+    parser.add_argument("--first", type=int, default=1, help="number of runs without cached machine code")
     parser.add_argument("--json", type=Path, help="write all times to this file")
     return parser.parse_args()
 

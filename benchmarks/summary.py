@@ -1,4 +1,4 @@
-"""What the table says in a few lines: cost at an equal scheme, cost at equal accuracy."""
+"""Summary of the comparison of engines: cost for the same scheme, and cost at the same accuracy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TARGET = 0.2
 
 @dataclass(frozen=True)
 class Reach:
-    """What it takes an engine to come to the target: the rate [Hz] and the cost of a second of simulation [ms]."""
+    """Rate [Hz] and cost of a second of simulation [ms] at which an engine reaches the target error."""
 
     engine: str
     scheme: str
@@ -30,7 +30,7 @@ class Reach:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """Return the comparisons as Markdown, for the damping in the shocks."""
+    """Return the comparisons as Markdown, with all damping in the shocks."""
     full = [row for row in rows if row["damping"] == "full"]
     return "\n".join([*_equal_scheme(full), "", *_equal_accuracy(full)])
 
@@ -43,7 +43,7 @@ def _equal_scheme(rows: Sequence[Row]) -> Iterator[str]:
     }
     if OURS not in costs:
         return
-    yield f"At an equal scheme ({SCHEME}, {RATE:g} Hz, full damping), us per coupling step:"
+    yield f"With the same scheme ({SCHEME}, {RATE:g} Hz, full damping), us per coupling step:"
     yield ""
     yield "| engine | us per step | times ours |"
     yield "|---|---|---|"
@@ -57,16 +57,16 @@ def _equal_accuracy(rows: Sequence[Row]) -> Iterator[str]:
         return
     own = [one for one in found if one.engine == OURS]
     least = (own or found)[0].cost
-    yield f"At equal accuracy ({TARGET:g} % of tire force, full damping), ms of computing per second of simulation:"
+    yield f"At the same accuracy ({TARGET:g} % of tire force, full damping), ms of computing per second of simulation:"
     yield ""
     yield (
-        "| engine | scheme | rate [Hz] | ms per second | times the least of ours |"
+        "| engine | scheme | rate [Hz] | ms per second | times eightpost's minimum |"
         if own
-        else "| engine | scheme | rate [Hz] | ms per second | times the least |"
+        else "| engine | scheme | rate [Hz] | ms per second | times the minimum |"
     )
     yield "|---|---|---|---|---|"
     for one in found:
-        mark = " (extrapolated by its measured order)" if one.extrapolated else ""
+        mark = " (extrapolated with its measured order)" if one.extrapolated else ""
         sign = "about " if one.extrapolated else ""
         costs = [f"{sign}{number(cost)}" for cost in (one.cost, one.cost / least)]
         cells = [one.engine, one.scheme, f"{one.rate:.0f}{mark}", *costs]
@@ -74,7 +74,7 @@ def _equal_accuracy(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def reaches(rows: Sequence[Row]) -> Iterator[Reach]:
-    """Return where each engine and scheme meets the target, if its error falls with the rate."""
+    """Yield the rate and cost at which each engine and scheme reaches the target, if its error falls with the rate."""
     usable = [row for row in rows if None not in (row["error_tire_force_percent"], row["us_per_step"])]
     key = _engine_and_scheme
     for (engine, scheme), group in groupby(sorted(usable, key=key), key=key):
@@ -84,13 +84,13 @@ def reaches(rows: Sequence[Row]) -> Iterator[Reach]:
 
 
 def _engine_and_scheme(row: Row) -> tuple[str, str]:
-    # The tolerances of the adaptive scheme are its points.
+    # Each tolerance of the adaptive scheme gives one point.
     scheme = row["scheme"]
     return row["engine"], "adaptive" if scheme.startswith("adaptive") else scheme
 
 
 def _reach(points: Sequence[tuple[float, float, float]]) -> tuple[float, float, bool] | None:
-    """Rate, cost of a second, whether extrapolated; straight lines between logarithms of rate, error and cost."""
+    """Return rate, cost of a second and whether extrapolated, by linear interpolation of logarithms."""
     if points[0][1] <= TARGET:
         rate, _, cost = points[0]
         return rate, 1e-3 * rate * cost, False

@@ -1,4 +1,4 @@
-"""The table of engines as Markdown."""
+"""The comparison of engines as a Markdown table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _cells(row: Row) -> list[str]:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number as people read it."""
+    """Return a number as text with a few significant digits."""
     if value is None:
         return "-"
     return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"

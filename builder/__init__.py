@@ -1,1 +1,1 @@
-"""Models and parameters into FMUs, and the checks that an FMU must pass."""
+"""Construction of FMUs from models and parameters, and the checks that an FMU must pass."""

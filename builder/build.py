@@ -1,4 +1,4 @@
-"""Shock files and vehicle files into FMUs."""
+"""Construction of FMUs from shock files and vehicle files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from eightpost.vehicle import read_vehicle
 
 Progress = Callable[[int, int], None]
 
-#: An FMU and the members of its archive.
+#: A built FMU and the members of its archive.
 Members = tuple["Built", Mapping[str, bytes]]
 
 TARGETS = ("native", "python", "all")
@@ -31,7 +31,16 @@ TARGETS = ("native", "python", "all")
 
 @dataclass(frozen=True)
 class Built:
-    """One FMU that was written: where, from what, for which target, how valid, and what its build could not do."""
+    """One FMU that was written.
+
+    Attributes:
+        path: FMU file.
+        source: Shock file or vehicle file that the FMU was built from.
+        interface: Variables of the FMU and their dependencies.
+        target: `native` or `python`.
+        validity: Verdict on the model and the ranges in which it may be used.
+        limits: Limits of the toolchain, such as platforms without a binary, or an empty string.
+    """
 
     path: Path
     source: str
@@ -53,22 +62,23 @@ def build(
 
     Args:
         sources: Shock files (`eightpost fit`) and vehicle files (.toml with parameters, .json with a state space).
-        folder: Where the FMUs go; made if it is not there. Nothing is written before everything is built.
-        target: `native`, `python`, or `all` for both: the python one is then named <name>_python.fmu.
-        disclosure: A confidential FMU carries neither sources nor the curve; native only.
-        progress: Called with the number of binaries compiled and of all.
+        folder: Output folder; created if it does not exist. Nothing is written before all FMUs are built.
+        target: `native`, `python`, or `all` for both: the Python FMU is then named <name>_python.fmu.
+        disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve,
+            and must be native.
+        progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
-        FmuError: Two sources would give the same FMU, a vehicle cannot be one, or there is no compiler.
+        FmuError: Two sources would give the same FMU, a vehicle cannot become an FMU, or there is no compiler.
         InputError: A source cannot be read.
     """
     if target not in TARGETS:
-        raise FmuError(f"target {target!r} is not known; known are {', '.join(TARGETS)}")
+        raise FmuError(f"target {target!r} is not known; use one of {', '.join(TARGETS)}")
     if disclosure is not Disclosure.FULL and target != "native":
-        raise FmuError("a python FMU is its own source; a confidential one must be native (--target native)")
+        raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
     products = [(str(source), _product(Path(source))) for source in sources]
-    names = [product.identifier.lower() for _, product in products]  # Windows and macOS take a and A for the same
+    names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
     built: list[Members] = []
@@ -108,7 +118,7 @@ def _built(product: Product, path: Path, source: str, target: str, limits: str =
 def _product(source: Path) -> Product:
     identifier = fmu_identifier(source.stem)
     if not source.is_file():
-        raise FmuError(f"{source}: there is no such file; mend the path, or make it first (eightpost fit)")
+        raise FmuError(f"{source}: the file does not exist; correct the path, or create the file (eightpost fit)")
     if source.suffix == ".json" and document_kind(source) == "shock":
         return shock_product(read_shock(source), identifier)
     if source.suffix in (".json", ".toml"):
@@ -119,15 +129,15 @@ def _product(source: Path) -> Product:
 
 
 def _refuse_a_system(source: Path) -> None:
-    """A system names its components where a vehicle names its model."""
+    """Raise an error if the file describes a system: a system has [components], a vehicle has a model."""
     if source.suffix == ".toml" and re.search(r"^\s*\[components", source.read_text("utf-8", "replace"), re.MULTILINE):
         raise FmuError(
-            f"{source}: is a system of FMUs, not a vehicle; run it (eightpost run) or pack it (eightpost ssp), and "
-            "build the vehicle and shock files that its FMUs come from"
+            f"{source}: the file describes a system of FMUs, not a vehicle; run it (eightpost run) or pack it "
+            "(eightpost ssp), and build the vehicle and shock files of its FMUs instead"
         )
 
 
-#: What C keeps for itself, and names that Windows has no file of.
+#: Keywords of C, and names that Windows does not allow for files.
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
@@ -141,7 +151,7 @@ _RESERVED = frozenset(
 
 
 def fmu_identifier(name: str) -> str:
-    """Return a C name from a file's name: what FMI asks of a model identifier, and Windows of a file."""
+    """Return a model identifier from a file's name: a valid C name (FMI) that is also a valid Windows file name."""
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
     if identifier.lower() in _RESERVED:
         return f"{identifier}_"

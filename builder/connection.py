@@ -1,4 +1,4 @@
-"""A way from an output of one component to an input of another."""
+"""The two ends of a connection between an output and an input of two components."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Ends:
-    """An output and the input that it feeds.
+    """An output and the input that it is connected to.
 
     Args:
         source: The output, as `component.variable`.
@@ -19,6 +19,6 @@ class Ends:
 
     @property
     def places(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Component and variable of the source, and of the target."""
+        """Component and variable of the source, then of the target."""
         (from_component, _, output), (to_component, _, into) = self.source.partition("."), self.target.partition(".")
         return (from_component, output), (to_component, into)

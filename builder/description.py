@@ -1,4 +1,4 @@
-"""modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation)."""
+"""Generation of modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from builder.interface import Interface, Variable
 from eightpost import __version__, units
 
 _LOG_CATEGORIES = {
-    "logStatusWarning": "What is unusual but was done",
-    "logStatusDiscard": "What could not be computed",
-    "logStatusError": "What was refused and why",
-    "logStatusFatal": "What ended the instance",
-    "logAll": "Everything",
+    "logStatusWarning": "Unusual calls that were carried out",
+    "logStatusDiscard": "Results that could not be computed",
+    "logStatusError": "Calls that were refused, with the reason",
+    "logStatusFatal": "Errors after which the instance cannot be used",
+    "logAll": "All messages",
 }
 
 
@@ -25,10 +25,18 @@ _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
 
 @dataclass(frozen=True)
 class Description:
-    """What modelDescription.xml says beyond the interface.
+    """Content of modelDescription.xml: the interface and everything else.
 
-    `capabilities` are attributes of the CoSimulation element; `stop_time` and `step_size` [s] are the default
-    experiment; `source_files` are what a rebuild compiles, names in sources/.
+    Attributes:
+        identifier: Model identifier and model name.
+        guid: GUID, without braces.
+        text: Description of the model.
+        interface: Variables and their dependencies.
+        capabilities: Attributes of the CoSimulation element.
+        generation_tool: Name and version of the tools that built the FMU.
+        source_files: Names of the C files in sources/ that a rebuild compiles.
+        stop_time: Stop time of the default experiment [s].
+        step_size: Step size of the default experiment [s].
     """
 
     identifier: str
@@ -84,7 +92,7 @@ def model_description(description: Description) -> bytes:
 
 
 def content_guid(description: Description, members: Mapping[str, bytes]) -> str:
-    """Return a GUID drawn from all that is described (the GUID apart) and all that is in the archive."""
+    """Return a GUID that is a digest of the description (except for the GUID) and of all members of the archive."""
     digest = hashlib.sha256(model_description(description))
     for name in sorted(members):
         digest.update(name.encode() + b"\0" + hashlib.sha256(members[name]).digest())

@@ -1,6 +1,6 @@
-"""An FMU's interface: the table of interface.toml, made whole for one shock or one vehicle.
+"""The interface of an FMU: the table of interface.toml, completed for one shock or one vehicle.
 
-modelDescription.xml, the python slave's table and the documentation are all derived from it.
+modelDescription.xml, the table of the Python slave and the documentation are derived from it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from eightpost.shock import Shock
     from eightpost.vehicle import StateSpace
 
-#: The order of a row's references: docs/ports.md.
+#: Corners in the order of their value references (docs/ports.md).
 CORNERS = ("lf", "rf", "lr", "rr")
 
-#: Units of what is zero in any steady state.
+#: Units of quantities that are zero in any steady state.
 RATES = ("m/s", "rad/s", "m/s2")
 
 _KEYS = {
@@ -46,7 +46,7 @@ _KEYS |= {"description", "offset", "with", "at_start"}
 class Variable:
     """One scalar variable of an FMU.
 
-    `offset` names the parameter that is added to an output.
+    `offset` is the name of the parameter that is added to an output.
     """
 
     name: str
@@ -64,15 +64,16 @@ class Variable:
 
     @property
     def initial(self) -> str | None:
-        """FMI's `initial`: parameters are given, outputs and locals follow, inputs have none."""
+        """FMI's attribute `initial`: exact for parameters, calculated for outputs and locals, absent for inputs."""
         return {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(self.causality)
 
 
 @dataclass(frozen=True)
 class Interface:
-    """All variables of one FMU, and what each output depends on.
+    """All variables of one FMU and the dependencies of each output.
 
-    `direct` holds per output the inputs that it follows without delay, `initial` all that its initial value follows.
+    `direct` lists for each output the inputs with feedthrough to it, `initial` all variables that its initial value
+    depends on.
     """
 
     kind: str
@@ -88,10 +89,10 @@ class Interface:
 
 
 def shock_interface(shock: Shock) -> Interface:
-    """Return the interface of a shock's FMU with the shock's parameters as start values."""
+    """Return the interface of a shock FMU; the shock's parameters are the start values."""
     table = read_table(f"shock_{shock.law_name}")
-    variables = tuple(v for row in table["variable"] for v in _sized(row, shock.law))
-    # The start is an equilibrium: what only says how the lag goes on has no part in it.
+    variables = tuple(v for row in table["variable"] for v in _sized_variables(row, shock.law))
+    # The start is an equilibrium, so parameters that only affect how the lag develops have no influence on it.
     idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
     parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
     direct = {name: tuple(inputs) for name, inputs in table["dependencies"].items()}
@@ -106,33 +107,36 @@ def shock_interface(shock: Shock) -> Interface:
 
 
 def vehicle_interface(model: StateSpace) -> Interface:
-    """Return the interface of a vehicle's FMU: the rows of vehicle_ss that its model has.
+    """Return the interface of a vehicle FMU: the rows of vehicle_ss that match the channels of its model.
 
     Raises:
-        FmuError: The model has a channel that no row knows, or one with another unit or on the wrong side.
+        FmuError: A channel of the model matches no row, has a different unit, or is an output instead of an input (or
+            the reverse).
     """
     table = read_table("vehicle_ss")
     channels = {c.name: ("input", c.unit) for c in model.inputs} | {c.name: ("output", c.unit) for c in model.outputs}
-    variables = tuple(v for row in table["variable"] for v in _cornered(row) if _wanted(row, v, channels))
+    variables = tuple(v for row in table["variable"] for v in _corner_variables(row) if _is_included(row, v, channels))
     _check_channels(model.name, channels, variables)
     return Interface(
         kind=table["interface"],
         version=table["version"],
         description=table["description"],
         variables=variables,
-        direct=_depends(model, model.direct_terms(), {}),
-        initial=_depends(model, model.direct_terms() | _steady_terms(model), {v.name: v.offset for v in variables}),
+        direct=_dependencies(model, model.direct_terms(), {}),
+        initial=_dependencies(
+            model, model.direct_terms() | _steady_terms(model), {v.name: v.offset for v in variables}
+        ),
     )
 
 
 def friction_ports(interface: Interface) -> tuple[str, ...]:
-    """Return the ports of a vehicle that take suspension friction, in order: "lf.", ..., or "" for a quarter car."""
+    """Return the prefixes of the ports that have suspension friction, in order: "lf.", ..., or "" for a quarter car."""
     last = "friction_force"
     return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
 
 
 def read_table(folder: str) -> dict[str, Any]:
-    """Return interface.toml of a folder of fmus/, with what it extends."""
+    """Return interface.toml of a folder of fmus/, merged with the table that it extends."""
     path = source_folder() / folder / "interface.toml"
     table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     if base := table.get("extends"):
@@ -141,7 +145,7 @@ def read_table(folder: str) -> dict[str, Any]:
         table["dependencies"] = common.get("dependencies", {}) | table.get("dependencies", {})
     for row in table["variable"]:
         if unknown := sorted(set(row) - _KEYS):
-            raise FmuError(f"{path}: {row.get('name')}: unknown {', '.join(unknown)}")
+            raise FmuError(f"{path}: {row.get('name')}: unknown keys: {', '.join(unknown)}")
     return table
 
 
@@ -162,8 +166,8 @@ def _variable(row: Mapping[str, Any], name: str, reference: int, start: Any, off
     )
 
 
-def _sized(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
-    """Give a row its start from the law; a row with a size becomes name[1], name[2], ..."""
+def _sized_variables(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
+    """Return a row's variables with start values from the law; a row with a size becomes name[1], name[2], ..."""
     start = attrgetter(row["start"])(law) if "start" in row else None
     if "size" not in row:
         return [_variable(row, row["name"], row["reference"], start)]
@@ -171,8 +175,8 @@ def _sized(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
     return [_variable(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
 
 
-def _cornered(row: Mapping[str, Any]) -> Sequence[Variable]:
-    """A row with <corner> becomes one variable per corner, and one without the corner for a quarter car."""
+def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
+    """Return a row's variables: a row with <corner> becomes one per corner, and one without corner (quarter car)."""
     name, start, offset = row["name"], row.get("start"), row.get("offset")
     if "<corner>" not in name:
         return [_variable(row, name, row["reference"], start, offset)]
@@ -189,7 +193,7 @@ def _cornered(row: Mapping[str, Any]) -> Sequence[Variable]:
     ]
 
 
-def _wanted(row: Mapping[str, Any], variable: Variable, channels: Mapping[str, tuple[str, str]]) -> bool:
+def _is_included(row: Mapping[str, Any], variable: Variable, channels: Mapping[str, tuple[str, str]]) -> bool:
     if variable.causality != "parameter":
         return variable.name in channels
     if "with" not in row:
@@ -204,12 +208,12 @@ def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variabl
     for name, (side, unit) in channels.items():
         if known.get(name) != (side, unit):
             raise FmuError(
-                f"vehicle {model!r}: its {side} {name!r} [{unit}] is not a port of vehicle_ss; docs/ports.md lists the "
-                "names, sides and units. Rename the channel or select the others"
+                f"vehicle {model!r}: the {side} {name!r} [{unit}] is not a variable of vehicle_ss; docs/ports.md lists "
+                "the inputs and outputs with their units. Rename the channel, or leave it out of the model"
             )
 
 
-def _depends(
+def _dependencies(
     model: StateSpace, terms: np.ndarray[Any, np.dtype[np.bool_]], offsets: Mapping[str, str | None]
 ) -> dict[str, tuple[str, ...]]:
     depends = {}
@@ -224,7 +228,7 @@ def _depends(
 
 
 def _steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Return where the steady state follows an input, (p, m); everywhere if there is no steady state."""
+    """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state."""
     try:
         gain = model.dc_gain()
     except ValueError:

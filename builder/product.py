@@ -1,4 +1,4 @@
-"""What an FMU is made of, whichever target it is built for: an interface, and the shock or the vehicle behind it."""
+"""The content of an FMU, for any target: an interface, and the shock or vehicle that it represents."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Vehicle
 
 @dataclass(frozen=True)
 class Product:
-    """One FMU to be: its C name, one line of text, its variables, and what it was made from."""
+    """One FMU to build: its C name, a one-line description, its variables, and the shock or vehicle it represents."""
 
     identifier: str
     text: str
@@ -22,22 +22,22 @@ class Product:
 
     @property
     def sources(self) -> str:
-        """The folder under fmus/ that its code is in."""
+        """Name of the folder under fmus/ that contains its code."""
         return self.interface.kind
 
 
 def shock_product(shock: Shock, identifier: str) -> Product:
-    """Return the FMU to be of a shock."""
+    """Return the product for a shock."""
     interface = shock_interface(shock)
     return Product(identifier, f"{interface.description}: {shock.name}", interface, shock)
 
 
 def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
-    """Return the FMU to be of a vehicle: of its model without dampers at the ports, and its static state.
+    """Return the product for a vehicle: its model without dampers at the ports, and its static state.
 
     Raises:
-        FmuError: The model is discrete, has a direct term in a shock velocity, or a channel that vehicle_ss does
-            not know.
+        FmuError: The model is discrete, has feedthrough to a shock velocity, or has a channel that vehicle_ss does
+            not have.
     """
     model = vehicle.coupled()
     if model.dt is not None:
@@ -50,25 +50,25 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
 
 
 def _refuse_direct_velocity(model: StateSpace) -> None:
-    """A shock velocity with a direct term makes an algebraic loop with the shock (docs/ports.md)."""
+    """Raise an error if a shock velocity has feedthrough: it would make an algebraic loop with the shock."""
     for channel, terms in zip(model.outputs, model.D != 0.0, strict=True):
         if channel.name.rpartition(".")[2] == "velocity" and terms.any():
             inputs = ", ".join(c.name for c, term in zip(model.inputs, terms, strict=True) if term)
             raise FmuError(
-                f"vehicle {model.name!r}: {channel.name} follows {inputs} without delay (D is not zero there), which "
-                "makes an algebraic loop with the shock; identify it without direct terms in the shock velocities"
+                f"vehicle {model.name!r}: {channel.name} has feedthrough from {inputs} (D is not zero there), which "
+                "makes an algebraic loop with the shock; identify it without feedthrough to the shock velocities"
             )
 
 
 def _with_static(interface: Interface, static: Mapping[str, float]) -> Interface:
-    """Give the static offsets their start values; `static` has them by output."""
+    """Return the interface with start values for the static offsets; `static` holds them by output."""
     starts = {v.offset: static.get(v.name, 0.0) for v in interface.variables if v.offset}
     variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
     return replace(interface, variables=variables)
 
 
 def _with_friction(interface: Interface, friction: Mapping[str, Friction]) -> Interface:
-    """Give the friction its start values; `friction` has it by port."""
+    """Return the interface with start values for the friction; `friction` holds it by port."""
     starts: dict[str, float] = {}
     for port, law in friction.items():
         prefix = f"{port}." if port else ""

@@ -1,7 +1,7 @@
-"""The python FMU: a slave staged with the library's own law or kernel, packed by pythonfmu, described by us.
+"""Construction of a Python FMU: a slave with the library's own law or kernel, packed by PythonFMU.
 
-pythonfmu's own XML lacks units, dependencies and InitialUnknowns, and its archive differs from build to build; both
-are replaced. It is the readable reference: it needs a Python host.
+The modelDescription.xml of PythonFMU has no units, dependencies and InitialUnknowns, and its archive differs from build
+to build; both are replaced. A Python FMU is the readable reference implementation; it needs a host with Python.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from eightpost.archive import read_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import Vehicle
 
-#: What pythonfmu's binary can do (its Linux and Windows libraries forward to the slave).
+#: Capabilities of PythonFMU's binary (its Linux and Windows libraries forward all calls to the slave).
 CAPABILITIES = {
     "needsExecutionTool": "true",
     "canHandleVariableCommunicationStepSize": "true",
@@ -45,7 +45,7 @@ CAPABILITIES = {
 
 @dataclass(frozen=True)
 class _Slave:
-    """What a python FMU runs: the library files that it ships to the byte, and what they need beyond the variables."""
+    """Code of a Python FMU: unchanged copies of library files, and the model data that is not in the variables."""
 
     product: Product
     code: tuple[Path, ...]
@@ -81,12 +81,12 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
         "offsets": [offsets[name] for name in outputs],
         "ports": list(friction_ports(product.interface)),
     }
-    code = imported_files(Path(eightpost.vehicle.friction.__file__))  # and with it the kernel
+    code = imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
     return _Slave(product, (*code, source_folder() / "common" / "table_slave.py"), data)
 
 
 def imported_files(source: Path) -> tuple[Path, ...]:
-    """Return a module's file and all that it imports relatively, so that they work together in another package."""
+    """Return a module's file and all its relative imports; together they work in any other package."""
     found: dict[Path, None] = {}
 
     def visit(file: Path) -> None:
@@ -101,7 +101,7 @@ def imported_files(source: Path) -> tuple[Path, ...]:
 
 
 def _stage(slave: _Slave, folder: Path) -> Path:
-    """Lay out slave, package and table under names that no other FMU has; return the slave's file."""
+    """Write the slave, its package and its table under names unique to this FMU; return the slave's file."""
     table = json.dumps(_table(slave), indent=1, allow_nan=False)
     source = source_folder() / slave.product.sources / "slave.py"
     digest = hashlib.sha256(table.encode())
@@ -110,7 +110,9 @@ def _stage(slave: _Slave, folder: Path) -> Path:
     name = f"{slave.product.identifier}_{digest.hexdigest()[:8]}"
     package = folder / f"{name}_law"
     package.mkdir()
-    (package / "__init__.py").write_text('"""The library\'s own files, to the byte."""\n', encoding="utf-8")
+    (package / "__init__.py").write_text(
+        '"""Unchanged copies of files of the eightpost library."""\n', encoding="utf-8"
+    )
     for file in slave.code:
         shutil.copyfile(file, package / file.name)
     (folder / f"{name}.json").write_text(table + "\n", encoding="utf-8")
@@ -132,8 +134,8 @@ def _table(slave: _Slave) -> dict[str, Any]:
 
 
 def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
-    """Let pythonfmu pack the slave; return the archive's members."""
-    from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - only a python build pays for its import
+    """Pack the slave with PythonFMU; return the archive's members."""
+    from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - the import is slow and only needed here
 
     package = slave.with_name(f"{slave.stem}_law")
     with _clean_imports(slave.stem):
@@ -145,7 +147,7 @@ def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
 
 @contextmanager
 def _clean_imports(name: str) -> Iterator[None]:
-    """Undo what pythonfmu leaves behind when it imports a slave to look at it: paths and modules."""
+    """Remove the paths and modules that PythonFMU adds when it imports a slave to inspect it."""
     path, write_bytecode = sys.path.copy(), sys.dont_write_bytecode
     sys.dont_write_bytecode = True
     try:
@@ -157,7 +159,7 @@ def _clean_imports(name: str) -> Iterator[None]:
 
 
 def _describe(product: Product, members: dict[str, bytes]) -> None:
-    """Add modelDescription.xml, its GUID drawn from everything that is in the archive."""
+    """Add modelDescription.xml; its GUID is a digest of the whole archive."""
     from pythonfmu import __version__ as pythonfmu_version  # noqa: PLC0415
 
     description = Description(

@@ -1,9 +1,9 @@
-"""A coupled system as an SSP 1.0 package, which other tools open (libcosim and ecos: tests/hosts/test_packages.py).
+"""Export of a coupled system as an SSP 1.0 package for other tools (libcosim and ecos: tests/hosts/test_packages.py).
 
-The package holds SystemStructure.ssd (components, connections, units), resources/*.fmu, and per component one
-resources/<component>.ssv with the values of settable parameters: to change a shock's setup, change its file alone. The
-files are bound to the components and not to the system, because libcosim and ecos read no others; each holds a
-parameter set of the name `setup`, so that `ecos simulate --parameterSet setup` takes all of them.
+The package contains SystemStructure.ssd (components, connections, units), resources/*.fmu, and for each component
+resources/<component>.ssv with the values of its tunable parameters. To change a shock's setup, change only its .ssv
+file. The .ssv files are bound to the components and not to the system, because libcosim and ecos only read those. Each
+contains a parameter set named `setup`, so that `ecos simulate --parameterSet setup` applies all of them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _CONNECTORS = ("Real", "Integer", "Boolean", "String")  # an enumeration's conne
 
 @dataclass(frozen=True)
 class SspComponent:
-    """One instance of an FMU: its file, and values of its parameters or inputs in their own units."""
+    """One instance of an FMU: its file, and values of parameters or inputs in the units of the FMU."""
 
     name: str
     fmu: Path
@@ -45,9 +45,9 @@ class SspComponent:
 
 @dataclass(frozen=True)
 class SspConnection(Ends):
-    """An output that feeds an input: `input = factor * output + offset`, in the ends' own units.
+    """An output connected to an input: `input = factor * output + offset`, in the units of the two variables.
 
-    `convert`: whether the ends have different types; the package says that it is meant by a transformation.
+    `convert` states whether the variables have different types; the package then declares a transformation.
     """
 
     factor: float = 1.0
@@ -57,7 +57,7 @@ class SspConnection(Ends):
 
 @dataclass(frozen=True)
 class SspSystem:
-    """What a package describes; step and stop time [s] are its default experiment."""
+    """The system that a package describes; step and stop time [s] are its default experiment."""
 
     name: str
     components: Sequence[SspComponent]
@@ -78,7 +78,7 @@ class _Variable:
 
 @dataclass(frozen=True)
 class _Fmu:
-    """What the package needs to know of an FMU: its place in the package, its variables, its units."""
+    """The data of an FMU that the package needs: its path in the package, its variables, its units."""
 
     member: str
     content: bytes
@@ -87,17 +87,17 @@ class _Fmu:
 
 
 def setup_member(component: str) -> str:
-    """Return the name of a component's parameter values in the package."""
+    """Return the path of a component's parameter values in the package."""
     return f"resources/{component}.ssv"
 
 
 def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
-    """Write the package; return the inputs that are left for the importing tool to drive.
+    """Write the package; return the unconnected inputs, which the importing tool has to set.
 
     Raises:
         FmuError: An FMU cannot be read.
-        WiringError: SSP 1.0 cannot hold the system: an input with two sources, an unknown variable, a value of what
-            cannot be set.
+        WiringError: SSP 1.0 cannot represent the system: an input has two sources, a variable is unknown, or a
+            variable with a value cannot be set.
     """
     given = {f"{component.name}.{name}" for component in system.components for name in component.values}
     _refuse_two_sources(system.connections, given)
@@ -124,14 +124,14 @@ def _refuse_two_sources(connections: Iterable[SspConnection], given: Iterable[st
     for connection in connections:
         if other := seen.get(connection.target):
             raise WiringError(
-                f"{connection.target} is fed by {other} and by {connection.source}: SSP 1.0 knows one source per "
-                "input and no sums; leave one out, or put a summing component between"
+                f"{connection.target} is connected to {other} and to {connection.source}: SSP 1.0 allows one source "
+                "per input and no sums; remove one, or add a component that sums them"
             )
         seen[connection.target] = connection.source
 
 
 def _read_fmus(components: Iterable[SspComponent]) -> dict[str, _Fmu]:
-    """Component -> FMU; one file is stored once, different files of one name under different names."""
+    """Return the FMU of each component; files with equal content are stored once, others get different names."""
     stored: dict[str, bytes] = {}
     found = {}
     for component in components:
@@ -161,7 +161,7 @@ def _fmu(path: Path, member: str, content: bytes, members: Mapping[str, bytes]) 
         name = element.get("name", "")
         causality, variability = element.get("causality", "local"), element.get("variability", "continuous")
         unit = kind.get("unit") or types.get(kind.get("declaredType"))
-        # SSP asks for a definition of every unit that it names.
+        # SSP requires a definition of every unit that is used.
         known = unit if unit in units else None
         variables[name] = _Variable(name, causality, variability, kind.tag, known, kind.get("start"))
     return _Fmu(member, content, variables, units)
@@ -171,12 +171,12 @@ def _check_end(fmus: Mapping[str, _Fmu], full_name: str, causality: str) -> None
     component, _, name = full_name.partition(".")
     fmu = fmus.get(component)
     if fmu is None or name not in fmu.variables:
-        raise WiringError(f"{full_name}: there is no such variable; look at the names of the system's components")
+        raise WiringError(f"{full_name}: the variable does not exist; check the names of the system's components")
     variable = fmu.variables[name]
     if variable.causality != causality or variable.type not in _CONNECTORS:
         raise WiringError(
-            f"{full_name} is a {variable.type} {variable.causality}: in an SSP package connections go from outputs to "
-            f"inputs, of the types {', '.join(_CONNECTORS)}; connect an {causality}"
+            f"{full_name} is a {variable.type} {variable.causality}: an SSP package only connects outputs to inputs, "
+            f"of the types {', '.join(_CONNECTORS)}; connect an {causality}"
         )
 
 
@@ -198,7 +198,7 @@ def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
     links = _child(top, "ssd", "Connections")
     for connection in system.connections:
         _connection(links, connection)
-    # OMSimulator takes a system without this for a strongly coupled one, which has no co-simulation FMUs.
+    # Without this annotation OMSimulator assumes a strongly coupled system, which cannot contain co-simulation FMUs.
     oms = _child(_annotation(top, "org.openmodelica"), "oms", "Annotations")
     _child(
         _child(oms, "oms", "SimulationInformation"), "oms", "FixedStepMaster",
@@ -213,7 +213,7 @@ def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
 
 
 def _identifier(name: str) -> str:
-    """Return the name, or one near to it that is an identifier: OMSimulator takes no other for a system."""
+    """Return the name converted to an identifier, because OMSimulator requires one for a system."""
     near = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     return near if near.isidentifier() else f"system_{near}"
 
@@ -244,7 +244,7 @@ def _connection(links: ET.Element, connection: SspConnection) -> None:
         startElement=source, startConnector=output, endElement=target, endConnector=into,
     )  # fmt: skip
     if connection.convert or (connection.factor, connection.offset) != (1.0, 0.0):
-        link.set("suppressUnitConversion", "true")  # the factor holds it
+        link.set("suppressUnitConversion", "true")  # the factor includes the unit conversion
         factor, offset = repr(connection.factor), repr(connection.offset)
         _child(link, "ssc", "LinearTransformation", factor=factor, offset=offset)
 
@@ -257,7 +257,7 @@ def _units(root: ET.Element, prefix: str, units: Mapping[str, Mapping[str, str]]
 
 
 def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
-    """The values that were given, and the tunable parameters as they are: the sheet that a setup is changed on."""
+    """Return a component's parameter set: the given values, and the start values of all other tunable parameters."""
     tool = f"eightpost {__version__}"
     root = ET.Element(_tag("ssv", "ParameterSet"), name=SETUP, version="1.0", generationTool=tool)
     parent = _child(root, "ssv", "Parameters")
@@ -266,7 +266,7 @@ def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
         variable = fmu.variables.get(name)
         if variable is None or variable.causality not in ("parameter", "input") or variable.type not in _TYPES:
             raise WiringError(
-                f"{component.name}.{name} is no Real, Integer or Boolean parameter or input and cannot be set"
+                f"{component.name}.{name} cannot be set: it is not a Real, Integer or Boolean parameter or input"
             )
         unit = {"unit": variable.unit} if variable.unit else {}
         used |= {name: fmu.units[name] for name in unit.values()}

@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from benchmarks.measured_tables import fit_errors_table, held_out_table, lag_table
 from benchmarks.shock_picture import draw
 from benchmarks.shock_records import BOUC_WEN, LAWS
-from benchmarks.shock_rows import Bench, Found, results
+from benchmarks.shock_rows import Bench, FitErrors, results
 from benchmarks.shock_tables import gains_table, grid, summary, table_3_4, table_3_5, virtual
 from benchmarks.table import number
 from eightpost.ident.shock.report.tables import law_title
@@ -50,7 +50,7 @@ def times(found: list) -> str:
     """Return what a fit took, over the configurations."""
     lines = []
     for law in LAWS:
-        seconds = [one.seconds for one in found if isinstance(one, Found) and one.law == law]
+        seconds = [one.seconds for one in found if isinstance(one, FitErrors) and one.law == law]
         if seconds:
             lines.append([law_title(law), *(number(f(seconds)) for f in (min, statistics.median, max))])
     return grid(("law", "minimum [s]", "median [s]", "maximum [s]"), lines)

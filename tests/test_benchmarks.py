@@ -142,7 +142,7 @@ def test_cost_at_equal_accuracy_follows_the_measured_order_and_says_where_it_is_
     assert (ours.rate, ours.cost, ours.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
     assert (theirs.rate, theirs.cost, theirs.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
     said = summary(rows)
-    assert "| fmpy | jacobi, held | 20000 (extrapolated by its measured order) | about 400 | about 400 |" in said
+    assert "| fmpy | jacobi, held | 20000 (extrapolated with its measured order) | about 400 | about 400 |" in said
     assert "| eightpost | gauss-seidel | 1000 | 1 | 1 |" in said
 
 

@@ -106,7 +106,7 @@ def test_records_are_kept_survivors_tried_again_when_tests_change_and_equivalent
     sample = list(mutants(LAG, 1))[:4]
     known = {sample[0].key: Outcome.KILLED, sample[1].key: Outcome.SURVIVED}
     listed = [Equivalent(sample[2].file, *sample[2].lines, "because it is so here")]
-    campaign = Campaign([LAG], listed, tmp_path, seed=1, workers=1, tell=lambda line: None)
+    campaign = Campaign([LAG], listed, tmp_path, seed=1, workers=1, report=lambda line: None)
     records = {
         mutant.key: Record.of(mutant, known[mutant.key], tests="as they were")
         for mutant in sample

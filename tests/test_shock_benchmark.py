@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
 from benchmarks.shock_records import Case
-from benchmarks.shock_rows import FIGURES, Found, Refused
+from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
 from eightpost.ident.shock.record.preparation import prepare
 from eightpost.rig import DynoTest
@@ -81,7 +81,9 @@ def test_bouc_wen_is_recovered_from_its_own_records_and_predicts_another_run():
 
 def found(law, rms, offset=0.0, **changed):
     case = replace(Case("configuration 5", (), None, configuration=5), **changed)
-    return Found(case, law, fit_rms=rms, fit_deviation=1000.0, rms=rms, offset=offset, deviation=1000.0, seconds=1.0)
+    return FitErrors(
+        case, law, fit_rms=rms, fit_deviation=1000.0, rms=rms, offset=offset, deviation=1000.0, seconds=1.0
+    )
 
 
 def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown():
@@ -90,10 +92,10 @@ def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown()
 
 
 def test_a_law_that_is_refused_has_a_row_without_figures():
-    refused = Refused(Case("configuration 11", (), None, configuration=11), "maxwell", "the curve falls, and so on")
+    refused = FailedFit(Case("configuration 11", (), None, configuration=11), "maxwell", "the curve falls, and so on")
     assert set(refused.row()) == KEYS
     assert [refused.row()[name] for name in FIGURES] == [None] * 3
-    assert "refused: the curve falls |" in markdown([refused])
+    assert "not fitted: the curve falls |" in markdown([refused])
 
 
 def test_the_tables_stand_beside_the_printed_figures():
@@ -103,4 +105,4 @@ def test_the_tables_stand_beside_the_printed_figures():
     assert "| 41.5 |" in table_3_5(errors)
     assert table_3_5(errors).splitlines()[-1].endswith("| 22.7 | 22.7 | 21.2 |")
     assert "| 5 | 225 | yes |" in gains_table(errors)
-    assert any("1.010 (configuration 5); asked for: 1.005" in line for line in summary(errors))
+    assert any("1.010 (configuration 5); required: at most 1.005" in line for line in summary(errors))

@@ -21,7 +21,7 @@ def test_the_least_times_are_compared_and_the_slowest_help_text_is_named():
     lines = table(times()).splitlines()
     assert lines[2] == f"| {FIRST} | 20, 20 | 8, 8 | 0.4 |"
     assert lines[3] == f"| {LATER} | 4, 5 | 2, 2.5 | 0.5 |"
-    assert lines[5] == f"| {SLOW} (of all verbs the slowest) | 3, 3 | 0.15, 0.15 | 0.05 |"
+    assert lines[5] == f"| {SLOW} (slowest of all commands) | 3, 3 | 0.15, 0.15 | 0.05 |"
     assert lines[-1] == f"The slowest help text takes 1.5 times as long as `{HELP}`."
     assert not beyond_limits(times())
 

@@ -1,4 +1,4 @@
-"""Damaged files for every reader: each must be read, or refused with a message that names the file.
+"""Fuzz tests with damaged files for every reader: each must be read, or rejected with a message that names the file.
 
 python -m benchmarks.fuzz --mutants 6000 --seed 1
 """

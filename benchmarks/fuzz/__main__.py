@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fuzz`: a campaign of damaged files over every reader."""
+"""Command `python -m benchmarks.fuzz`, which runs a campaign of damaged files for every reader."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def main() -> int:
             return _replay(chosen, given.replay, given.seed, samples)
         begun = time.monotonic()
         tallies = run_campaign(chosen, mutants=given.mutants, seed=given.seed, samples=samples, workers=given.workers,
-                               told=_progress)  # fmt: skip
+                               progress=_progress)  # fmt: skip
         failures = [failure for tally in tallies for failure in tally.failures]
         for failure in failures:
             _keep(failure, chosen, given.seed, samples, given.output)
@@ -36,7 +36,7 @@ def main() -> int:
     print(f"seed {given.seed}, {time.monotonic() - begun:.0f} s; defects: {len(failures)}")
     if failures:
         print(
-            f"mutants and what was said: {given.output}/; one again: --reader NAME --replay NUMBER --seed {given.seed}"
+            f"mutants and messages: {given.output}/; to repeat one: --reader NAME --replay NUMBER --seed {given.seed}"
         )
     return int(bool(failures))
 
@@ -46,8 +46,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--mutants", type=int, default=6000, help="Number of mutants over all readers.")
     parser.add_argument("--seed", type=int, default=1, help="Seed of the mutants.")
     parser.add_argument("--reader", action="append", metavar="WORD", help="Only readers with WORD in their name.")
-    parser.add_argument("--workers", type=int, default=2, help="Number of processes at once.")
-    parser.add_argument("--replay", type=int, metavar="NUMBER", help="Read one mutant of the reader, in this process.")
+    parser.add_argument("--workers", type=int, default=2, help="Number of parallel processes.")
+    parser.add_argument("--replay", type=int, metavar="NUMBER", help="Mutant of the reader to read in this process.")
     parser.add_argument("-o", "--output", type=Path, default=Path("build/fuzz"), help="Folder for mutants that fail.")
     return parser.parse_args()
 
@@ -58,14 +58,17 @@ def _progress(tally: Tally) -> None:
 
 
 def _keep(failure: Failure, chosen: list[Reader], seed: int, samples: Path, output: Path) -> None:
-    """Save a failing mutant and what was said of it."""
+    """Save a failing mutant and its message."""
     reader = next(reader for reader in chosen if reader.name == failure.reader)
     output.mkdir(parents=True, exist_ok=True)
     stem = (
         f"{reader.name.replace(' ', '_').replace(',', '').replace('.', '')}_{seed}_{failure.number}_{failure.outcome}"
     )
     (output / f"{stem}.txt").write_text(failure.text, encoding="utf-8", errors="replace")
-    with in_place(samples, reader.sample) as path, contextlib.suppress(Exception):  # what cannot be made says so above
+    with (
+        in_place(samples, reader.sample) as path,
+        contextlib.suppress(Exception),
+    ):  # a mutant that cannot be created is reported above
         make_mutant(reader, failure.number, seed, path)
         if path.is_file():
             shutil.copy(path, output / f"{stem}{path.suffix}")

@@ -1,4 +1,4 @@
-"""Changes of zip archives: strange entries, false sizes, bombs, and changed members."""
+"""Changes of zip archives: invalid entries, wrong sizes, zip bombs, and changed members."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Member = Callable[[Random, str, bytes], bytes]
 
 
 def members_of(content: bytes) -> Members:
-    """Return the members of a sound archive."""
+    """Return the members of a valid archive."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
 def packed(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    """Return an archive, the same bytes each time; level 1, for speed."""
+    """Return an archive with reproducible bytes; compression level 1 for speed."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method, compresslevel=1) as archive:
         for name, content in members.items():
@@ -40,7 +40,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 
 def change_member(rng: Random, content: bytes, change: Member, likely: tuple[str, ...]) -> bytes:
-    """Change one member, most often one of those that matter, with its checksum."""
+    """Change one member, preferably one of the likely ones, and its checksum."""
     members = members_of(content)
     wanted = [name for name in members if name.endswith(likely)]
     name = rng.choice(wanted if wanted and rng.random() < 0.85 else list(members))
@@ -48,7 +48,7 @@ def change_member(rng: Random, content: bytes, change: Member, likely: tuple[str
 
 
 def change_entries(rng: Random, content: bytes) -> bytes:
-    """Add, remove, rename or repeat an entry, or change what is said of one."""
+    """Add, remove, rename or repeat an entry, or change its attributes."""
     ways = (_add, _add, _rename, _drop, _twice, _link, _method, _many, _folder)
     return rng.choice(ways)(rng, members_of(content))
 
@@ -72,7 +72,7 @@ def change_heads(rng: Random, content: bytes) -> bytes:
 
 
 def change_around(rng: Random, content: bytes) -> bytes:
-    """Put something before or after the archive, or nest it."""
+    """Add bytes before or after the archive, or nest it."""
     ways = (
         lambda: b"#!/bin/sh\n" * 100 + content,
         lambda: content + b"x" * 100,
@@ -85,7 +85,7 @@ def change_around(rng: Random, content: bytes) -> bytes:
 
 
 def bomb(rng: Random, content: bytes) -> bytes:
-    """Add 400 MB of zeros to what the archive holds, in one entry or in many."""
+    """Add 400 MB of zeros to the archive, in one entry or in many."""
     members = members_of(content)
     return _with_zeros(packed(members), rng.choice((1, 40)))
 

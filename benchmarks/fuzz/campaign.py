@@ -1,4 +1,4 @@
-"""A campaign: all readers, mutants in worker processes, and what came of them."""
+"""A fuzz campaign: mutants for all readers in worker processes, and their outcomes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from benchmarks.fuzz.worker import ACCEPTED, MEMORY, REFUSED, TRACEBACK, UNNAMED
 
 CRASH, HANG = "crash", "hang"
 OUTCOMES = (REFUSED, ACCEPTED, UNNAMED, TRACEBACK, CRASH, MEMORY, HANG)
-#: Time that one mutant may take, and a worker's start with its libraries [s].
+#: Time limits for one mutant, and for a worker's start including imports [s].
 _LONGEST, _START = 60.0, 120.0
-#: Mutants that one worker makes of a reader's.
+#: Number of mutants of a reader per worker.
 _BATCH = 250
 
 
-#: A reader's name, and its mutants from the first to the one before the last.
+#: Name of a reader, number of its first mutant, and number after its last mutant.
 Job = tuple[str, int, int]
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A mutant that was neither read nor refused with the file's name."""
+    """A mutant that was neither read nor rejected with a message that names the file."""
 
     reader: str
     number: int
@@ -42,7 +42,7 @@ class Failure:
 
 @dataclass
 class Tally:
-    """What came of the mutants of one reader."""
+    """The outcomes of the mutants of one reader."""
 
     reader: str
     counts: Counter[str] = field(default_factory=Counter)
@@ -51,7 +51,7 @@ class Tally:
 
     @property
     def mutants(self) -> int:
-        """The number of mutants tried."""
+        """Number of mutants that were tried."""
         return sum(self.counts.values())
 
     def add(self, number: int, outcome: str, text: str, seconds: float) -> None:
@@ -63,7 +63,7 @@ class Tally:
 
 
 def shares(chosen: Sequence[Reader], mutants: int) -> dict[str, int]:
-    """Return how many mutants each reader gets, one at least."""
+    """Return the number of mutants for each reader, at least one."""
     whole = sum(reader.share for reader in chosen)
     return {reader.name: max(1, round(mutants * reader.share / whole)) for reader in chosen}
 
@@ -76,7 +76,7 @@ def run_campaign(
     samples: Path,
     workers: int = 1,
     together: bool = False,
-    told: Callable[[Tally], None] | None = None,
+    progress: Callable[[Tally], None] | None = None,
 ) -> list[Tally]:
     """Try mutants on readers.
 
@@ -84,10 +84,10 @@ def run_campaign(
         chosen: Readers to try.
         mutants: Number of mutants of all readers together.
         seed: Seed of the mutants.
-        samples: Folder of the sound samples.
-        workers: Number of processes at once.
-        together: Whether one process tries all readers, which for few mutants saves most of the time.
-        told: Called with each reader's tally when it is complete.
+        samples: Folder of the valid samples.
+        workers: Number of parallel processes.
+        together: Whether one process tries all readers, which saves most of the time for few mutants.
+        progress: Callback that receives each reader's tally when it is complete.
     """
     counts = shares(chosen, mutants)
     jobs = [
@@ -100,8 +100,8 @@ def run_campaign(
     def run(group: list[Job]) -> None:
         for name, *outcome in _outcomes(group, seed, samples):
             tallies[name].add(*outcome)
-            if told and tallies[name].mutants == counts[name]:
-                told(tallies[name])
+            if progress and tallies[name].mutants == counts[name]:
+                progress(tallies[name])
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, groups))
@@ -109,7 +109,7 @@ def run_campaign(
 
 
 def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, int, str, str, float]]:
-    """Yield reader, number, outcome, text and processor time of each mutant; a worker that dies is replaced."""
+    """Yield reader, number, outcome, text and processor time of each mutant; a worker that crashes is replaced."""
     while jobs:
         with _Worker([str(samples), seed, jobs]) as worker:
             begun = None
@@ -122,11 +122,11 @@ def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, 
                 yield *begun, HANG if worker.late else CRASH, worker.how(), 0.0
                 jobs = _after(jobs, *begun)
             elif jobs:
-                raise RuntimeError(f"{jobs[0][0]}: the worker cannot read the sound sample: {worker.how()}")
+                raise RuntimeError(f"{jobs[0][0]}: the worker cannot read the valid sample: {worker.how()}")
 
 
 def _after(jobs: list[Job], name: str, number: int) -> list[Job]:
-    """Return what is left to do after a mutant."""
+    """Return the remaining jobs after a mutant."""
     place = next(k for k, (reader, first, last) in enumerate(jobs) if reader == name and first <= number < last)
     _, _, last = jobs[place]
     rest = [(name, number + 1, last)] if number + 1 < last else []
@@ -167,7 +167,7 @@ class _Worker:
         put("")
 
     def messages(self) -> Iterator[list[Any]]:
-        """Yield what the worker says until it ends, or says nothing for too long."""
+        """Yield the worker's messages until it ends or does not respond for too long."""
         patience = _START
         while True:
             try:

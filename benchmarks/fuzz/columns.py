@@ -1,4 +1,4 @@
-"""Changes of files with columns that stay readable: other types, shapes and headers than expected."""
+"""Changes of files with columns that keep them well-formed: unexpected types, shapes and headers."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ import scipy.io
 from benchmarks.fuzz import archives, documents
 from benchmarks.fuzz.mutations import TEXTS
 
-#: Scipy writes the date of today into the text that a MATLAB file begins with.
+#: Replacement for the header text of a MATLAB file, into which scipy writes today's date.
 _HEAD = b"MATLAB 5.0 MAT-file".ljust(116)
 
 
 def change_parquet(rng: Random, content: bytes) -> bytes:
-    """Change a column's type or name, drop or repeat it, leave out the rows, or change a header in the metadata."""
+    """Change a column's type or name, remove or repeat it, remove the rows, or change a header in the metadata."""
     table = pa.parquet.read_table(io.BytesIO(content))
     metadata = dict(table.schema.metadata or {})
     for _ in range(rng.randint(1, 2)):
@@ -87,7 +87,7 @@ def change_mat(rng: Random, content: bytes) -> bytes:
 
 
 def change_npz(rng: Random, content: bytes) -> bytes:
-    """Change the header's JSON, or an array's type, shape or own header."""
+    """Change the header's JSON, or an array's type, shape or header."""
     members = archives.members_of(content)
     name = rng.choice(list(members))
     if name == "header.npy" or rng.random() < 0.3:
@@ -120,7 +120,7 @@ def _npy(array: np.ndarray[Any, Any]) -> bytes:
 
 
 def overwrite_links(rng: Random, content: bytes) -> bytes:
-    """Overwrite 64-bit words, the links and lengths of an MDF 4 file, by limits, other links or small numbers."""
+    """Overwrite 64-bit words (links and lengths of an MDF 4 file) with limits, other links or small numbers."""
     changed = bytearray(content)
     for _ in range(rng.randint(1, 3)):
         at = 8 * rng.randrange(8, max(9, min(len(content), 6000) // 8))

@@ -1,4 +1,4 @@
-"""Changes of JSON, TOML and XML documents that keep them readable: other types, sizes and names than expected."""
+"""Changes of JSON, TOML and XML documents that keep them well-formed: unexpected types, sizes and names."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def change_json(rng: Random, content: bytes) -> bytes:
     """Change one to three places of a JSON document: value, key, order, type."""
     try:
         document = json.loads(content)
-    except (ValueError, RecursionError):  # it was changed before
+    except (ValueError, RecursionError):  # an earlier change made it malformed
         return content
     for _ in range(rng.randint(1, 3)):
         document = _changed(rng, document)
@@ -55,7 +55,7 @@ def _raw(found: re.Match[str]) -> str:
 
 
 def _changed(rng: Random, document: Any) -> Any:
-    """Change one place, chosen at random from the top down."""
+    """Change one place, found by a random walk from the root."""
     children = list(
         document if isinstance(document, dict) else range(len(document)) if isinstance(document, list) else ()
     )

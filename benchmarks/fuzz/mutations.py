@@ -1,4 +1,4 @@
-"""Changes of a file's bytes and texts, chosen by a generator that is given."""
+"""Changes of a file's bytes and texts, chosen by a given random generator."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from random import Random
 
 Change = Callable[[Random, bytes], bytes]
 
-#: Numbers as texts that readers trip over.
+#: Texts of numbers that are difficult for readers.
 NUMBERS = (
     "0", "-0.0", "-1", "1e308", "1e999", "-1e999", "NaN", "nan", "Infinity", "-inf", "1e-320", "9" * 25, "9" * 400,
     "9" * 5000, "0x10", "1_000", "1,5", "--1", "", "+", "1e", "٣", "18446744073709551616", "2147483648",
 )  # fmt: skip
-#: Texts that readers trip over.
+#: Texts that are difficult for readers.
 TEXTS = (
     "", " ", "x", "a\0b", "=cmd|' /C calc'!A0", "../../etc/passwd", "/dev/null", ".", "N", "mm/s", "m**1e9", "%s%n",
     "[red]", "\x1b[31m", "\ufeff", "é", "x" * 5000, "1 m", "nan s", "1e999 s", "-1 s", "lf", "s" * 300 + ".fmu",
@@ -23,7 +23,7 @@ _WORDS = (b"\x00" * 4, b"\xff" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"
 
 
 def flip_bits(rng: Random, content: bytes) -> bytes:
-    """Turn one to eight bits."""
+    """Flip one to eight bits."""
     changed = bytearray(content)
     for _ in range(rng.randint(1, 8) if content else 0):
         changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
@@ -31,7 +31,7 @@ def flip_bits(rng: Random, content: bytes) -> bytes:
 
 
 def truncate(rng: Random, content: bytes) -> bytes:
-    """Cut the end off."""
+    """Cut off the end."""
     return content[: rng.randint(0, len(content))]
 
 
@@ -43,7 +43,7 @@ def insert(rng: Random, content: bytes) -> bytes:
 
 
 def remove(rng: Random, content: bytes) -> bytes:
-    """Take a piece out."""
+    """Remove a piece."""
     at = rng.randint(0, len(content))
     return content[:at] + content[at + rng.randint(1, max(1, len(content) // 4)) :]
 
@@ -56,7 +56,7 @@ def repeat(rng: Random, content: bytes) -> bytes:
 
 
 def overwrite(rng: Random, content: bytes) -> bytes:
-    """Overwrite words of four bytes by limits of integers."""
+    """Overwrite words of four bytes with limits of integers."""
     changed = bytearray(content)
     for _ in range(rng.randint(1, 4)):
         at = 4 * rng.randrange(max(1, len(content) // 4))
@@ -65,23 +65,23 @@ def overwrite(rng: Random, content: bytes) -> bytes:
 
 
 def overwrite_head(rng: Random, content: bytes) -> bytes:
-    """The same within the first kilobyte, where binary formats describe themselves."""
+    """Overwrite words in the first kilobyte, where binary formats have their header."""
     return overwrite(rng, content[:1024]) + content[1024:]
 
 
 def swap_pieces(rng: Random, content: bytes) -> bytes:
-    """Let two pieces of the file change places."""
+    """Swap two pieces of the file."""
     a, b, c = sorted(rng.randint(0, len(content)) for _ in range(3))
     return content[:a] + content[b:c] + content[a:b] + content[c:]
 
 
 def empty(rng: Random, _: bytes) -> bytes:
-    """Leave nothing, or nothing but blanks."""
+    """Return an empty file, or only white space."""
     return rng.choice((b"", b"\n", b" ", b"\0", b"\xef\xbb\xbf", b"\xff\xfe"))
 
 
 def recode(rng: Random, content: bytes) -> bytes:
-    """Save in another encoding, or with a byte order mark, or with bytes that are none of UTF-8."""
+    """Save in another encoding, with a byte order mark, or with bytes that are not valid UTF-8."""
     text = content.decode("utf-8", "replace")
     ways = (
         lambda: text.encode("utf-16"),
@@ -97,12 +97,12 @@ def recode(rng: Random, content: bytes) -> bytes:
 
 
 def change_number(rng: Random, content: bytes) -> bytes:
-    """Put something else in the place of a number."""
+    """Replace a number with something else."""
     return _replaced(rng, content, _NUMBER, rng.choice(NUMBERS).encode())
 
 
 def change_word(rng: Random, content: bytes) -> bytes:
-    """Put something else in the place of a word."""
+    """Replace a word with something else."""
     return _replaced(rng, content, re.compile(rb"[A-Za-z_][\w.]*"), rng.choice(TEXTS).encode())
 
 
@@ -125,13 +125,13 @@ def change_lines(rng: Random, content: bytes) -> bytes:
 
 
 def long_field(rng: Random, content: bytes) -> bytes:
-    """Put 10 MB into one place."""
+    """Insert 10 MB at one place."""
     at = rng.randint(0, len(content))
     return content[:at] + rng.choice((b"7", b"x", b'"', b" ", b"\xc3\xa9", b"[", b",")) * 10_000_000 + content[at:]
 
 
 def change_marks(rng: Random, content: bytes) -> bytes:
-    """Put another mark in the place of a quote, bracket, delimiter or blank."""
+    """Replace a quote, bracket, delimiter or blank with another such character."""
     marks = b",;\t\"'[](){}=:.#\n <>/&"
     return _replaced(rng, content, re.compile(rb"[" + re.escape(marks) + rb"]"), bytes([rng.choice(marks)]))
 
@@ -151,5 +151,5 @@ TEXT: tuple[Change, ...] = (
     flip_bits, truncate, insert, remove, repeat, swap_pieces, empty, recode, change_number, change_number, change_word,
     change_word, change_lines, change_lines, change_marks, change_marks,
 )  # fmt: skip
-#: Slow ones, of which a campaign makes few.
+#: Slow changes, of which a campaign makes few.
 SLOW: tuple[Change, ...] = (long_field,)

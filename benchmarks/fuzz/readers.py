@@ -1,4 +1,4 @@
-"""Every reader of files that there is, with a sound sample of what it reads and the changes that suit it."""
+"""All readers of files, each with a valid sample and suitable changes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Reader:
 
     Attributes:
         name: Name of the reader in the table.
-        sample: Path of the sample in the folder of samples; its mutant takes its place.
-        read: Reads the file at a path, in the folder of samples.
-        changes: Functions of a generator and the sample's bytes that return a mutant's bytes.
+        sample: Path of the sample in the folder of samples, where the mutant replaces it.
+        read: Function that reads the file at a path in the folder of samples.
+        changes: Functions of a random generator and the sample's bytes that return a mutant's bytes.
         share: Share of the campaign's mutants, relative to the other readers.
-        neighbours: Other files that the message may name: those that the reader needs beside this one.
+        neighbours: Other files that the reader needs, which the error message may name instead.
     """
 
     name: str
@@ -55,7 +55,7 @@ _TOML = (*(documents.change_toml,) * 16, *_TEXT)
 _FMU = _in_archive("modelDescription.xml")
 
 
-# The readers import what they need when they are called: a campaign over one reader loads nothing of the others.
+# The readers import their modules when they are called, so that a campaign over one reader does not load the others.
 
 
 def _record(path: Path) -> Any:
@@ -108,7 +108,7 @@ def _shock(path: Path) -> Any:
 
 
 def _shock_origin(path: Path) -> Any:
-    """What a build makes of a shock file: its product with its documents."""
+    """Read a shock file as a build does: create its product and its documents."""
     from builder.build import _product  # noqa: PLC0415
     from builder.documents.origin import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415

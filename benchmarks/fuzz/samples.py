@@ -1,4 +1,4 @@
-"""Sound files of every kind, small, from which mutants are made."""
+"""Small valid files of every kind, from which mutants are created."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _fmus(folder: Path) -> None:
     shutil.copy(folder / "seven_dof.toml", folder / "car.toml")
     made = build([folder / "shock.json", folder / "car.toml"], folder / "fmus", target="python")
     for item in made:
-        # Without its documents: what is checked of an FMU is as large, and a mutant is written in a hundredth.
+        # Without the documents, a mutant is written in a hundredth of the time, and the checked content is the same.
         members = archives.members_of(item.path.read_bytes())
         kept = {
             n: c for n, c in members.items() if n.startswith(("model", "terminals", "resources", "binaries/linux64"))
@@ -273,7 +273,7 @@ def _settings(folder: Path) -> None:
 
 
 def study() -> Study:
-    """Return a study of nine setups and two measures, no FMU behind it."""
+    """Return a study of nine setups and two measures, without an FMU."""
     return Study(
         name="constructed", vehicle=Vehicle(Path("car.fmu")), bank={b: Build(Path(f"{b}.fmu")) for b in _BUILDS},
         corners=dict.fromkeys(_CORNERS, _BUILDS), drives=(Drive("lap", Path("lap.parquet"), 30.0),),

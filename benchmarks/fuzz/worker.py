@@ -1,4 +1,4 @@
-"""A process that makes mutants, reads them, and says what came of each. Its death is a finding of the campaign."""
+"""A process that creates mutants, reads them, and reports the outcome of each; a crash is a finding of the campaign."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from eightpost.errors import InputError
 
 #: Outcomes of a mutant; all but the first two are defects.
 REFUSED, ACCEPTED, UNNAMED, TRACEBACK, MEMORY = "refused", "accepted", "unnamed", "traceback", "memory"
-#: Memory that reading one mutant may take [bytes]: resident, and beyond that any at all.
+#: Memory limits for reading one mutant [bytes]: resident memory, and address space in addition to that.
 _RESIDENT, _ADDRESSES = 2**30, 3 * 2**30
-#: One mutant in so many is none of the content: a missing file, a folder, a link to itself.
+#: One mutant in this number does not change the content: a missing file, a folder, a link to itself.
 _PLACES = 40
 
 
 def make_mutant(reader: Reader, number: int, seed: int, path: Path) -> None:
-    """Put mutant `number` of a campaign with `seed` in the place of the sample at `path`."""
+    """Replace the sample at `path` with mutant `number` of a campaign with `seed`."""
     rng = Random(f"{seed}/{reader.name}/{number}")
     if number % _PLACES == _PLACES - 1:
         rng.choice((_missing, _folder, _loop, _unreadable))(path)
@@ -57,7 +57,7 @@ def _unreadable(path: Path) -> None:
 
 @contextlib.contextmanager
 def in_place(samples: Path, sample: str) -> Iterator[Path]:
-    """Give the path of a sample in a copy of the samples' folder, so that a mutant finds its neighbours."""
+    """Provide the path of a sample in a copy of the samples' folder, which also contains files that it refers to."""
     with tempfile.TemporaryDirectory(prefix="fuzz_") as folder:
         copy = Path(folder) / "s"
         shutil.copytree(samples, copy)
@@ -65,7 +65,7 @@ def in_place(samples: Path, sample: str) -> Iterator[Path]:
 
 
 def read_mutant(reader: Reader, path: Path) -> tuple[str, str]:
-    """Read a mutant; return the outcome and what was said."""
+    """Read a mutant; return the outcome and the error message."""
     names = (path.name, *reader.neighbours)
     try:
         with warnings.catch_warnings(), _quiet():
@@ -89,7 +89,7 @@ def _quiet() -> Iterator[None]:
 
 
 def main() -> None:
-    """Read `[samples, seed, [[reader, first, last], ...]]` and say an outcome per mutant, a line of JSON each."""
+    """Read a task `[samples, seed, [[reader, first, last], ...]]`; print an outcome per mutant, one JSON line each."""
     samples, seed, jobs = json.loads(sys.argv[1])
     known = {reader.name: reader for reader in readers()}
     said = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
@@ -117,11 +117,11 @@ def _try(reader: Reader, numbers: Iterable[int], seed: int, path: Path, said: IO
 
 
 def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str] | None:
-    """Make a mutant; a change that fails is a defect of the campaign, and shows."""
+    """Create a mutant; if a change fails, report it, because it is a defect of the campaign."""
     try:
         make_mutant(reader, number, seed, path)
     except Exception:
-        return TRACEBACK, f"the mutant could not be made\n{traceback.format_exc(limit=-8)}"
+        return TRACEBACK, f"the mutant could not be created\n{traceback.format_exc(limit=-8)}"
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return None
@@ -135,14 +135,14 @@ def _restore(path: Path, content: bytes) -> None:
 
 
 def _warm_up(reader: Reader, path: Path) -> None:
-    """Read the sound sample; libraries are loaded before memory is limited."""
+    """Read the valid sample, so that libraries are loaded before memory is limited."""
     with warnings.catch_warnings(), contextlib.suppress(InputError):
         warnings.simplefilter("ignore")
         reader.read(path)
 
 
 def _limit_addresses(more: int | None) -> None:
-    """Limit the address space to what is taken now and `more` [bytes]; None ends the limit."""
+    """Limit the address space to the current size plus `more` [bytes]; None removes the limit."""
     try:
         import resource  # noqa: PLC0415
     except ImportError:  # Windows
@@ -156,7 +156,7 @@ def _limit_addresses(more: int | None) -> None:
 
 
 def _peak() -> int:
-    """Return the peak of the resident memory since the mutant was made [bytes]; 0 where the system does not say."""
+    """Return the peak resident memory since the mutant was created [bytes]; 0 if the system does not report it."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):

@@ -1,6 +1,7 @@
-"""Methods of the identification benchmark: each file of this folder has METHODS, recipes by the name in the table.
+"""Methods of the identification benchmark: each file of this folder defines METHODS, recipes by name in the table.
 
-A method is any recipe of `eightpost.ident.vehicle.recipes`; friction that it finds at the ports is the vehicle's own.
+A method is any recipe of `eightpost.ident.vehicle.recipes`; friction that it estimates at the ports is part of the
+vehicle.
 """
 
 from __future__ import annotations

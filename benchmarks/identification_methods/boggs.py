@@ -1,4 +1,4 @@
-"""The dissertation's chain: responses as they are estimated, and preconditioned."""
+"""The recipe of the dissertation with raw and with preconditioned responses."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Preconditioned:
-    """The chain of the car's chapter with another preconditioning."""
+    """The recipe of the dissertation with another preconditioning."""
 
     preconditioning: Preconditioning | None
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
-        """Identify as the recipe does."""
+        """Identify a vehicle with the recipe."""
         chapter = replace(chapter_of(experiment), preconditioning=self.preconditioning)
         return Boggs(chapter).identify(tests, experiment)
 

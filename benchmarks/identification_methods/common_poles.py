@@ -1,4 +1,4 @@
-"""One minimal model for all paths, with friction at the ports and without."""
+"""The common-pole recipe, with and without friction at the ports."""
 
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 

@@ -1,1 +1,1 @@
-"""Mutation testing: a source is changed in one place, and the tests of its area must notice."""
+"""Mutation testing: a source is changed in one place, and the tests of its area must fail."""

@@ -4,9 +4,10 @@
 
 A mutant is a source with one operator, sign, bound or constant changed. Mutants are sampled at random in every area of
 areas.toml, and the tests assigned to the area are run on a copy of the checkout: a mutant is killed if one of them
-fails. Mutants of equivalent.toml give the same results as the source, so no test can notice them; they are counted
-apart. Records are kept in the folder: the same command resumes, and tries survivors again once tests have changed.
-Prints Markdown, which is written to FOLDER/report.md too. Ends with 1 if fewer than SHARE of the mutants are killed.
+fails. Mutants of equivalent.toml give the same results as the source, so no test can detect them; they are counted
+separately. Records are kept in the folder: the same command resumes the campaign, and tries survivors again if the
+tests have changed. Prints Markdown, which is also written to FOLDER/report.md. The exit code is 1 if fewer than SHARE
+of the mutants are killed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def main() -> int:
     areas = read_areas()
     options = _options([area.name for area in areas])
     chosen = [area for area in areas if area.name in options.areas]
-    found = Campaign(chosen, read_equivalents(), options.folder, options.seed, options.workers, _tell).run(
+    found = Campaign(chosen, read_equivalents(), options.folder, options.seed, options.workers, _print).run(
         options.count
     )
     text = report(found, options.seed)
@@ -36,16 +37,18 @@ def main() -> int:
 
 def _options(names: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=200, help="number of mutants, over all chosen areas (default 200)")
+    parser.add_argument("--count", type=int, default=200, help="number of mutants in all areas (default 200)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample (default 1)")
     parser.add_argument("--areas", nargs="+", choices=names, default=names, help="areas to sample (default all)")
-    parser.add_argument("--workers", type=int, default=2, help="trials at a time (default 2)")
-    parser.add_argument("--folder", type=Path, default=Path("out/mutants"), help="records (default out/mutants)")
-    parser.add_argument("--least", type=float, default=0.9, help="smallest share of killed mutants (default 0.9)")
+    parser.add_argument("--workers", type=int, default=2, help="number of parallel trials (default 2)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/mutants"), help="folder of the records (default out/mutants)"
+    )
+    parser.add_argument("--least", type=float, default=0.9, help="required share of killed mutants (default 0.9)")
     return parser.parse_args()
 
 
-def _tell(line: str) -> None:
+def _print(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 

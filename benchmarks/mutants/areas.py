@@ -1,4 +1,4 @@
-"""Which sources are changed, and which tests must notice: areas.toml; which changes change nothing: equivalent.toml."""
+"""The areas of areas.toml (sources and their tests), and the equivalent mutants of equivalent.toml."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Area:
 
     Args:
         name: Name of the area.
-        sources: Glob patterns of the sources that are changed, from the root of the checkout.
-        tests: Arguments of pytest, the tests that are likeliest to fail first.
-        plugins: Modules that pytest loads first (`pytest -p`), and that make a run cheaper.
+        sources: Glob patterns of the sources to change, relative to the root of the checkout.
+        tests: Arguments of pytest; the tests that are most likely to fail come first.
+        plugins: Modules that pytest loads first (`pytest -p`) and that make a run faster.
         share: Weight of the area in the number of mutants.
     """
 
@@ -28,7 +28,7 @@ class Area:
     share: float = 1.0
 
     def files(self, root: Path = ROOT) -> list[Path]:
-        """Return the sources in the order of their names.
+        """Return the sources in alphabetical order.
 
         Raises:
             FileNotFoundError: A pattern matches nothing.
@@ -44,13 +44,13 @@ class Area:
 
 @dataclass(frozen=True)
 class Equivalent:
-    """A change after which every result is the same, so that no test can notice it.
+    """A change that does not affect any result, so that no test can detect it.
 
     Args:
-        file: Path from the root of the checkout.
-        line: The line as it is, without the spaces around it.
-        mutant: The line as the change makes it.
-        reason: Why nothing changes.
+        file: Path relative to the root of the checkout.
+        line: Original line without leading and trailing spaces.
+        mutant: Changed line.
+        reason: Reason why no result changes.
     """
 
     file: str

@@ -1,7 +1,7 @@
-"""What can be changed in a C source: operators, signs, bounds and constants.
+"""The places in a C source that can be changed: operators, signs, bounds and constants.
 
-It relies on the format of fmus/: a binary operator has a space on both sides, a sign or a pointer's star has none
-after it.
+The search relies on the format of fmus/: a binary operator has a space on both sides, a sign or a pointer's star has no
+space after it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _site(source: str, found: re.Match[str], others: str | tuple[str, ...]) -> S
 
 
 def _neighbours(number: str) -> tuple[str, ...]:
-    """One more and one less, as cosmic-ray does in Python."""
+    """Return the number plus one and minus one, like cosmic-ray does for Python."""
     if number.isdigit():
         return str(int(number) + 1), str(int(number) - 1)
     value = float.fromhex(number) if number.startswith("0x") else float(number)

@@ -1,4 +1,4 @@
-"""A campaign: a random sample of mutants of every area, each tried on a copy of the checkout."""
+"""A mutation campaign: a random sample of mutants of every area, each tried on a copy of the checkout."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from benchmarks.mutants.mutant import Mutant, mutants
 from benchmarks.mutants.records import Record, append_record, digest_of_tests, read_records
 from benchmarks.mutants.trial import Outcome, Tree, Trial, copy_tree
 
-#: A trial may take so many times as long as one without a change, and so many seconds more.
+#: Time limit of a trial: multiple of the time without a change, plus a number of seconds.
 _SLOWER, _LONGER = 3.0, 20.0
 _BASELINE_LIMIT = 600.0
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What is tried, and where records are kept.
+    """A mutation campaign and the folder of its records.
 
     Args:
         areas: Areas to sample.
-        equivalents: Mutants that no test can notice; they are counted and not tried.
+        equivalents: Mutants that no test can detect; they are counted but not tried.
         folder: Folder of the records and of compiled FMUs.
         seed: Seed of the sample.
-        workers: Number of trials at a time.
-        tell: Called with every new record, and with what else there is to report.
+        workers: Number of parallel trials.
+        report: Callback that receives a line of text for every new record and other events.
     """
 
     areas: Sequence[Area]
@@ -40,12 +40,12 @@ class Campaign:
     folder: Path
     seed: int
     workers: int
-    tell: Callable[[str], None]
+    report: Callable[[str], None]
 
     def run(self, count: int) -> list[Record]:
-        """Try a sample of `count` mutants, spread over the areas by their shares; return the records in that order.
+        """Try a sample of `count` mutants, distributed over the areas by their shares; return the records in order.
 
-        Killed mutants of an earlier run are not tried again, survivors only where the tests have changed since.
+        Killed mutants of an earlier run are not tried again; survivors are tried again if the tests have changed.
 
         Raises:
             RuntimeError: The tests of an area fail without a change.
@@ -64,7 +64,7 @@ class Campaign:
             ]
 
     def _run_area(self, area: Area, count: int, root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
-        """Try the mutants of an area; `root` is one of the copies, since the checkout may change meanwhile."""
+        """Try the mutants of an area; `root` is one of the copies, because the checkout may change meanwhile."""
         known, tests = read_records(self._file), digest_of_tests(area, root)
         sample = list(islice(mutants(area, self.seed, root), count))
         missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
@@ -92,11 +92,11 @@ class Campaign:
         return None
 
     def _limit(self, area: Area, trees: SimpleQueue[Tree]) -> float:
-        """Return how long a trial may take [s], from one without a change."""
+        """Return the time limit of a trial [s], from the time of a trial without a change."""
         trial = _on_a_tree(trees, lambda tree: tree.try_mutant(area, None, _BASELINE_LIMIT))
         if trial.outcome is not Outcome.SURVIVED:
-            raise RuntimeError(f"{area.name}: its tests fail on the sources as they are:\n{trial.output}")
-        self.tell(f"{area.name}: the tests take {trial.seconds:.0f} s")
+            raise RuntimeError(f"{area.name}: its tests fail on the unchanged sources:\n{trial.output}")
+        self.report(f"{area.name}: the tests take {trial.seconds:.0f} s")
         return _SLOWER * trial.seconds + _LONGER
 
     def _try(self, area: Area, mutant: Mutant, limit: float, tests: str, trees: SimpleQueue[Tree]) -> Record:
@@ -105,7 +105,7 @@ class Campaign:
         note = "" if noticed is None else noticed[1] or noticed[2]
         record = Record.of(mutant, trial.outcome, seconds=trial.seconds, tests=tests, note=note)
         append_record(self._file, record)
-        self.tell(f"{record.outcome:9} {record.seconds:5.1f} s  {mutant.file}:{mutant.line}  {mutant.lines[1]}")
+        self.report(f"{record.outcome:9} {record.seconds:5.1f} s  {mutant.file}:{mutant.line}  {mutant.lines[1]}")
         return record
 
 

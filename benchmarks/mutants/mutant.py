@@ -21,10 +21,10 @@ class Mutant:
 
     Args:
         area: Name of the area.
-        file: Path from the root of the checkout.
+        file: Path relative to the root of the checkout.
         line: Line number of the change, from 1.
-        before: The source as it is.
-        after: The source with the change.
+        before: Original source.
+        after: Changed source.
     """
 
     area: str
@@ -35,17 +35,17 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """The same for the same change of the same source."""
+        """Key that is equal for equal changes of equal sources."""
         return hashlib.sha256(f"{self.area}\0{self.file}\0{self.after}".encode()).hexdigest()[:16]
 
     @property
     def lines(self) -> tuple[str, str]:
-        """The changed line as it was and as it is, without the spaces around it."""
+        """Original and changed line, without leading and trailing spaces."""
         return tuple(text.splitlines()[self.line - 1].strip() for text in (self.before, self.after))
 
     @property
     def diff(self) -> str:
-        """The change as a patch."""
+        """Change as a patch."""
         texts = (text.splitlines() for text in (self.before, self.after))
         return "\n".join(unified_diff(*texts, f"a/{self.file}", f"b/{self.file}", n=1, lineterm=""))
 
@@ -53,7 +53,7 @@ class Mutant:
 def mutants(area: Area, seed: int, root: Path = ROOT) -> Iterator[Mutant]:
     """Yield mutants of an area in random order, one for each place of its sources.
 
-    A longer sample with the same seed begins with the shorter one.
+    A longer sample with the same seed starts with the shorter one.
     """
     places: list[tuple[Path, Site]] = []
     for path in area.files(root):

@@ -1,4 +1,4 @@
-"""What can be changed in a Python source: operators, signs, bounds and constants, by cosmic-ray's operators."""
+"""The places in a Python source that can be changed (operators, signs, bounds, constants), found by cosmic-ray."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OPERATORS = (
 )
 
 
-#: What parso calls nodes in which a star is no product.
+#: Types of parso nodes in which a star is not a multiplication.
 _STARRED = ("parameters", "param", "argument", "star_expr", "dictorsetmaker", "lambdef")
 
 
@@ -45,7 +45,7 @@ def python_sites(source: str) -> list[Site]:
 
 
 def _positions(name: str, nodes: list[Any]) -> Iterator[tuple[int, int]]:
-    """Yield where an operator applies; (-1, -1) where it takes a star of parameters or arguments for a product."""
+    """Yield the positions of an operator; (-1, -1) if it mistakes a star of arguments for a multiplication."""
     operator = _operator(name)
     for node in nodes:
         for start, _ in operator.mutation_positions(node):

@@ -1,4 +1,4 @@
-"""What is known of mutants that were tried: a line of JSON for each, so that a campaign resumes where it stopped."""
+"""Records of tried mutants, one JSON line each, with which a campaign resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Record:
     Args:
         key: Key of the mutant.
         area: Name of the area.
-        file: Path from the root of the checkout.
+        file: Path relative to the root of the checkout.
         line: Line number of the change, from 1.
         outcome: Result for the mutant.
         seconds: Duration of the trial [s].
         tests: Digest of the tests that were run.
         diff: The change as a patch.
-        note: Reason for which a mutant is equivalent, or the first test that noticed it.
+        note: Reason why a mutant is equivalent, or the first test that detected it.
     """
 
     key: str
@@ -46,7 +46,7 @@ class Record:
 
 
 def digest_of_tests(area: Area, root: Path) -> str:
-    """Return a digest of the tests of an area and of the fixtures beside them, in a checkout."""
+    """Return a digest of the tests of an area and their fixtures in a checkout."""
     digest = hashlib.sha256("\0".join(area.tests).encode())
     paths = {root / test.partition("::")[0] for test in area.tests}
     for path in sorted(path for path in paths if path.exists()):

@@ -12,7 +12,7 @@ _NOTICED = (Outcome.KILLED, Outcome.TIMEOUT)
 
 
 def killed_share(records: Sequence[Record]) -> float:
-    """Return the share of killed mutants [1] among those that a test could notice; 1 where there are none."""
+    """Return the share of killed mutants [1] among those that a test can detect; 1 if the list is empty."""
     tried = [record.outcome for record in records if record.outcome in (*_NOTICED, Outcome.SURVIVED)]
     return sum(outcome in _NOTICED for outcome in tried) / len(tried) if tried else 1.0
 

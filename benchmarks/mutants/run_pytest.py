@@ -1,4 +1,4 @@
-"""pytest in a process forked from one that has loaded the packages of other projects, which takes most of its time."""
+"""Execution of pytest in a process forked from one that has already imported third-party packages, which saves time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from benchmarks.mutants.areas import ROOT
 
-#: Packages that most tests load, and that no mutant changes. numba is not among them: it reads its environment once.
+#: Third-party packages that most tests import. numba is not included, because it reads its environment only once.
 _LOADED = (
     "__main__", "control", "filelock", "fmpy", "hypothesis.strategies", "jinja2", "lxml.etree", "numpy", "pint",
     "pyarrow.parquet", "pydantic", "pytest", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
@@ -27,13 +27,13 @@ _server.set_forkserver_preload(list(_LOADED))
 def run_pytest(
     arguments: Sequence[str], folder: Path, environment: Mapping[str, str], limit: float
 ) -> tuple[int | None, str]:
-    """Run pytest; return its exit code, None where it took too long, and what it printed.
+    """Run pytest; return its exit code (None if it exceeded the time limit) and its output.
 
     Args:
         arguments: Arguments of pytest.
         folder: Folder to run in, whose packages are imported.
         environment: Environment variables to set.
-        limit: Longest duration [s]; then pytest is ended with all that it has started.
+        limit: Time limit [s], after which pytest and its child processes are killed.
     """
     with tempfile.NamedTemporaryFile() as printed:
         process = _server.Process(target=_in_child, args=(arguments, str(folder), dict(environment), printed.name))
@@ -43,7 +43,7 @@ def run_pytest(
             status = process.exitcode
         finally:
             assert process.pid is not None
-            with suppress(ProcessLookupError):  # the group of the process, which is its own since os.setsid
+            with suppress(ProcessLookupError):  # the process has its own group since os.setsid
                 os.killpg(process.pid, signal.SIGKILL)
             process.kill()
             process.join()

@@ -1,11 +1,11 @@
-"""A place of a source where something can be changed."""
+"""A place in a source that can be changed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-#: Takes a source, returns it with the change; None where the change cannot be made.
+#: Function of a source that returns the changed source, or None if the change cannot be made.
 Change = Callable[[str], str | None]
 
 
@@ -15,7 +15,7 @@ class Site(NamedTuple):
     Args:
         line: Line number, from 1.
         column: Column number, from 0.
-        changes: Changes, each of which makes a mutant.
+        changes: Changes, each of which gives a mutant.
     """
 
     line: int

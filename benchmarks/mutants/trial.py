@@ -20,25 +20,25 @@ from benchmarks.mutants.run_pytest import run_pytest
 
 _OPTIONS = ("-x", "-q", "--no-header", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-seed=0")
 
-#: Time of every source of a copy, before that of any change: byte code of the sources as they are stays valid.
+#: Modification time of all sources in a copy, before that of any change: byte code of unchanged sources stays valid.
 _LONG_AGO = 1e9
 
 
 class Outcome(StrEnum):
-    """What became of a mutant."""
+    """The outcome for a mutant."""
 
     KILLED = "killed"
     SURVIVED = "survived"
     TIMEOUT = "timeout"
-    """The tests took far longer than without the change, so that it was noticed too."""
+    """The tests exceeded the time limit, which also counts as killed."""
     INVALID = "invalid"
-    """The compiler refuses it."""
+    """The compiler rejects the source."""
     EQUIVALENT = "equivalent"
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What the tests of an area gave.
+    """The result of the tests of an area.
 
     Args:
         outcome: Result for the mutant.
@@ -57,19 +57,19 @@ class Tree:
 
     Args:
         folder: Folder of the copy.
-        cache: Folder of compiled FMUs; they are kept by the content of their sources, so that trials may share it.
+        cache: Folder of compiled FMUs; its keys are digests of the sources, so that trials can share it.
     """
 
     folder: Path
     cache: Path
 
     def try_mutant(self, area: Area, mutant: Mutant | None, limit: float) -> Trial:
-        """Run the tests of an area, with a change or without.
+        """Run the tests of an area, with or without a change.
 
         Args:
             area: Area whose tests are run.
-            mutant: Change to make; None runs the tests on the sources as they are.
-            limit: Longest duration [s].
+            mutant: Change to make; None runs the tests on the unchanged sources.
+            limit: Time limit [s].
         """
         begin = time.monotonic()
         with self._changed(mutant), tempfile.TemporaryDirectory() as scratch:
@@ -97,7 +97,7 @@ class Tree:
         return [*_OPTIONS, *plugins, *area.tests]
 
     def _environment(self, scratch: Path) -> dict[str, str]:
-        """Nothing that is compiled from a changed Python source is kept: neither byte code nor numba's machine code."""
+        """Return the environment, in which neither byte code nor numba's machine code of changed sources is cached."""
         return {
             "PYTHONPATH": str(self.folder),
             "PYTHONDONTWRITEBYTECODE": "1",
@@ -109,7 +109,7 @@ class Tree:
 
 
 def copy_tree(folder: Path, cache: Path, root: Path = ROOT) -> Tree:
-    """Copy what git knows of the checkout, and what is new in it, into a folder."""
+    """Copy the tracked and new files of the checkout into a folder."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=root, capture_output=True, text=True, check=True,

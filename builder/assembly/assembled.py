@@ -1,4 +1,4 @@
-"""An assembly into one FMU file."""
+"""Writing of an assembly as one FMU file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from eightpost.files import check_output_folder
 
 @dataclass(frozen=True)
 class Assembled:
-    """An FMU that was written: where, of what, for which platforms, and what its build could not do."""
+    """An assembled FMU that was written: its file, assembly, interface, platforms, and limits of its toolchain."""
 
     path: Path
     assembly: Assembly
@@ -40,13 +40,13 @@ def assemble(
     """Write an assembly as one native FMU; the same assembly gives the same bytes.
 
     Args:
-        assembly: What to put together.
-        path: The .fmu file.
-        toolchain: What compiles, and for which platforms; the best there is, if none is given.
-        progress: Called with the number of binaries compiled and of all.
+        assembly: Vehicle, shocks and connections to assemble.
+        path: FMU file to write.
+        toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
+        progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
-        FmuError: There is no compiler, or it refuses.
+        FmuError: There is no compiler, or it fails.
     """
     check_output_folder(Path(path).parent)
     toolchain = toolchain or find_toolchain()

@@ -1,4 +1,4 @@
-"""An interface read back from the modelDescription.xml that was written from it."""
+"""Reading of an interface from the modelDescription.xml of an FMU."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from builder.interface import Interface, Variable
 
 
 def described_interface(root: ET.Element) -> Interface | None:
-    """Return the interface that one of our FMUs describes; nothing for an FMU of others."""
-    told = root.find("VendorAnnotations/Tool[@name='eightpost']/Interface")
-    if told is None:
+    """Return the interface of an FMU of eightpost; None for any other FMU."""
+    annotation = root.find("VendorAnnotations/Tool[@name='eightpost']/Interface")
+    if annotation is None:
         return None
     variables = tuple(_variable(element) for element in root.iterfind("ModelVariables/ScalarVariable"))
     return Interface(
-        kind=told.get("name", ""),
-        version=told.get("version", ""),
+        kind=annotation.get("name", ""),
+        version=annotation.get("version", ""),
         description=root.get("description", ""),
         variables=variables,
         direct=_dependencies(root, "Outputs", variables),

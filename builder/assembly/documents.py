@@ -16,13 +16,13 @@ from builder.documents.validity import combined_member
 from builder.interface import Interface
 from builder.sources import source_folder
 
-_PARTS = (Column("component", "name"), Column("FMU", "tight"), Column("what"), Column("GUID", "digest"))
-_CONNECTIONS = (Column("from", "name"), Column("to", "name"), Column("gain", "number"), Column("added", "number"))
-_CAPTION = "Force at the port of each shock without gas force, over the fitted speeds."
+_PARTS = (Column("component", "name"), Column("FMU", "tight"), Column("description"), Column("GUID", "digest"))
+_CONNECTIONS = (Column("from", "name"), Column("to", "name"), Column("gain", "number"), Column("offset", "number"))
+_CAPTION = "Force at the port of each shock without gas force, over the fitted velocity range."
 
 
 def assembly_documents(assembly: Assembly, interface: Interface) -> dict[str, bytes]:
-    """Return what an archive carries for people and tools: member name -> content; same assembly, same bytes."""
+    """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
     picture = curves_picture(assembly.identifier, {part.name: shock_law(assembly, part) for part in assembly.shocks})
     reference = assembly_reference(assembly, interface)
     contents = Contents(
@@ -65,9 +65,9 @@ def _connections(assembly: Assembly) -> Section:
 
 
 def _equations(assembly: Assembly) -> Section:
-    """The parts' own texts; places on the page carry the kind, for several texts have the same headings."""
+    """Return the texts of the parts; anchors are prefixed with the kind, because several texts have equal headings."""
     kinds = dict.fromkeys(part.kind for part in assembly.parts)
-    html = paragraph("As on the pages of the parts' own FMUs.")
+    html = paragraph("These texts are also in the documentation of the parts' own FMUs.")
     for kind in kinds:
         html += folded(kind, re.sub(r'(id="|href="#)', rf"\g<1>{kind}-", equations(kind)))
     return Section("Equations of the parts", html)

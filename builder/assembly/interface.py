@@ -1,4 +1,4 @@
-"""The interface of an assembly: its own variables, then each part's by `component.variable`, and dependencies."""
+"""The interface of an assembly: its own variables, the variables of each part, and dependencies."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from builder.interface import RATES, Interface, Variable, read_table
 
 KIND = "assembly"
 
-#: Value references: a part's own, and this much for each part; the assembly's own are below it.
+#: Offset of the value references of each part; the references of the assembly's own variables are below it.
 REFERENCES_PER_PART = 1000
 _ERROR_REFERENCE = 900
 
-#: What the force of a shock at rest follows; all else shows only when it moves.
+#: Parameters that affect the force of a shock at rest; all others only have an effect when it moves.
 _AT_REST = ("motion_ratio", "gas_stiffness", "gas_preload")
 
 
 def assembly_interface(assembly: Assembly) -> Interface:
-    """Return the interface."""
+    """Return the interface of an assembly."""
     table = read_table(KIND)
     own = {row["name"]: row for row in table["variable"]}
     variables = [_own(own["coupling_step"], "coupling_step"), _own(own["coupling_error"], "coupling_error")]
@@ -80,9 +80,10 @@ def _of_part(assembly: Assembly, part: Part, first: int) -> Iterator[Variable]:
 
 
 def _direct(assembly: Assembly) -> dict[str, tuple[str, ...]]:
-    """Without delay an output follows inputs of its own part, and a shock's those behind the vehicle's outputs too.
+    """Return the inputs with feedthrough to each output.
 
-    A shock force comes to the vehicle a step later.
+    These are inputs of the same part; for a shock, also inputs with feedthrough to the vehicle's outputs that are
+    connected to it. A shock force reaches the vehicle one step later.
     """
     found: dict[str, tuple[str, ...]] = {}
     for part in assembly.parts:
@@ -98,10 +99,10 @@ def _direct(assembly: Assembly) -> dict[str, tuple[str, ...]]:
 
 
 def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
-    """At the start an output follows what it follows in either of two starts.
+    """Return the variables that each output depends on at the start, which is the union of two kinds of start.
 
-    From zero nothing moves: what counts are direct terms. In equilibrium nothing moves either, and the displacements
-    follow what is steady; accelerations are none there.
+    In a start from zero, nothing moves and only feedthrough matters. In an equilibrium start, nothing moves either, and
+    the displacements depend on constant inputs; accelerations are zero.
     """
     steady = _closed(assembly, _steady(assembly))
     zero = _closed(assembly, assembly.vehicle.interface.direct)
@@ -117,7 +118,7 @@ def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
 
 
 def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
-    """Per output of the vehicle the inputs that its steady state follows; none where there is no steady state."""
+    """Return the inputs that each vehicle output depends on in steady state; without a steady state, by feedthrough."""
     interface = assembly.vehicle.interface
     units = {v.name: v.unit for v in interface.variables}
     inputs = set(interface.names("input"))
@@ -130,16 +131,16 @@ def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
 
 
 def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
-    """The parameters that the vehicle adds to an output."""
+    """Return the parameters that the vehicle adds to an output."""
     interface = assembly.vehicle.interface
     added = {v.name for v in interface.variables if v.causality == "parameter" and v.type == "Real"}
     return tuple(name for name in interface.initial[output] if name in added)
 
 
 def _closed(assembly: Assembly, vehicle: Mapping[str, tuple[str, ...]]) -> dict[str, set[str]]:
-    """Return what each output follows at a start, to the end of the circle of vehicle and shocks.
+    """Return the dependencies of each output at a start, followed through the loop of vehicle and shocks.
 
-    `vehicle` are the vehicle's inputs that each of its outputs follows.
+    `vehicle` contains the inputs of the vehicle that each of its outputs depends on.
     """
     found: dict[str, set[str]] = {
         f"{part.name}.{output}": set() for part in assembly.parts for output in part.interface.names("output")
@@ -168,7 +169,7 @@ def _at_shock(assembly: Assembly, part: Part, output: str, found: Mapping[str, s
 
 
 def _behind(assembly: Assembly, part: Part, name: str, found: Mapping[str, set[str]]) -> Iterator[str]:
-    """What moves an input of a part."""
+    """Yield the variables that an input of a part depends on."""
     if assembly.is_outside(part, name):
         yield f"{part.name}.{name}"
     for link in assembly.into(part, name):

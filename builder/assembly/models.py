@@ -1,4 +1,4 @@
-"""The parts' equations in the library's own terms, from what their FMUs carry: for pictures and reference results."""
+"""The parts as models of the library, read from the contents of their FMUs, for pictures and reference results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
-    """Return what a part's variables start with in the assembly, by the part's own names."""
+    """Return the start values of a part's variables in the assembly, by their names in the part."""
     own = {v.name: v.start for v in part.interface.variables if v.start is not None}
     return {name: assembly.starts.get(f"{part.name}.{name}", value) for name, value in own.items()}
 
@@ -43,7 +43,7 @@ def shock_law(assembly: Assembly, part: Part) -> ShockLaw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleModel:
-    """A vehicle: its linear model in modal coordinates, its friction, and what is added to its outputs."""
+    """A vehicle: its linear model in modal coordinates, its friction, and the offsets of its outputs."""
 
     stepper: LinearStepper
     friction: PortFriction
@@ -72,7 +72,7 @@ def vehicle_model(assembly: Assembly) -> VehicleModel:
 
 
 class _Data:
-    """The constants of a vehicle_data.h, as builder/native/vehicle_data.py writes them."""
+    """The constants of a vehicle_data.h that builder/native/vehicle_data.py has written."""
 
     def __init__(self, text: str) -> None:
         text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""A part of an assembly: what an open native FMU of ours carries of its model, its parameters and its interface."""
+"""A part of an assembly: the model, parameters and interface of an open native FMU of eightpost."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from eightpost.validity import MEMBER
 
 VEHICLE = "vehicle_ss"
 
-#: What a model's compilation unit takes from fmus/common.
+#: Files of fmus/common that a model's compilation unit includes.
 _BENEATH = ("component.h", "elementary.c", "elementary.h", "fresh.h", "message.h", "names.h")
 
-_ASSEMBLED = "it can be run with the others as it is (eightpost run), but not be put into one FMU"
+_NOT_ASSEMBLED = "run it with the other FMUs instead (eightpost run); it cannot be assembled into one FMU"
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Part:
     Attributes:
         name: Name of the component.
         file: The FMU's file name.
-        text: What the FMU says it is.
-        guid: The FMU's.
-        interface: The FMU's variables with its own start values.
-        states: How many numbers its model keeps from step to step.
-        data: vehicle_data.h of a vehicle; empty for a shock, whose numbers are all parameters.
-        validity: Range of use that the FMU states for its model; None where it states none.
+        text: Description of the FMU.
+        guid: GUID of the FMU.
+        interface: Variables of the FMU with their start values.
+        states: Number of values that its model keeps from step to step.
+        data: Content of vehicle_data.h for a vehicle; empty for a shock, whose values are all parameters.
+        validity: Validity that the FMU states for its model; None if it states none.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Part:
 
     @property
     def kind(self) -> str:
-        """Of interface, and so of model."""
+        """Kind of the interface, and so of the model."""
         return self.interface.kind
 
     @property
@@ -63,14 +63,14 @@ class Part:
 
 
 class _CannotBeError(Exception):
-    """Why an FMU cannot be a part, and what to do."""
+    """The reason why an FMU cannot be a part, and what to do."""
 
 
 def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
-    """Return the parts, by component name and FMU file.
+    """Return the parts for FMU files by component name.
 
     Raises:
-        FmuError: At least one cannot be a part; the message names all of them, with what to do.
+        FmuError: At least one FMU cannot be a part; the message lists all of them, with what to do.
     """
     parts, refused = [], []
     for name, file in files.items():
@@ -81,7 +81,7 @@ def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
         except (ET.ParseError, *MALFORMED) as error:
             if isinstance(error, FmuError):
                 raise
-            refused.append(f"{name} ({file}) cannot be read ({error}): build or copy it again")
+            refused.append(f"{name} ({file}) cannot be read ({error}); build or copy it again")
     if refused:
         raise FmuError("; ".join(refused))
     return tuple(parts)
@@ -91,9 +91,9 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
     root = ET.fromstring(members["modelDescription.xml"])
     interface = described_interface(root)
     if interface is None:
-        raise _CannotBeError(f"is not an FMU of eightpost: its equations are not known here; {_ASSEMBLED}")
+        raise _CannotBeError(f"is not an FMU of eightpost, so its equations are not known; {_NOT_ASSEMBLED}")
     if interface.kind not in (VEHICLE, *shock_kinds()):
-        raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_ASSEMBLED}")
+        raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_NOT_ASSEMBLED}")
     _refuse_closed(root, members)
     header = members["sources/interface.h"].decode()
     states = int(_found(r"\bSTATES = (\d+)", header))
@@ -113,15 +113,15 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
 def _refuse_closed(root: ET.Element, members: Mapping[str, bytes]) -> None:
     kind = root.find("CoSimulation")
     if kind is None or kind.get("needsExecutionTool") == "true":
-        raise _CannotBeError("is a python FMU: build it as a native one (eightpost build, --target native)")
+        raise _CannotBeError("is a python FMU; build it as a native FMU (eightpost build --target native)")
     if "sources/model.c" not in members or "sources/interface.h" not in members:
         raise _CannotBeError(
-            "is confidential: it carries neither sources nor curve; ask its maker for an assembly, or for an open build"
+            "is confidential: it contains neither sources nor curve; ask its supplier for an assembly or an open build"
         )
 
 
 def _refuse_other_version(root: ET.Element, interface: Interface, members: Mapping[str, bytes], states: int) -> None:
-    """Its sources must be this version's, for they are compiled together."""
+    """Raise an error if the sources are from another version: they are compiled together with those of this version."""
     header = interface_header(
         layout(interface, states), str(root.get("modelName")), str(root.get("guid")).strip("{}")
     ).encode()
@@ -130,13 +130,13 @@ def _refuse_other_version(root: ET.Element, interface: Interface, members: Mappi
     )
     if not same:
         raise _CannotBeError(
-            f"holds another model than this eightpost {__version__} builds (it says {root.get('generationTool')}): "
-            "build it again"
+            f"contains a different model than eightpost {__version__} builds (it was built by "
+            f"{root.get('generationTool')}); build it again"
         )
 
 
 def model_files(kind: str) -> dict[str, bytes]:
-    """Return the files of fmus/, to the byte, that a kind's model is made of, and what lies beneath it."""
+    """Return unchanged copies of the files in fmus/ for a kind's model, including the common files that it needs."""
     folder = source_folder()
     common = {name: folder / "common" / name for name in (*_BENEATH, *(() if kind == VEHICLE else SHOCK))}
     own = {name: folder / kind / name for name in ("model.c", *(("phi.h",) if kind == VEHICLE else ()))}
@@ -146,5 +146,5 @@ def model_files(kind: str) -> dict[str, bytes]:
 def _found(pattern: str, text: str) -> str:
     match = re.search(pattern, text)
     if match is None:
-        raise _CannotBeError(f"was built by another version, not by eightpost {__version__}: build it again")
+        raise _CannotBeError(f"was built by another version than eightpost {__version__}; build it again")
     return match[1]

@@ -1,4 +1,4 @@
-"""What is assembled: parts, what feeds their inputs, start values of a system. Checked when it is built."""
+"""The plan of an assembly: parts, connections and start values, which are validated on construction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _RUN = "run it as separate FMUs (eightpost run)"
 
 @dataclass(frozen=True)
 class Link(Ends):
-    """A connection: target = gain (factor source + offset), in the ends' own units."""
+    """A connection: target = gain (factor source + offset), in the units of the two variables."""
 
     gain: float = 1.0
     factor: float = 1.0
@@ -24,18 +24,18 @@ class Link(Ends):
 
 @dataclass(frozen=True)
 class Assembly:
-    """One FMU to be, of a vehicle and its shocks.
+    """One FMU to build from a vehicle and its shocks.
 
     Args:
-        identifier: Its C name.
-        text: One line on what it is.
-        parts: The vehicle and the shocks; the vehicle is brought to the front.
+        identifier: C name of the FMU.
+        text: One-line description.
+        parts: Vehicle and shocks; the vehicle is moved to the front.
         links: Connections between vehicle and shocks.
-        sums: Connected inputs that add what the host gives them, as `component.variable`.
-        starts: Start values of inputs and parameters that are not the parts' own, as `component.variable`.
+        sums: Connected inputs to which the host's values are added, as `component.variable`.
+        starts: Start values of inputs and parameters that replace those of the parts, as `component.variable`.
 
     Raises:
-        FmuError: It cannot be assembled; the message names each reason.
+        FmuError: The parts cannot be assembled; the message lists each reason.
     """
 
     identifier: str
@@ -53,12 +53,12 @@ class Assembly:
 
     @property
     def vehicle(self) -> Part:
-        """The part that goes first."""
+        """Vehicle, which is the first part."""
         return self.parts[0]
 
     @property
     def shocks(self) -> tuple[Part, ...]:
-        """The parts that follow it."""
+        """Shocks, which are all other parts."""
         return self.parts[1:]
 
     @property
@@ -73,11 +73,11 @@ class Assembly:
         )
 
     def into(self, part: Part, variable: str) -> tuple[Link, ...]:
-        """Return the links that feed an input, in order."""
+        """Return the links to an input, in order."""
         return tuple(link for link in self.links if link.target == f"{part.name}.{variable}")
 
     def is_outside(self, part: Part, variable: str) -> bool:
-        """Whether an input of a part is an input of the assembly: nothing else feeds it, or it adds up."""
+        """Return whether an input of a part is an input of the assembly: it is not connected, or it is in `sums`."""
         return not self.into(part, variable) or f"{part.name}.{variable}" in self.sums
 
 
@@ -89,7 +89,7 @@ def _reasons(assembly: Assembly) -> Iterator[str]:
     linked = {link.places[0][0] for link in assembly.links}
     for part in assembly.parts:
         if part.name not in linked:
-            yield f"{part.name} feeds no other component: connect it with a bond, or leave it out"
+            yield f"no output of {part.name} is connected to another component: connect it with a bond, or remove it"
     yield from _loops(assembly)
 
 
@@ -97,16 +97,16 @@ def _wrong_parts(assembly: Assembly) -> Iterator[str]:
     vehicles = [part.name for part in assembly.parts if part.is_vehicle]
     if len(vehicles) != 1:
         yield (
-            f"there are {len(vehicles)} vehicles ({', '.join(vehicles) or 'none'}) and one is needed: make a system "
-            "file of each vehicle with its own shocks"
+            f"there are {len(vehicles)} vehicles ({', '.join(vehicles) or 'none'}), but exactly one is needed: write a "
+            "system file for each vehicle with its own shocks"
         )
     if len(vehicles) == len(assembly.parts):
-        yield "there is no shock in it: build the vehicle alone (eightpost build)"
+        yield "there is no shock: build the vehicle alone (eightpost build)"
     for part in assembly.parts:
         if not re.fullmatch(r"[A-Za-z_]\w*", part.name, flags=re.ASCII):
             yield (
-                f"the component name {part.name!r} cannot begin the names of its variables: use letters, digits and "
-                "underscores, and begin with a letter"
+                f"the component name {part.name!r} cannot be a prefix of variable names: use letters, digits and "
+                "underscores, and start with a letter"
             )
 
 
@@ -114,19 +114,19 @@ def _wrong_link(link: Link, names: Mapping[str, Part]) -> Iterator[str]:
     (source, output), (target, _) = link.places
     what = f"{link.source} -> {link.target}"
     if names[source].is_vehicle == names[target].is_vehicle:
-        yield f"{what} does not go between a vehicle and a shock: {_RUN}"
+        yield f"{what} does not connect a vehicle and a shock: {_RUN}"
     elif output not in names[source].interface.names("output"):
-        yield f"{what}: {link.source} is no output of its FMU: connect an output, or {_RUN}"
+        yield f"{what}: {link.source} is not an output of its FMU: connect an output, or {_RUN}"
 
 
 def _loops(assembly: Assembly) -> Iterator[str]:
-    """The vehicle's outputs to the shocks must not follow a shock force without delay."""
+    """Yield algebraic loops: the vehicle's outputs to the shocks must not have feedthrough from a shock force."""
     part = assembly.parts[0]
     fed = {name for _, (target, name) in (link.places for link in assembly.links) if target == part.name}
     for link in assembly.links:
         (source, output), _ = link.places
         if source == part.name and (direct := sorted(fed & set(part.interface.direct.get(output, ())))):
             yield (
-                f"{link.source} -> {link.target} makes a loop without a delay, for {link.source} follows "
-                f"{', '.join(direct)} at once: {_RUN}, with the implicit algorithm"
+                f"{link.source} -> {link.target} makes an algebraic loop, because {link.source} has feedthrough from "
+                f"{', '.join(direct)}: {_RUN} with the implicit algorithm"
             )

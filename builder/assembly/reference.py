@@ -1,6 +1,6 @@
-"""Reference results of an assembly, from the library's laws and exact linear step, never from a binary.
+"""Reference results of an assembly, computed from the library's laws and exact linear step, never from a binary.
 
-The scheme is that of fmus/assembly/model.c, written down once more.
+The coupling scheme is an independent implementation of that in fmus/assembly/model.c.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _LEAST_SPREAD = 1e-4
 
 
 def assembly_reference(assembly: Assembly, interface: Interface) -> Reference | None:
-    """Return what an assembly answers to sums of sines on all its inputs, none like another.
+    """Return the response of an assembly to sums of sines at all inputs, with different frequencies at each input.
 
-    None: its vehicle has no equilibrium, and the FMU refuses to start with the parameters it has.
+    Returns None if its vehicle has no equilibrium; the FMU then refuses to start with its default parameters.
     """
     inputs = [v for v in interface.variables if v.causality == "input"]
     starts = np.array([float(v.start or 0.0) for v in inputs])
@@ -49,7 +49,7 @@ def assembly_reference(assembly: Assembly, interface: Interface) -> Reference | 
 
 
 class _Run:
-    """The parts while they run: the vehicle's state, the lagged forces, and every output by `component.variable`."""
+    """A running assembly: the vehicle's state, the lagged forces, and every output by `component.variable`."""
 
     def __init__(self, assembly: Assembly, inputs: tuple[str, ...], names: tuple[str, ...]) -> None:
         self.inputs, self.names = inputs, names
@@ -60,19 +60,19 @@ class _Run:
         self._lagged = dict.fromkeys(self._laws, 0.0)
         self._now: dict[str, float] = {}
         self._slope = {f"{name}.force": 0.0 for name in self._laws}
-        # Squares of what was missed; the mean; squares about it.
+        # Per force: integral of squared prediction errors, mean, integral of squared deviations from the mean.
         self._meters = {f"{name}.force": (0.0, 0.0, 0.0) for name in self._laws}
         self._time = 0.0
         self._wires = {part.name: tuple(self._wiring(part)) for part in assembly.parts}
 
     def _wiring(self, part: Part) -> Iterator[tuple[int | None, tuple[Link, ...]]]:
-        """Per input of a part: the assembly's input, and the links that feed it."""
+        """Yield the index of the assembly's input and the links for each input of a part."""
         for name in part.interface.names("input"):
             full = f"{part.name}.{name}"
             yield self.inputs.index(full) if full in self.inputs else None, self._assembly.into(part, name)
 
     def start(self, u: Array) -> None:
-        """Find the forces that agree with what the vehicle does under them; at rest both are straight lines."""
+        """Solve for the shock forces that are consistent with the vehicle's start state; at rest both are linear."""
         forces = [f"{name}.force" for name in self._laws]
         count = len(forces)
         none, *ones = (
@@ -95,7 +95,7 @@ class _Run:
         return np.array([self._now[f"{name}.force"] for name in self._laws])
 
     def step(self, u: Array, h: float) -> None:
-        """Make one micro step with the inputs held."""
+        """Do one micro step with the inputs held."""
         before = dict(self._now)
         ahead = {name: before[name] + slope * h for name, slope in self._slope.items()}
         self._step_vehicle(u, before, before | ahead, h)
@@ -144,7 +144,7 @@ class _Run:
         return [values[name] for name in self.names]
 
     def _error(self, meter: tuple[float, float, float]) -> tuple[float, float]:
-        """Return a force's local error, root mean square, and its standard deviation [N], 0 while it hardly moves."""
+        """Return a force's RMS local error and its standard deviation [N]; 0 if it is almost constant."""
         if self._time == 0.0:
             return 0.0, 0.0
         missed, mean, squares = meter

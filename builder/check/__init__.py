@@ -1,7 +1,7 @@
-"""Is an FMU, ours or not, fit to be dropped into a tool that none of us has seen?
+"""Checks of whether any FMU works as a drop-in component in tools that its developers do not know.
 
-`check` applies other makers' checkers, rules of our own, and probes that call the FMU in processes of their own, so
-that a crash is a finding and not the end of the check (docs/check.md).
+`check` applies third-party checkers, the rules of this package, and probes that call the FMU. Each probe runs in a
+separate process, so that a crash is a finding and does not end the check (docs/check.md).
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ def check(path: str | Path, *, scope: Scope = Scope.ALL, groups: Collection[str]
     """Check an FMI 2.0 co-simulation FMU.
 
     Args:
-        path: The FMU.
-        scope: All levels, or only the rules of the standard.
-        groups: Which of `GROUPS` to apply; those that call the FMU need `simulation` only to be sure that it runs.
+        path: FMU file.
+        scope: Levels to report: all, or only the rules of the standard.
+        groups: Names of the groups of checks to apply, from `GROUPS`. `simulation` always runs before other groups that
+            call the FMU, to make sure that the FMU works.
 
     Raises:
-        FmuError: The file is missing or no readable archive, is no FMU, or of FMI 1 or 3; or a group is not known.
+        FmuError: The file is missing, is not a readable archive, is not an FMU, or is an FMU of FMI 1 or 3; or a group
+            is unknown.
     """
-    from builder.check.run import run  # noqa: PLC0415 - the probes' processes need none of what it loads
+    from builder.check.run import run  # noqa: PLC0415 - the processes of the probes do not need its imports
 
     return run(Path(path), scope, groups)

@@ -1,4 +1,4 @@
-"""What a shared library says about itself: format, processor, exports, what it needs."""
+"""Properties of a shared library: format, processor, exported symbols, required libraries."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _GLIBC = re.compile(r"GLIBC_(\d+)\.(\d+)(?:\.\d+)?")
 
 @dataclass(frozen=True)
 class Binary:
-    """One shared library in binaries/<platform>/; `fault` says why it cannot be read.
+    """One shared library in binaries/<platform>/; if it cannot be read, `fault` is the reason.
 
-    `machines` are x86_64, x86, aarch64 or what lief calls others; `libraries` are the file names that it needs, and
-    `glibc` is the highest version of a GLIBC symbol that it asks for, (0, 0) without any.
+    `machines` are x86_64, x86, aarch64 or lief's names of other processors. `libraries` are the file names of the
+    libraries that it needs. `glibc` is the highest version of the GLIBC symbols that it needs, or (0, 0).
     """
 
     name: str
@@ -47,32 +47,32 @@ _MACHINES = {
 }
 
 
-#: Bytes that say what a file is.
+#: Number of bytes that identify the format of a file.
 _HEAD = 4096
 
 
 def read_binary(name: str, platform: str, content: bytes) -> Binary:
-    """Read a shared library; whatever is wrong with it is its `fault`."""
+    """Read a shared library; any error is stored in `fault`."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # lief's, of values that no format knows
+        with warnings.catch_warnings(action="ignore"):  # lief warns about unknown values
             return _read(name, platform, content)
-    except Exception as error:  # lief raises what it likes on damaged files: that is the fault
+    except Exception as error:  # lief raises any type of exception for damaged files
         return Binary(name, platform, fault=f"{type(error).__name__}: {error}")
 
 
 def _read(name: str, platform: str, content: bytes) -> Binary:
-    # From a stream: a list of its bytes would take eight times its size.
+    # Parse from a stream: a list of the bytes would need eight times the memory.
     if lief.is_macho(list(content[:_HEAD])):
         fat = lief.MachO.parse(io.BytesIO(content))
         if fat is None or fat.size == 0:
-            return Binary(name, platform, fault="it begins like a Mach-O file and cannot be read")
+            return Binary(name, platform, fault="it starts like a Mach-O file but cannot be read")
         return _mach_o(name, platform, list(fat), content)
     parsed: Any = lief.parse(io.BytesIO(content))
     if isinstance(parsed, lief.ELF.Binary):
         return _elf(name, platform, parsed, len(content))
     if isinstance(parsed, lief.PE.Binary):
         return _pe(name, platform, parsed, len(content))
-    return Binary(name, platform, fault="it is no ELF, PE or Mach-O file")
+    return Binary(name, platform, fault="it is not an ELF, PE or Mach-O file")
 
 
 def _machine(value: Any) -> str:
@@ -81,7 +81,7 @@ def _machine(value: Any) -> str:
 
 
 def _truncated(end: int, size: int) -> str:
-    return f"it is cut off: {size} bytes of {end}" if end > size else ""
+    return f"it is truncated: {size} bytes of {end}" if end > size else ""
 
 
 def _elf(name: str, platform: str, elf: Any, size: int) -> Binary:
@@ -139,7 +139,7 @@ def _mach_o(name: str, platform: str, slices: Iterable[Any], content: bytes) -> 
 
 
 def _ends_of_slices(content: bytes) -> list[int]:
-    """Where the parts of a universal file end, as its own head says: lief leaves out those that it cannot read."""
+    """Return the ends of the slices of a universal file from its header: lief omits slices that it cannot read."""
     magic, count = struct.unpack_from(">II", content)
     if magic != _UNIVERSAL:
         return []
@@ -152,5 +152,5 @@ def _mach_o_exports(part: Any) -> frozenset[str]:
 
 
 def _plain(symbol: Any) -> str:
-    """The C name of a Mach-O symbol, which carries an underscore more."""
+    """Return the C name of a Mach-O symbol, without the additional underscore."""
     return str(symbol).removeprefix("_")

@@ -1,4 +1,4 @@
-"""`python -m builder.check.compile_sources <unpacked FMU>`: builds its binary for this platform as fmpy does."""
+"""Command that compiles an unpacked FMU with FMPy: `python -m builder.check.compile_sources FOLDER`."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from pathlib import Path
 from fmpy.build import build_platform_binary
 
 if __name__ == "__main__":
-    tempfile.tempdir = str(Path.cwd())  # the parent removes the folder, also when the compiler was ended
+    tempfile.tempdir = str(Path.cwd())  # the parent process removes this folder even if the compiler was killed
     build_platform_binary(sys.argv[1])

@@ -1,6 +1,6 @@
-"""modelDescription.xml as it stands: everything is kept as written, so that what is wrong can be said.
+"""The content of modelDescription.xml exactly as written, so that errors in it can be reported.
 
-fmpy's reader stops at the first thing that it cannot read, and this one must not.
+FMPy's reader stops at the first error; this reader must not.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 SECTIONS = ("Outputs", "Derivatives", "InitialUnknowns")
 
-#: `initial` where it is not written, by causality and variability (FMI 2.0.4, tables of 2.2.7).
+#: Default of `initial` by causality and variability (FMI 2.0.4, tables of 2.2.7).
 _DEFAULT_INITIAL = {
     **dict.fromkeys((("parameter", v) for v in ("fixed", "tunable")), "exact"),
     **dict.fromkeys((("output", "constant"), ("local", "constant")), "exact"),
@@ -26,7 +26,7 @@ _DEFAULT_INITIAL = {
 
 @dataclass(frozen=True)
 class Variable:
-    """One ScalarVariable; `initial` as written, `attributes` those of its type, with the declared type's filled in."""
+    """One ScalarVariable, with `initial` as written; `attributes` includes those inherited from the declared type."""
 
     index: int
     name: str
@@ -40,22 +40,22 @@ class Variable:
 
     @property
     def effective_initial(self) -> str | None:
-        """`initial`, or what the standard takes where it is not written."""
+        """Value of `initial`, or its default in the standard if it is not written."""
         return self.initial or _DEFAULT_INITIAL.get((self.causality, self.variability))
 
     @property
     def start(self) -> str | None:
-        """The start value as written."""
+        """Start value as written."""
         return self.attributes.get("start")
 
     @property
     def unit(self) -> str | None:
-        """The unit's name."""
+        """Name of the unit."""
         return self.attributes.get("unit")
 
     @property
     def is_callable(self) -> bool:
-        """Whether it has a type and a value reference by which it can be set and got."""
+        """Whether it has a type and a valid value reference, so that it can be set and read."""
         reference = self.reference
         return self.type in TYPES and reference.isascii() and reference.isdigit() and int(reference) < 2**32
 
@@ -67,7 +67,7 @@ class Variable:
         )
 
     def number(self, attribute: str) -> float | None:
-        """Return an attribute (start, min, max, nominal) as a finite number, None where it is none."""
+        """Return an attribute (start, min, max, nominal) as a finite number, or None if it is not one."""
         try:
             value = float(self.attributes[attribute])
         except (KeyError, ValueError):
@@ -77,7 +77,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One entry of ModelStructure, as written; `dependencies` is None where none are declared."""
+    """One entry of ModelStructure, as written; `dependencies` is None if they are not declared."""
 
     section: str
     index: str
@@ -87,7 +87,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Unit:
-    """One unit: the attributes of its BaseUnit (None without one) and of its display units."""
+    """One unit: the attributes of its BaseUnit (None if it has no BaseUnit) and of its display units."""
 
     name: str
     base: Mapping[str, str] | None
@@ -96,7 +96,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Description:
-    """What modelDescription.xml says."""
+    """The content of modelDescription.xml."""
 
     attributes: Mapping[str, str]
     co_simulation: Mapping[str, str] | None
@@ -113,22 +113,22 @@ class Description:
 
     @property
     def identifier(self) -> str:
-        """The modelIdentifier of co-simulation."""
+        """Attribute modelIdentifier of CoSimulation."""
         return (self.co_simulation or {}).get("modelIdentifier", "")
 
     @property
     def guid(self) -> str:
-        """The GUID as written."""
+        """GUID as written."""
         return self.attributes.get("guid", "")
 
     @property
     def output_derivative_order(self) -> int:
-        """Return maxOutputDerivativeOrder, 0 where it is no number."""
+        """Value of maxOutputDerivativeOrder; 0 if it is not a number."""
         text = (self.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip()
         return int(text) if text.isascii() and text.isdigit() else 0
 
     def can(self, flag: str) -> bool:
-        """Say whether a capability flag of CoSimulation is true."""
+        """Return whether a capability flag of CoSimulation is true."""
         return (self.co_simulation or {}).get(flag, "false").strip() in ("true", "1")
 
     def in_section(self, section: str) -> tuple[Unknown, ...]:
@@ -136,22 +136,22 @@ class Description:
         return tuple(unknown for unknown in self.unknowns if unknown.section == section)
 
     def variable(self, index: str) -> Variable | None:
-        """Return the variable of an index as written in ModelStructure."""
+        """Return the variable with an index as written in ModelStructure."""
         position = int(index) if index.isascii() and index.isdigit() else 0
         return self.variables[position - 1] if 1 <= position <= len(self.variables) else None
 
     @cached_property
     def by_name(self) -> Mapping[str, Variable]:
-        """The variables by name."""
+        """Variables by name."""
         return {variable.name: variable for variable in self.variables}
 
     def of(self, causality: str, kind: str = "Real") -> list[Variable]:
-        """Return the variables of a causality and type that can be called."""
+        """Return the variables of a causality and type that can be set and read."""
         return [v for v in self.variables if v.causality == causality and v.type == kind and v.is_callable]
 
 
 def read_description(root: ET.Element) -> Description:
-    """Return what the root element says; nothing of it is checked."""
+    """Return the content of the root element, without any checks."""
     types = dict(_types(root))
     return Description(
         attributes=dict(root.attrib),

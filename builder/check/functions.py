@@ -1,4 +1,4 @@
-"""The functions of FMI 2.0: which an FMU for co-simulation exports, and which its flags promise."""
+"""The functions of FMI 2.0 that a co-simulation FMU exports, and those that its flags require."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _MODEL_EXCHANGE = """EnterEventMode NewDiscreteStates EnterContinuousTimeMode Co
 SetContinuousStates GetDerivatives GetEventIndicators GetContinuousStates GetNominalsOfContinuousStates"""
 
 
-def _named(words: str) -> frozenset[str]:
+def _full_names(words: str) -> frozenset[str]:
     return frozenset(f"fmi2{word}" for word in words.split())
 
 
-#: All functions of co-simulation, and all that an FMU may export.
-CO_SIMULATION = _named(f"{_COMMON} {_OPTIONAL}")
-EXPORTABLE = CO_SIMULATION | _named(_MODEL_EXCHANGE)
+#: All functions of co-simulation, and all functions that an FMU may export.
+CO_SIMULATION = _full_names(f"{_COMMON} {_OPTIONAL}")
+EXPORTABLE = CO_SIMULATION | _full_names(_MODEL_EXCHANGE)
 
 
 def required(description: Description) -> frozenset[str]:
-    """Return what the binary must export: what every FMU has, and what the flags promise."""
+    """Return the functions that the binary must export: those of every FMU, and those that the flags require."""
     promised = {
         "canGetAndSetFMUstate": _STATE,
         "canSerializeFMUstate": _SERIAL,
@@ -36,9 +36,9 @@ def required(description: Description) -> frozenset[str]:
     words = [words for flag, words in promised.items() if description.can(flag)]
     if description.output_derivative_order:
         words.append("GetRealOutputDerivatives")
-    return _named(" ".join([_COMMON, *words]))
+    return _full_names(" ".join([_COMMON, *words]))
 
 
 def required_by_model_exchange() -> frozenset[str]:
-    """Return what the binary of an FMU that declares ModelExchange must export."""
-    return _named(f"{_COMMON} {_MODEL_EXCHANGE}") - {"fmi2DoStep"}
+    """Return the functions that the binary of an FMU with ModelExchange must export."""
+    return _full_names(f"{_COMMON} {_MODEL_EXCHANGE}") - {"fmi2DoStep"}

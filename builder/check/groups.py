@@ -10,9 +10,9 @@ from builder.check.rules import Rule
 
 @dataclass(frozen=True)
 class Group:
-    """A group of checks: what it does, and for probes what a crash in it is a finding against.
+    """A group of checks: its description, and for probes the module and the rule that a crash breaks.
 
-    A probe is the function `probe` of the module `builder.check.probes.<module>`, and runs in its own process.
+    A probe is the function `probe` of the module `builder.check.probes.<module>` and runs in a separate process.
     """
 
     title: str
@@ -28,29 +28,34 @@ GROUPS = {
     "static": Group("archive, description, units, model structure, capabilities, binaries, documents"),
     "tools": Group("fmpy validate and fmutool -check: schema and semantic rules"),
     "simulation": Group(
-        "simulation: start values, inputs held, then a sine on every input, twice, with and without logs", "simulation"
+        "simulation: start values, constant inputs, then a sine on every input, twice, with and without logs",
+        "simulation",
     ),
-    "state_machine": _misuse("calls out of order, wrong steps, the stop time, locked variables, GUID", "state_machine"),
+    "state_machine": _misuse(
+        "calls in the wrong order, invalid steps, stop time, locked variables, GUID", "state_machine"
+    ),
     "values": _misuse("unknown references, NaN, infinity and out-of-range values", "values"),
     "null": _misuse("NULL arguments", "null"),
-    "first_outputs": Group("outputs before the first step against those after a tiny step", "first_outputs"),
-    "model_exchange": Group("a few steps of model exchange, where it is declared", "model_exchange"),
+    "first_outputs": Group("outputs before the first step compared with those after a tiny step", "first_outputs"),
+    "model_exchange": Group("a few steps of model exchange, if it is declared", "model_exchange"),
     "reset": Group(
-        "reset after other parameters and inputs, and after twice the default experiment, then the same run again",
+        "reset after changed parameters and inputs, and after twice the default experiment, then the same run again",
         "reset",
     ),
     "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "state"),
     "corrupt_state": _misuse("damaged serialized states", "corrupt_state"),
-    "initial_dependencies": Group("every known of initialization perturbed: dependencies", "initial_dependencies"),
-    "dependencies": Group("every input perturbed over a tiny step: dependencies", "dependencies"),
+    "initial_dependencies": Group(
+        "dependencies at initialization: every known variable perturbed", "initial_dependencies"
+    ),
+    "dependencies": Group("dependencies over a tiny step: every input perturbed", "dependencies"),
     "derivatives": Group(
-        "directional derivatives against central differences; input and output derivatives", "derivatives"
+        "directional derivatives compared with central differences; input and output derivatives", "derivatives"
     ),
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "steps"),
-    "instances": Group("two interleaved, fifty, four threads, 300 created and freed", "instances"),
-    "footprint": Group("what steps leave in the process: locale, standard output, memory", "footprint"),
-    "surroundings": Group("an empty environment, a read-only folder, a path with odd characters"),
-    "ports": Group("sign and energy of shocks and of vehicles with velocity/force ports", "ports"),
-    "reference": Group("reference results in extra/ computed again", "reference"),
-    "rebuild": Group("sources compiled with `fmpy compile`, and the outputs compared"),
+    "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),
+    "footprint": Group("effects of steps on the process: locale, standard output, memory", "footprint"),
+    "surroundings": Group("an empty environment, a read-only folder, a path with special characters"),
+    "ports": Group("signs and energy of shocks and vehicles with velocity/force ports", "ports"),
+    "reference": Group("reference results in extra/, computed again", "reference"),
+    "rebuild": Group("sources compiled with `fmpy compile`, and outputs compared"),
 }

@@ -1,4 +1,4 @@
-"""A probe in a process of its own: a crash or a hang there is a finding that names the last call begun."""
+"""Execution of a probe in a separate process: a crash or a hang is a finding that names the last FMI call."""
 
 from __future__ import annotations
 
@@ -23,10 +23,14 @@ _RULES = {rule.identifier: rule for rule in CATALOGUE}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a group of checks came to: findings, and (what, why) for what was skipped, "" meaning all of it.
+    """The result of a group of checks.
 
-    `completed` is whether it came to its end, `stopped` whether a call that had to succeed did not; `values` are what
-    it measured, by name.
+    Attributes:
+        findings: Findings.
+        skipped: Pairs of a skipped part and the reason; an empty part stands for the whole group.
+        completed: Whether the group finished.
+        stopped: Whether a call failed that had to succeed.
+        values: Measured values by name.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -38,7 +42,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Working folder and environment of a probe's process; an environment of None is that of this process."""
+    """Working folder and environment of a probe's process; None keeps the environment of this process."""
 
     folder: Path
     environment: Mapping[str, str] | None = None
@@ -46,16 +50,16 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Unpacked:
-    """An unpacked FMU, and the number of steps after which it ends a simulation by itself (None where it does not)."""
+    """An unpacked FMU, and the number of steps after which it ends the simulation itself (None if it does not)."""
 
     folder: Path
     reach: int | None = None
 
 
 def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, module: str = "") -> Outcome:
-    """Run a probe on an unpacked FMU; `module` where it is not that of the group.
+    """Run a probe on an unpacked FMU; `module` replaces the module of the group.
 
-    The probe is no sandbox: a process of its own keeps a crash from this one, and nothing else.
+    The process is not a sandbox: it only protects this process from a crash.
 
     Raises:
         EightpostError: The probe ended before it loaded the FMU.
@@ -75,31 +79,31 @@ def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, mod
                 env=None if surroundings.environment is None else dict(surroundings.environment),
             )
         except subprocess.TimeoutExpired as error:
-            said = _read(error.stdout or b"")
-            return _failed(group, said, f"did not end within {patience:g} s{_last_call(progress.name)}")
-        said = _read(ran.stdout)
-        if said.completed or said.stopped:
-            return said
+            outcome = _read(error.stdout or b"")
+            return _failed(group, outcome, f"did not end within {patience:g} s{_last_call(progress.name)}")
+        outcome = _read(ran.stdout)
+        if outcome.completed or outcome.stopped:
+            return outcome
         if ran.returncode > 0 and not _last_call(progress.name):
             raise _not_started(group, ran.stderr)
         how = f"was killed by signal {-ran.returncode}" if ran.returncode < 0 else f"ended with code {ran.returncode}"
         last = ran.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
-        return _failed(group, said, f"{how}{_last_call(progress.name)}{f'; it said: {last[0]}' if last else ''}")
+        return _failed(group, outcome, f"{how}{_last_call(progress.name)}{f'; it printed: {last[0]}' if last else ''}")
 
 
 def _not_started(group: str, printed: bytes) -> EightpostError:
-    """Return the error of a probe that ended before it loaded the FMU: the FMU has no part in it."""
+    """Return the error for a probe that ended before it loaded the FMU, so that the FMU is not the cause."""
     text = printed.decode("utf-8", "replace").strip()
     return EightpostError(
         f"the probe {group!r} could not be started, so the FMU was not checked: {text.rpartition(chr(10))[2]}; "
-        "install eightpost again"
+        "reinstall eightpost"
     )
 
 
-def _failed(group: str, said: Outcome, message: str) -> Outcome:
+def _failed(group: str, outcome: Outcome, message: str) -> Outcome:
     rule = FREE_NULL if FREEING_NOTHING in message else GROUPS[group].crash
     crash = rule.finding(f"the process of the probe {group!r} {message}")
-    return Outcome((*said.findings, crash), said.skipped, completed=False, values=said.values)
+    return Outcome((*outcome.findings, crash), outcome.skipped, completed=False, values=outcome.values)
 
 
 def _last_call(progress: str) -> str:
@@ -108,18 +112,18 @@ def _last_call(progress: str) -> str:
 
 
 def _read(output: bytes) -> Outcome:
-    """Read the lines of a probe: one JSON object each, the last one says that it came to its end."""
+    """Read the output of a probe: one JSON object per line; the last line states that the probe finished."""
     findings, skipped, values, ends = [], [], {}, set()
     for line in output.decode("utf-8", "replace").splitlines():
         try:
-            said = json.loads(line)
+            entry = json.loads(line)
         except ValueError:
             continue  # a line cut off by a crash
-        if "rule" in said:
-            findings.append(Finding(_RULES[said["rule"]], said["message"]))
-        elif "skipped" in said:
-            skipped.append((said["skipped"], said["reason"]))
-        elif "value" in said:
-            values[said["value"]] = said["is"]
-        ends |= said.keys() & {"completed", "stopped"}
+        if "rule" in entry:
+            findings.append(Finding(_RULES[entry["rule"]], entry["message"]))
+        elif "skipped" in entry:
+            skipped.append((entry["skipped"], entry["reason"]))
+        elif "value" in entry:
+            values[entry["value"]] = entry["is"]
+        ends |= entry.keys() & {"completed", "stopped"}
     return Outcome(tuple(findings), tuple(skipped), "completed" in ends, "stopped" in ends, values)

@@ -1,4 +1,4 @@
-"""The sources in an archive, compiled as `fmpy compile` does, must give the FMU that is in it."""
+"""Check that the sources in an archive, compiled like `fmpy compile` does, give the same outputs as its binary."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ add_library(trial SHARED trial.c)
 
 
 def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
-    """Compile the sources and compare a run with the FMU's own."""
-    if reason := _reason_not_to(subject):
+    """Compile the sources and compare a run of the result with a run of the FMU's binary."""
+    if reason := _reason_to_skip(subject):
         return Outcome(skipped=(("", reason),))
     with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as name:
         folder = Path(name)
         if reason := _broken_compiler(folder / "trial"):
-            return Outcome(skipped=(("", f"the rebuild could not be tried: {reason}"),))
+            return Outcome(skipped=(("", f"the sources could not be compiled here: {reason}"),))
         fresh = folder / "fmu"
         shutil.copytree(unpacked.folder, fresh, ignore=shutil.ignore_patterns("binaries"))
         build = python_command("builder.check.compile_sources", str(fresh))
@@ -52,31 +52,31 @@ def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:
     return Outcome()
 
 
-def _reason_not_to(subject: Subject) -> str:
+def _reason_to_skip(subject: Subject) -> str:
     files = subject.description.source_files if subject.description else ()
     if not files:
         return "no sources are listed"
     if any(f"sources/{name}" not in subject.members for name in files):
         return "sources are missing"
-    return "" if shutil.which("cmake") else "there is no cmake here"
+    return "" if shutil.which("cmake") else "CMake is not installed"
 
 
 def _broken_compiler(folder: Path) -> str:
-    """Compile a library of one function, as the sources would be compiled; return why that does not work, if so.
+    """Compile a library of one function like the sources; return the reason if that fails, otherwise "".
 
-    A compiler that is on the PATH need not work: it may be a stub that asks to be installed, as on macOS.
+    A compiler on the PATH does not always work: on macOS, it may be a stub that asks the user to install it.
     """
     folder.mkdir()
     (folder / "trial.c").write_text(_TRIAL, encoding="utf-8")
     (folder / "CMakeLists.txt").write_text(_TRIAL_PROJECT, encoding="utf-8")
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
         if message := _run(command, folder, _TRIAL_TIMEOUT):
-            return f"there is no C compiler here that works ({message})"
+            return f"there is no working C compiler ({message})"
     return ""
 
 
 def _run(command: list[str], folder: Path, patience: float) -> str:
-    """Run a command; return what went wrong."""
+    """Run a command; return the error message, or "" if it succeeded."""
     new_group: dict[str, Any] = {} if sys.platform == "win32" else {"start_new_session": True}
     with (folder / "printed.txt").open("w+b") as printed:
         process = subprocess.Popen(
@@ -93,7 +93,7 @@ def _run(command: list[str], folder: Path, patience: float) -> str:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and what it has started: a compiler that hangs is a child of make, and that of cmake."""
+    """Kill a process and its children: a hanging compiler is a child of make, which is a child of cmake."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):
             process.kill() if sys.platform == "win32" else os.killpg(process.pid, signal.SIGKILL)

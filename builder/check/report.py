@@ -1,4 +1,4 @@
-"""What a check did to an FMU, what it found, and the same as a JSON document."""
+"""The report of a check: applied groups, findings, and their JSON document."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What was done to an FMU, what was skipped and why, and what was found; acceptable when no finding fails it.
+    """The result of a check of one FMU; the FMU is acceptable if all findings are hints.
 
-    `identity` says which FMU it was: modelName, guid, generationTool and the file's digest; `groups` are the names of
-    the groups of checks that were run.
+    Attributes:
+        path: FMU file.
+        scope: Levels that are reported.
+        identity: Identification of the FMU: modelName, guid, generationTool, digest of the file and so on.
+        groups: Names of the groups of checks that were run.
+        skipped: Checks that were skipped, with the reason.
+        findings: Findings.
     """
 
     path: Path
@@ -31,12 +36,12 @@ class CheckReport:
 
     @property
     def done(self) -> tuple[str, ...]:
-        """What was done, in words."""
+        """Descriptions of the groups of checks that were run."""
         return tuple(GROUPS[group].title for group in self.groups)
 
     @property
     def acceptable(self) -> bool:
-        """Whether there is nothing but hints."""
+        """Whether all findings are hints."""
         return not any(finding.rule.level.fails for finding in self.findings)
 
     def of(self, level: Level) -> tuple[Finding, ...]:
@@ -44,7 +49,7 @@ class CheckReport:
         return tuple(finding for finding in self.findings if finding.rule.level is level)
 
     def document(self) -> dict[str, Any]:
-        """Return the report as it stands in JSON (docs/check.md)."""
+        """Return the report as a JSON object (docs/check.md)."""
         return {
             "path": str(self.path),
             "identity": dict(self.identity),
@@ -60,18 +65,18 @@ class CheckReport:
 
 @dataclass(frozen=True)
 class NotChecked:
-    """A file that could not be checked, and why: it is missing, damaged, no FMU, or of another FMI version."""
+    """A file that could not be checked, and the reason: missing, damaged, not an FMU, or another FMI version."""
 
     path: Path
     error: str
 
     @property
     def acceptable(self) -> bool:
-        """It is not."""
+        """Always False."""
         return False
 
     def document(self) -> dict[str, Any]:
-        """Return the entry as it stands in JSON (docs/check.md)."""
+        """Return the entry as a JSON object (docs/check.md)."""
         return {"path": str(self.path), "acceptable": self.acceptable, "error": self.error}
 
 
@@ -87,7 +92,7 @@ def _finding(finding: Finding) -> dict[str, str]:
 
 
 def json_document(reports: Sequence[CheckReport | NotChecked]) -> dict[str, Any]:
-    """Return the one JSON document of several files."""
+    """Return the JSON document for several files."""
     return {
         "kind": "check",
         "schema": SCHEMA,

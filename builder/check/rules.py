@@ -1,4 +1,4 @@
-"""What a rule is, how much it weighs, and what is found against it."""
+"""Rules of the check, their levels, and findings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """How much a finding weighs: the first two make a check fail."""
+    """Severity of a finding: the first two levels make a check fail."""
 
     ERROR = "error"
     DROP_IN = "drop-in"
@@ -20,21 +20,22 @@ class Level(Enum):
 
 
 class Scope(Enum):
-    """Which levels are reported: all, or only the rules of the standard."""
+    """Levels that are reported: all, or only the rules of the standard."""
 
     ALL = "all"
     STANDARD = "standard"
 
     def covers(self, level: Level) -> bool:
-        """Say whether findings of a level are reported."""
+        """Return whether findings of a level are reported."""
         return self is Scope.ALL or level is Level.ERROR
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One thing that must hold, or had better hold, for an FMU.
+    """One requirement or recommendation for an FMU.
 
-    `source` is the section of FMI 2.0.4 that says so, or what breaks in practice; `advice` is what its maker does.
+    `source` is the section of FMI 2.0.4 that contains the rule, or the problem that occurs in practice; `advice` tells
+    the developer of the FMU what to do.
     """
 
     identifier: str
@@ -44,32 +45,32 @@ class Rule:
     advice: str
 
     def finding(self, message: str) -> Finding:
-        """Return what was found against this rule."""
+        """Return a finding against this rule."""
         return Finding(self, message)
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong with an FMU: against which rule, and what exactly."""
+    """One defect of an FMU: the rule that it breaks, and a message with the details."""
 
     rule: Rule
     message: str
 
     @property
     def advice(self) -> str:
-        """What to do about it."""
+        """Instruction for correcting the defect."""
         return self.rule.advice
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """What was not checked, and why."""
+    """A check that was skipped, and the reason."""
 
     what: str
     reason: str
 
 
 def listed(names: list[str], *, most: int = 6) -> str:
-    """Return names as people read them: the first ones, and how many more."""
+    """Return the first names and the number of further names as text."""
     shown = ", ".join(names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -1,4 +1,4 @@
-"""One check from beginning to end: what only reads the file first, then what runs it."""
+"""Execution of a check: first the groups that only read the file, then those that call the FMU."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _AT_ONCE = 2
 
 @dataclass
 class _Ledger:
-    """What a check has done so far."""
+    """Groups, skipped checks and findings of a check so far."""
 
     groups: list[str] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
 
     def enter(self, group: str, outcome: Outcome) -> None:
-        """Add what a group came to."""
+        """Add the outcome of a group."""
         self.findings += outcome.findings
         self.skipped += [Skipped(f"{group}: {what}" if what else group, reason) for what, reason in outcome.skipped]
         if not any(not what for what, _ in outcome.skipped):
@@ -43,9 +43,9 @@ class _Ledger:
 
 
 def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
-    """Check an FMU; `builder.check.check` says how."""
+    """Check an FMU; see `builder.check.check`."""
     if unknown := sorted(set(groups) - GROUPS.keys()):
-        raise FmuError(f"no group of checks is named {unknown[0]!r}; there are {', '.join(GROUPS)}")
+        raise FmuError(f"group of checks {unknown[0]!r} is not known; use some of {', '.join(GROUPS)}")
     subject = read_subject(path)
     ledger = _Ledger()
     if "static" in groups:
@@ -72,22 +72,22 @@ def _tools(subject: Subject) -> Outcome:
 
 
 def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
-    """Apply the groups that call the FMU: the simulation first, the others only if that works."""
-    wanted = [group for group in groups if group not in ("static", "tools")]
-    if not wanted:
+    """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
+    selected = [group for group in groups if group not in ("static", "tools")]
+    if not selected:
         return
-    if reason := _not_to_be_called(subject):
-        ledger.skipped.append(Skipped(", ".join(wanted), reason))
+    if reason := _reason_not_to_call(subject):
+        ledger.skipped.append(Skipped(", ".join(selected), reason))
         return
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
         unpacked = Unpacked(Path(folder) / "fmu")
         _unpack(subject, unpacked.folder)
         first = in_an_empty_folder("simulation", unpacked)
-        if "simulation" in wanted:
+        if "simulation" in selected:
             ledger.enter("simulation", first)
-        others = [group for group in wanted if group != "simulation"]
+        others = [group for group in selected if group != "simulation"]
         if not first.completed:
-            ledger.findings += [f for f in first.findings if "simulation" not in wanted]
+            ledger.findings += [f for f in first.findings if "simulation" not in selected]
             ledger.skipped += [Skipped(", ".join(others), "a plain simulation does not work")] if others else []
             return
         if REACH in first.values:
@@ -106,18 +106,18 @@ def _outcomes(subject: Subject, groups: list[str], unpacked: Unpacked) -> Iterat
         yield from zip(groups, pool.map(outcome, groups), strict=True)
 
 
-def _not_to_be_called(subject: Subject) -> str:
+def _reason_not_to_call(subject: Subject) -> str:
     if not subject.is_safe:
         return "the archive is not safe to unpack"
     if subject.description is None:
-        return "there is no description to call it by"
+        return "there is no valid modelDescription.xml"
     if subject.description.co_simulation is None:
-        return "it offers no co-simulation"
+        return "the FMU does not support co-simulation"
     if subject.members.keys().isdisjoint(binary_members(subject.description.identifier)):
-        there = [binary.platform for binary in subject.own_binaries]
-        there += ["sources"] if subject.description.source_files else []
+        available = [binary.platform for binary in subject.own_binaries]
+        available += ["sources"] if subject.description.source_files else []
         here = platform_folders()[0]
-        return f"no binary for this platform ({here}), so nothing was run; it has: {', '.join(there) or 'none'}"
+        return f"no binary for this platform ({here}), so nothing was run; available: {', '.join(available) or 'none'}"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""What the static rules look at: the archive's entries and the description read from it."""
+"""The subject of the static rules: the archive's entries and the model description."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _BINARY = re.compile(r"binaries/([^/]+)/([^/]+)\.(so|dll|dylib)")
 
 @dataclass(frozen=True)
 class Subject:
-    """An FMU as a file: entries as stored, contents by name (the last of doubled ones), and the parsed description.
+    """An FMU file: entries as stored, contents by name (the last of duplicate entries), and the parsed description.
 
-    `description` is None where the XML is missing or not well-formed; `xml_error` then says why.
+    `description` is None if the XML is missing or not well-formed; in the latter case `xml_error` is the reason.
     """
 
     path: Path
@@ -35,19 +35,19 @@ class Subject:
 
     @cached_property
     def binaries(self) -> tuple[Binary, ...]:
-        """The shared libraries in binaries/<platform>/."""
+        """Shared libraries in binaries/<platform>/."""
         found = ((name, _BINARY.fullmatch(name)) for name in sorted(self.members))
         return tuple(read_binary(name, match[1], self.members[name]) for name, match in found if match)
 
     @property
     def own_binaries(self) -> tuple[Binary, ...]:
-        """The binaries named after the modelIdentifier."""
+        """Binaries named after the modelIdentifier."""
         identifier = self.description.identifier if self.description else ""
         return tuple(binary for binary in self.binaries if PurePosixPath(binary.name).stem == identifier)
 
     @property
     def is_safe(self) -> bool:
-        """Whether unpacking writes nothing outside its folder."""
+        """Whether unpacking writes nothing outside the target folder."""
         return not any(unsafe_reason(entry) for entry in self.entries)
 
 
@@ -55,15 +55,15 @@ def read_subject(path: str | Path) -> Subject:
     """Read an FMU.
 
     Raises:
-        FmuError: The file is missing, a folder or no readable zip archive, holds no modelDescription.xml, or is of
-            FMI 1 or 3.
+        FmuError: The file is missing, is a folder, is not a readable zip archive, contains no modelDescription.xml, or
+            is an FMU of FMI 1 or 3.
     """
     path = Path(path)
     if path.is_dir():
-        raise FmuError(f"{path}: is a folder, and an .fmu file is wanted; give the files in it (check {path}/*.fmu)")
+        raise FmuError(f"{path}: is a folder, not an .fmu file; name the files in it (check {path}/*.fmu)")
     entries, members = _read(path)
     if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
-        raise FmuError(f"{path}: is not an FMU: there is no {XML} in it")
+        raise FmuError(f"{path}: is not an FMU: it contains no {XML}")
     if XML not in members:
         return Subject(path, entries, members, None, "", None)
     try:
@@ -71,7 +71,7 @@ def read_subject(path: str | Path) -> Subject:
     except (ET.ParseError, ValueError, LookupError) as error:
         return Subject(path, entries, members, None, f"{type(error).__name__}: {error}", None)
     if root.get("fmiVersion", "2").startswith(("1.", "3.")):
-        raise FmuError(f"{path}: is of FMI {root.get('fmiVersion')}; check knows FMI 2.0")
+        raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0")
     return Subject(path, entries, members, root, "", read_description(root))
 
 

@@ -1,4 +1,4 @@
-"""Runs elsewhere: in an empty folder, with nothing in the environment, in a read-only folder, from an odd path."""
+"""Runs in unusual surroundings: an empty folder, an empty environment, a read-only folder, an unusual path."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ _ODD = "a path with spaces, ä 100% #1 + äöü"
 
 
 def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
-    """Run a probe in an empty working folder; what is there when it came to its end is a finding."""
+    """Run a probe in an empty working folder; any file left there by a completed probe is a finding."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
         outcome = run_probe(group, unpacked, Surroundings(folder))
         left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-    if not left or not outcome.completed:  # a crash leaves what the system writes, as core
+    if not left or not outcome.completed:  # after a crash, the system may write files such as core
         return outcome
     return replace(outcome, findings=(*outcome.findings, rules.FILES.finding(f"it left {listed(left)}")))
 
 
 def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
-    """Run the probe that measures a digest of the outputs, in a working folder."""
+    """Run the probe that computes a digest of the outputs, in a working folder."""
     return run_probe("surroundings", unpacked, Surroundings(folder, environment), module="trace")
 
 
@@ -57,4 +57,4 @@ def _compare(rule: Rule, plain: Outcome, there: Outcome) -> Iterator[Finding]:
     if not there.completed or there.findings:
         yield rule.finding("; ".join(finding.message for finding in there.findings))
     elif there.values != plain.values:
-        yield rule.finding("it runs, with other outputs")
+        yield rule.finding("it runs, but the outputs differ")

@@ -1,4 +1,4 @@
-"""What other makers' checkers say: `fmpy validate` and `fmutool -check`."""
+"""Third-party checkers: `fmpy validate` and `fmutool -check`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _fmpy(path: Path) -> list[str]:
 
     try:
         return [str(problem) for problem in validate_fmu(str(path))]
-    except Exception as error:  # it raises what its parser does: that is a finding
+    except Exception as error:  # an exception of its parser is a finding
         return [f"{type(error).__name__}: {error}"]
 
 
@@ -40,14 +40,14 @@ def _fmutool(path: Path) -> list[str]:
             with FMU(str(path)) as fmu:
                 for checker in get_checkers():
                     fmu.apply_operation(checker())
-        except Exception as error:  # its parser raises what it likes on a bad description: that is a finding
+        except Exception as error:  # an exception of its parser is a finding
             messages.append(f"{type(error).__name__}: {error}")
     return messages
 
 
 @contextmanager
 def _errors_logged(name: str) -> Iterator[list[str]]:
-    """Collect what a library logs as errors; it has no other way to say them."""
+    """Collect the errors that a library logs; it reports them in no other way."""
     messages: list[str] = []
     handler = logging.Handler(logging.ERROR)
     handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]

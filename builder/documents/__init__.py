@@ -1,4 +1,4 @@
-"""What an FMU archive carries besides binaries, sources and modelDescription.xml."""
+"""The documents in an FMU archive: everything besides binaries, sources and modelDescription.xml."""
 
 from builder.documents.archive import documents
 from builder.documents.subject import SECRET, Disclosure, Subject

@@ -19,8 +19,8 @@ from eightpost.shock import Response, Shock
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What may be told of a subject: the subject itself as far as it may, its picture, its origin, its results."""
+class _Disclosed:
+    """The information about a subject that may be disclosed: variables, picture, origin, recorded outputs."""
 
     subject: Subject
     picture: Picture
@@ -29,48 +29,51 @@ class _Told:
 
 
 def documents(subject: Subject, *, disclosure: Disclosure) -> dict[str, bytes]:
-    """Return what an archive carries for people and tools: member name -> content.
+    """Return the documents of an archive, for people and for tools: member name -> content.
 
-    The same subject gives the same bytes. A confidential archive has no curve picture, no coefficients, and neither
-    names nor digests of source files; nor the subject's name, which is often that of its file.
+    The same subject gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
+    neither names nor digests of source files. It also omits the subject's name, which is often the name of its file.
     """
-    told = _TELL[disclosure](subject)
-    known = told.subject
-    reference = results(known, told.recorded)
-    contents = Contents(known.identifier, known.text, known.interface, told.picture, told.origin, bool(reference))
+    disclosed = _DISCLOSE[disclosure](subject)
+    shown, picture = disclosed.subject, disclosed.picture
+    reference = results(shown, disclosed.recorded)
+    contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference))
     return {
-        "model.png": told.picture.png,
+        "model.png": picture.png,
         "documentation/index.html": page(contents),
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
-        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(known.interface),
-        "terminalsAndIcons/icon.png": icon(known.source),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
+        "terminalsAndIcons/icon.png": icon(shown.source),
         **validity_member(subject.source, subject.identifier, disclosure),
         **reference,
     }
 
 
-def _full(subject: Subject) -> _Told:
+def _full(subject: Subject) -> _Disclosed:
     source = subject.source
     if isinstance(source, Shock):
         caption = (
-            "Force at the port without gas force; shaded: the fitted range. Where the law has lag, the loop is its "
-            f"answer to a sine of {LOOP_FREQUENCY:g} Hz."
+            "Force at the port without gas force. Shaded: fitted range. If the law has lag, the loop is its "
+            f"response to a sine of {LOOP_FREQUENCY:g} Hz."
         )
-        return _Told(subject, Picture(shock_picture(source), caption), shock_origin(source), Response._fields)
-    caption = "Frequency responses with the linear dampers that the vehicle's source states; the FMU itself has none."
-    return _Told(subject, Picture(vehicle_picture(source), caption), vehicle_origin(source), ())
+        return _Disclosed(subject, Picture(shock_picture(source), caption), shock_origin(source), Response._fields)
+    caption = "Frequency responses with the linear dampers of the vehicle's source file. The FMU itself has no dampers."
+    return _Disclosed(subject, Picture(vehicle_picture(source), caption), vehicle_origin(source), ())
 
 
-def _confidential(subject: Subject) -> _Told:
+def _confidential(subject: Subject) -> _Disclosed:
     interface = subject.interface
     shown = replace(interface, variables=tuple(v for v in interface.variables if not v.name.startswith(SECRET)))
     origin = open_shock_origin(subject.source) if isinstance(subject.source, Shock) else []
-    return _Told(
+    return _Disclosed(
         replace(subject, text=interface.description, interface=shown),
-        Picture(icon(subject.source), "A confidential build: what it was made from is not in this archive.", "icon"),
+        Picture(icon(subject.source), "A confidential build: its sources are not in this archive.", "icon"),
         origin,
         ("force",),
     )
 
 
-_TELL: dict[Disclosure, Callable[[Subject], _Told]] = {Disclosure.FULL: _full, Disclosure.CONFIDENTIAL: _confidential}
+_DISCLOSE: dict[Disclosure, Callable[[Subject], _Disclosed]] = {
+    Disclosure.FULL: _full,
+    Disclosure.CONFIDENTIAL: _confidential,
+}

@@ -1,6 +1,6 @@
-"""An FMU's text and equations: Markdown with LaTeX mathematics into HTML with MathML, which browsers draw themselves.
+"""Conversion of an FMU's text and equations from Markdown with LaTeX to HTML with MathML, which browsers can display.
 
-The mathematics is written as GitHub shows it: `$...$` within a line, a fenced block with the word `math` for itself.
+The equations use GitHub's notation: `$...$` within a line, a fenced block with the info string `math` otherwise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from markdown_it.rules_inline import StateInline
     from markdown_it.token import Token
 
-#: Links between the texts become places on the page, for all of them stand on it.
+#: Links between the texts are replaced by anchors, because all texts are on one page.
 _PLACES = {"../common/shock.md": "#the-port"}
 
 _TITLE = re.compile(r"\A# .*\n+")
@@ -28,7 +28,7 @@ _TITLE = re.compile(r"\A# .*\n+")
 def equations(kind: str) -> str:
     """Return the text of an interface kind as HTML: purpose, equations, signs, limits; without its title.
 
-    A shock's is followed by what all shocks share: the port and the curve.
+    The text of a shock is followed by the text that all shocks share: the port and the curve.
     """
     folder = source_folder()
     texts = [_TITLE.sub("", (folder / kind / "README.md").read_text(encoding="utf-8"))]
@@ -50,7 +50,7 @@ def render(text: str) -> str:
 
 def mathml(latex: str, *, display: str) -> str:
     """Return LaTeX mathematics as MathML; `display` is `inline` or `block`."""
-    # HTML knows the element without its namespace, and the page then names no address at all.
+    # HTML does not need the namespace, and without it the page contains no URL at all.
     return convert(latex, display=display).replace(' xmlns="http://www.w3.org/1998/Math/MathML"', "")
 
 

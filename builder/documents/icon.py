@@ -1,4 +1,4 @@
-"""The FMU's icon: a sign for a shock or for a vehicle, which tells nothing of their numbers."""
+"""The FMU's icon: a symbol of a shock or of a vehicle, which discloses none of their data."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _INK, _BODY, _PART = "#1c2430", "#0072b2", "#c9d6e4"
 
 
 def icon(source: Shock | Vehicle) -> bytes:
-    """Return a square PNG, 256 dots wide, on a transparent ground."""
+    """Return a square PNG, 256 pixels wide, with a transparent background."""
     return _drawn(_draw_shock if isinstance(source, Shock) else _draw_vehicle)
 
 
@@ -39,7 +39,7 @@ def _drawn(draw: Callable[[Axes], None]) -> bytes:
 
 
 def _draw_shock(axes: Axes) -> None:
-    """A monotube with its eyes and a coil around it."""
+    """Draw a monotube shock with its eyes and a coil around it."""
     edge: dict[str, Any] = {"edgecolor": _INK, "linewidth": 2.5}
     axes.add_patch(Rectangle((46.5, 48), 7, 36, facecolor=_PART, **edge))
     axes.add_patch(FancyBboxPatch((37, 17), 26, 38, "round,pad=0,rounding_size=4", facecolor=_BODY, **edge))
@@ -50,7 +50,7 @@ def _draw_shock(axes: Axes) -> None:
 
 
 def _draw_vehicle(axes: Axes) -> None:
-    """A stock car from its side: a body, a window, two wheels, the road."""
+    """Draw a stock car from the side: body, window, two wheels, road."""
     edge: dict[str, Any] = {"edgecolor": _INK, "joinstyle": "round"}
     axes.fill(*_CAR, facecolor=_BODY, linewidth=3.5, **edge)
     axes.fill(*_WINDOW, facecolor="white", linewidth=2.5, **edge)

@@ -1,4 +1,4 @@
-"""The few shapes that the page is made of."""
+"""The HTML elements of the documentation page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from html import escape
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table: its heading, and how its cells are set (a class of page.css)."""
+    """One column of a table: its heading, and the style of its cells (a class of page.css)."""
 
     heading: str
     style: str = ""
@@ -24,7 +24,7 @@ class Section:
 
     @property
     def name(self) -> str:
-        """Its place on the page."""
+        """Anchor of the section on the page."""
         return self.heading.lower().replace(" ", "-")
 
     def __str__(self) -> str:
@@ -32,7 +32,7 @@ class Section:
 
 
 def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of text cells; columns in which no row says anything are left out."""
+    """Return a table of text cells without its empty columns."""
     cells = [tuple(row) for row in rows]
     kept = [k for k in range(len(columns)) if any(row[k] for row in cells)]
     head = "".join(_cell("th", columns[k], escape(columns[k].heading)) for k in kept)
@@ -43,7 +43,7 @@ def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
 
 
 def bullets(items: Iterable[str]) -> str:
-    """Return a list of texts, or nothing where there are none."""
+    """Return a bulleted list of texts; empty if there are no items."""
     lines = "".join(f"<li>{escape(item)}</li>" for item in items)
     return f"<ul>{lines}</ul>" if lines else ""
 
@@ -54,7 +54,7 @@ def paragraph(text: str) -> str:
 
 
 def folded(summary: str, html: str) -> str:
-    """Return HTML that opens on a click."""
+    """Return HTML that the reader can expand."""
     return f"<details><summary>{escape(summary)}</summary>\n{html}\n</details>"
 
 

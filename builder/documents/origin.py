@@ -1,4 +1,4 @@
-"""Where an FMU's numbers come from: a fit and its conditions, a vehicle's parameters and modes, digests of files."""
+"""The origin of an FMU's data: a fit and its conditions, a vehicle's parameters and modes, digests of files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Veh
 
 _KEY = re.compile(r"(.*?) \[(.+)\]")
 
-#: What a confidential page tells of a fit: for what the shock may be used, and how well it was met. Numbers only.
+#: Entries of a fit that a confidential page shows: the ranges of validity and the error of the fit. Numbers only.
 _OPEN_CONDITIONS = ("velocity_range [m/s]", "frequency_range [Hz]", "displacement_range [m]", "temperature_range [K]")
 _OPEN_FIT = ("rms [N]", "percent")
 
@@ -25,7 +25,7 @@ _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
 
 
 def shock_origin(shock: Shock) -> list[Section]:
-    """Return all that is known of a shock's measurement and fit."""
+    """Return all information about a shock's measurement and fit."""
     sections = [Section("Conditions of the measurement", _quantities(shock.conditions))]
     if shock.fit:
         sections.append(Section("Fit", _fit(shock.fit)))
@@ -36,14 +36,14 @@ def shock_origin(shock: Shock) -> list[Section]:
 
 
 def open_shock_origin(shock: Shock) -> list[Section]:
-    """Return what a confidential page tells of a shock: ranges, and the error of the fit."""
+    """Return the information about a shock on a confidential page: ranges, and the error of the fit."""
     known = {key: shock.conditions[key] for key in _OPEN_CONDITIONS if key in shock.conditions}
     known |= {key: shock.fit[key] for key in _OPEN_FIT if key in shock.fit}
     return [Section("Range of validity", _quantities(known))]
 
 
 def vehicle_origin(vehicle: Vehicle) -> list[Section]:
-    """Return a vehicle's parameters where it has some, and its modes."""
+    """Return a vehicle's parameters, if it has any, and its modes."""
     if isinstance(vehicle, StructuralVehicle):
         sections = [Section("Vehicle", table(_QUANTITIES, _parameters(vehicle.parameters)))]
     else:
@@ -52,7 +52,7 @@ def vehicle_origin(vehicle: Vehicle) -> list[Section]:
 
 
 def _identified(vehicle: IdentifiedVehicle) -> list[Section]:
-    text = "An identified model. Its baseline damping is taken out, so that the ports take the whole shock force."
+    text = "Identified model. Its baseline damping was removed, so that the ports take the whole shock force."
     damping = {f"baseline damping, {port or 'port'} [N.s/m]": c for port, c in vehicle.baseline_damping.items()}
     sections = [Section("Vehicle", paragraph(text) + (_quantities(damping) if damping else ""))]
     if vehicle.sources:
@@ -66,7 +66,7 @@ def _quantities(values: Mapping[str, Any]) -> str:
 
 
 def _row(key: str, value: Any) -> tuple[str, str, str]:
-    """Return name, customary value and SI value of `name [unit]: number or range`; anything else as it is."""
+    """Return name, customary value and SI value of `name [unit]: number or range`; return other values unchanged."""
     match = _KEY.fullmatch(key)
     name = (match[1] if match else key).replace("_", " ")
     if match and _numeric(value):
@@ -83,9 +83,9 @@ def _numeric(value: Any) -> bool:
 
 
 def _fit(fit: Mapping[str, Any]) -> str:
-    """Return the fit's quality, its parameters with their errors, and what it noted."""
-    told = {key: value for key, value in fit.items() if key not in ("parameters", "changes", "warnings")}
-    html = _quantities(told)
+    """Return the fit's quality, its parameters with their standard errors, its warnings and its changes."""
+    quality = {key: value for key, value in fit.items() if key not in ("parameters", "changes", "warnings")}
+    html = _quantities(quality)
     if isinstance(parameters := fit.get("parameters"), Mapping):
         columns = (Column("parameter", "tight"), Column("value"), Column("± standard error"), Column("bounds"))
         html += table(columns, list(_fitted(parameters)))
@@ -96,14 +96,14 @@ def _fit(fit: Mapping[str, Any]) -> str:
 
 
 def _fitted(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str]]:
-    for name, found in parameters.items():
-        unit = str(found.get("unit", ""))
-        error = found.get("standard_error")
+    for name, entry in parameters.items():
+        unit = str(entry.get("unit", ""))
+        error = entry.get("standard_error")
         yield (
             name,
-            _both(found.get("value"), unit),
+            _both(entry.get("value"), unit),
             "" if error is None else _both(error, unit),
-            _bounds(found.get("bounds"), unit) + (f", at {found['at_bound']}" if found.get("at_bound") else ""),
+            _bounds(entry.get("bounds"), unit) + (f", at {entry['at_bound']}" if entry.get("at_bound") else ""),
         )
 
 
@@ -129,7 +129,7 @@ def _parameters(parameters: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def _at_corners(value: float | Corners | None) -> dict[str, float]:
-    """Return a value by what follows its name; corners that are all alike are one value."""
+    """Return values by the suffix of their name; four equal corners give one value without suffix."""
     if value is None:
         return {}
     if not isinstance(value, Corners):
@@ -140,5 +140,5 @@ def _at_corners(value: float | Corners | None) -> dict[str, float]:
 def _modes(vehicle: Vehicle) -> str:
     columns = (Column("frequency", "number"), Column("damping ratio", "number"))
     rows = [(f"{mode.frequency_hz:.3g} Hz", f"{mode.damping_ratio:.3f}") for mode in vehicle.with_damper().modes()]
-    text = "With the linear dampers that the vehicle's source states. The FMU has none: shocks take their place."
+    text = "With the linear dampers of the vehicle's source file. The FMU has no dampers: shocks replace them."
     return paragraph(text) + table(columns, rows)

@@ -1,4 +1,4 @@
-"""documentation/index.html: all that an engineer wants to know of one FMU, in one file that loads nothing."""
+"""The page documentation/index.html: the full documentation of one FMU, in one file without external resources."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _VARIABLES = (
     Column("displayed", "tight"),
     Column("range", "tight"),
     Column("variability", "tight"),
-    Column("meaning"),
+    Column("description"),
 )
 
 _IMPORT = """<p>A host opens <code>{identifier}.fmu</code>, sets parameters, initializes, and then sets inputs, steps
@@ -56,25 +56,26 @@ and reads outputs. With FMPy, in Python:</p>
 <pre>from fmpy import simulate_fmu
 
 result = simulate_fmu("{identifier}.fmu", stop_time=1.0, output_interval=1e-3)</pre>
-<p>All values that cross the interface are SI; tools that know display units show the US customary ones. Any step size
-above zero may be taken.</p>
+<p>All values at the interface are in SI units; tools that support display units show US customary units. Any positive
+step size is allowed.</p>
 """
 
-_CONNECT = """<p><code>terminalsAndIcons/terminalsAndIcons.xml</code> joins the variables of each port, so that
-tools which read it connect a shock and a vehicle in one move: {ports}. By hand, connect velocity and displacement from
-the vehicle to the shock and force from the shock to the vehicle, with no change of sign.</p>
+_CONNECT = """<p><code>terminalsAndIcons/terminalsAndIcons.xml</code> groups the variables of each port into a terminal,
+so that tools which support terminals connect a shock and a vehicle in one step: {ports}. To connect them manually,
+connect velocity and displacement from the vehicle to the shock and force from the shock to the vehicle, without a
+change of sign.</p>
 """
 
-_REFERENCE = """<p>The archive carries inputs and outputs to compare a host's results with, as the FMI cross-check
-rules ask: <code>{folder}/{identifier}_in.csv</code>, <code>_ref.csv</code> and <code>_ref.opt</code>. Start at 0, take
-steps of 1 ms for 1 s, set each row of inputs before the step that starts at its time, and hold it over that step. The
-outputs were computed from the equations above, independently of the binaries.</p>
+_REFERENCE = """<p>The archive contains reference inputs and outputs in the format of the FMI cross-check rules:
+<code>{folder}/{identifier}_in.csv</code>, <code>_ref.csv</code> and <code>_ref.opt</code>. To compare the results of a
+host, start at 0, take steps of 1 ms for 1 s, set each row of inputs before the step that starts at its time, and hold
+it over that step. The outputs were computed from the equations above, independently of the binaries.</p>
 """
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG, what it shows, and how large it is set (a class of page.css)."""
+    """A PNG, its caption, and its size (a class of page.css)."""
 
     png: bytes
     caption: str
@@ -83,7 +84,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a page tells: one FMU, as much of it as may be known."""
+    """Contents of a page: the disclosed information about one FMU."""
 
     identifier: str
     text: str
@@ -113,7 +114,7 @@ def page(contents: Contents) -> bytes:
 def _facts(interface: Interface) -> str:
     return (
         f"Interface {interface.kind} {interface.version} · FMI 2.0 co-simulation · SI at the interface · "
-        f"made by eightpost {__version__}"
+        f"built with eightpost {__version__}"
     )
 
 
@@ -123,21 +124,23 @@ def _contents(sections: Sequence[Section]) -> str:
 
 
 def _variables(interface: Interface) -> list[Section]:
-    """Return the tables of variables; each variable stands in one of them."""
+    """Return the tables of variables; each variable is in one of them."""
     kinds = {
         "Inputs": [v for v in interface.variables if v.causality == "input"],
         "Outputs": [v for v in interface.variables if v.causality == "output"],
-        "Parameters": [v for v in interface.variables if v.causality == "parameter" and not _of_curve(v)],
+        "Parameters": [v for v in interface.variables if v.causality == "parameter" and not _is_curve(v)],
         "Local variables": [v for v in interface.variables if v.causality == "local"],
     }
     sections = [Section(heading, _table(variables)) for heading, variables in kinds.items() if variables]
-    if curve := [v for v in interface.variables if _of_curve(v)]:
+    if curve := [v for v in interface.variables if _is_curve(v)]:
         html = folded(f"{len(curve)} variables", _table(curve))
-        sections.insert(3, Section("Curve", paragraph("Fixed: settable until initialization ends.") + html))
+        sections.insert(
+            3, Section("Curve", paragraph("Fixed parameters: they can be set until initialization ends.") + html)
+        )
     return sections
 
 
-def _of_curve(variable: Variable) -> bool:
+def _is_curve(variable: Variable) -> bool:
     return "curve" in variable.name.split(".")[:2]
 
 
@@ -146,15 +149,15 @@ def _table(variables: Sequence[Variable]) -> str:
 
 
 def _row(variable: Variable) -> tuple[str, ...]:
-    given = variable.causality == "parameter"  # an input's start is 0, and a result has none
+    is_parameter = variable.causality == "parameter"  # inputs start at 0, outputs have no start value
     return (
         variable.name,
         str(variable.reference),
         "" if variable.unit in (None, "1") else str(variable.unit),
-        start(variable) if given else "",
-        (displayed_start(variable) if given else variable.display) or "",
+        start(variable) if is_parameter else "",
+        (displayed_start(variable) if is_parameter else variable.display) or "",
         limits(variable),
-        variable.variability if given else "",
+        variable.variability if is_parameter else "",
         variable.description,
     )
 

@@ -1,4 +1,4 @@
-"""model.png: what the FMU does, in one picture. A shock's force-velocity curve, a vehicle's frequency responses."""
+"""The picture model.png: a shock's force-velocity curve or a vehicle's frequency responses."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: 900 by 600 dots; tools show it at 600 by 400 and less.
+#: 900 x 600 pixels; tools show the picture at 600 x 400 or smaller.
 _SIZE, _DOTS = (6.0, 4.0), 150
 
-#: A hysteresis loop shows lag best at the fastest sine that a dynamometer still drives at race speeds.
+#: Frequency of the hysteresis loop [Hz]: the highest at which a dynamometer reaches race speeds, so lag shows best.
 LOOP_FREQUENCY = 5.0
 
-#: Okabe and Ito's colours: told apart by everyone.
+#: Colours of Okabe and Ito, which people with colour blindness can distinguish.
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#d55e00", "#009e73", "#8e5a9b"
 
-#: What a vehicle's picture shows, where its model has both: input, output, and what they are called.
+#: Responses in a vehicle's picture, if the model has both channels: input, output, title.
 _RESPONSES = (
     ("road", "tire_force", "road → tire force"),
     ("road", "velocity", "road → shock velocity"),
     ("force", "velocity", "shock force → shock velocity"),
     ("aero", "tire_force", "aero load → tire force"),
 )
-#: A port's name, colour and dashes: left and right of a symmetric car lie on each other.
+#: Name, colour and line style of each port: left and right coincide for a symmetric car, so one of them is dashed.
 _PORTS = {
     "lf.": ("lf", _BLUE, "-"),
     "rf.": ("rf", _ORANGE, "--"),
     "lr.": ("lr", _GREEN, "-"),
     "rr.": ("rr", _PURPLE, "--"),
 }
-#: Of several curves in one picture.
+#: Line styles of several curves in one picture.
 _STYLES: Sequence[dict[str, Any]] = tuple({"color": color, "linestyle": dash} for _, color, dash in _PORTS.values())
 _FREQUENCIES = np.geomspace(0.3, 40.0, 600)
 
@@ -62,7 +62,7 @@ def shock_picture(shock: Shock) -> bytes:
 
 
 def curves_picture(title: str, laws: Mapping[str, ShockLaw]) -> bytes:
-    """Return the static curves of several shocks by name as PNG, without gas force; equal ones are drawn once."""
+    """Return the static curves of several shocks as PNG, without gas force; equal curves are drawn once."""
     alike: dict[ShockLaw, list[str]] = {}
     for name, law in laws.items():
         alike.setdefault(_without_gas(law), []).append(name)
@@ -83,21 +83,21 @@ def curves_picture(title: str, laws: Mapping[str, ShockLaw]) -> bytes:
 
 
 def vehicle_picture(vehicle: Vehicle) -> bytes:
-    """Return frequency responses of a vehicle with its linear dampers as PNG; the same vehicle, the same bytes."""
+    """Return frequency responses of a vehicle with its linear dampers as PNG; equal vehicles give equal bytes."""
     model = vehicle.with_damper()
-    chosen = [row for row in _RESPONSES if _responding(model, row[0], row[1])][:2]
+    chosen = [row for row in _RESPONSES if _responding_ports(model, row[0], row[1])][:2]
     with plain_style():
         figure, panels = _figure(max(1, len(chosen)))
         for axes, (cause, effect, title) in zip(panels, chosen, strict=False):
             _draw_responses(axes, model, cause, effect)
             axes.set_title(title, fontsize=12)
-        if not chosen:  # a model without roads and tires: its first input to its first output
+        if not chosen:  # a model without roads and tires: show the first input to the first output
             _draw_response(panels[0], model, (model.inputs[0].name, model.outputs[0].name), (_BLUE, "-", ""))
         return png(figure)
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as PNG that tells neither when nor by what it was made."""
+    """Return a figure as PNG without a date and without the name of the software."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
@@ -105,7 +105,7 @@ def png(figure: Figure) -> bytes:
 
 @contextmanager
 def plain_style() -> Iterator[None]:
-    """Draw in matplotlib's own style, whatever the user's is, so that the same subject gives the same bytes."""
+    """Draw with matplotlib's defaults, not the user's settings, so that the same subject gives the same bytes."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         yield
@@ -114,7 +114,7 @@ def plain_style() -> Iterator[None]:
 def _figure(panels: int) -> tuple[Figure, Sequence[Axes]]:
     figure = Figure(figsize=_SIZE, dpi=_DOTS)
     FigureCanvasAgg(figure)
-    # Fixed margins: a layout engine would take longer than all the rest of a build.
+    # Fixed margins, because a layout engine would take longer than the rest of the build.
     figure.subplots_adjust(left=0.125, right=0.975, bottom=0.135, top=0.915, wspace=0.36)
     axes = [figure.add_subplot(1, panels, k + 1) for k in range(panels)]
     for each in axes:
@@ -130,7 +130,7 @@ def _without_gas(law: ShockLaw) -> ShockLaw:
 
 
 def _draw_curve(axes: Axes, law: ShockLaw) -> None:
-    """Draw the static curve at the port, the fitted range and, where the law has lag, a loop."""
+    """Draw the static curve at the port, the fitted range and, if the law has lag, a loop."""
     ratio = law.port.motion_ratio
     low, high = -law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio
     velocity = np.linspace(1.3 * low, 1.3 * high, 1001)
@@ -142,7 +142,9 @@ def _draw_curve(axes: Axes, law: ShockLaw) -> None:
         loop = _loop(law, 0.95 * min(-low, high))
         axes.plot(_inches(loop[0]), _pounds(loop[1]), color=_ORANGE, linewidth=2.4, label=f"{LOOP_FREQUENCY:g} Hz sine")
     curve = _pounds(_static(law, velocity))
-    axes.plot(_inches(velocity), curve, color=_BLUE, linewidth=2.2, linestyle=(0, (3, 1.5)), label="beyond the fit")
+    axes.plot(
+        _inches(velocity), curve, color=_BLUE, linewidth=2.2, linestyle=(0, (3, 1.5)), label="outside the fitted range"
+    )
     axes.plot(_inches(velocity), np.where(fitted, curve, np.nan), color=_BLUE, linewidth=3.6, label="static curve")
     _label_curve(axes)
 
@@ -155,12 +157,12 @@ def _label_curve(axes: Axes) -> None:
 
 
 def _static(law: ShockLaw, velocity: Array) -> Array:
-    """Return the port force [N] where the lag has settled, (K,)."""
+    """Return the port force [N] after the lag has settled, (K,)."""
     return np.array([law.response(law.static_force(v), v, 0.0).force for v in velocity.tolist()])
 
 
 def _loop(law: ShockLaw, amplitude: float) -> tuple[Array, Array]:
-    """Return velocity [m/s] and force [N] over one period of a sine, (K,) each, after another that lets it settle."""
+    """Return velocity [m/s] and force [N] over one period of a sine, (K,) each, after one period of settling."""
     steps = 800
     time = np.arange(2 * steps + 1) / (steps * LOOP_FREQUENCY)
     velocity = amplitude * np.sin(2.0 * np.pi * LOOP_FREQUENCY * time)
@@ -171,14 +173,14 @@ def _loop(law: ShockLaw, amplitude: float) -> tuple[Array, Array]:
     return velocity[steps:], np.array(forces[steps - 1 :])
 
 
-def _responding(model: StateSpace, cause: str, effect: str) -> list[str]:
+def _responding_ports(model: StateSpace, cause: str, effect: str) -> list[str]:
     """Return the ports at which a model has both an input and an output."""
     ports = [name.removesuffix(cause) for name in model.input_names if name.rpartition(".")[2] == cause]
     return [port for port in ports if f"{port}{effect}" in model.output_names]
 
 
 def _draw_responses(axes: Axes, model: StateSpace, cause: str, effect: str) -> None:
-    ports = _responding(model, cause, effect)
+    ports = _responding_ports(model, cause, effect)
     for port in ports:
         name, color, dash = _PORTS.get(port, ("", _BLUE, "-"))
         _draw_response(axes, model, (f"{port}{cause}", f"{port}{effect}"), (color, dash, name))

@@ -1,4 +1,4 @@
-"""Numbers as people read them: SI, and US customary units beside it."""
+"""Formatting of quantities for readers: in SI and in US customary units."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from builder.interface import Variable
 from eightpost import units
 
-#: The US customary unit that a person reads an SI unit in.
+#: US customary unit that is shown for each SI unit.
 CUSTOMARY = {
     "Pa": "psi",
     "K": "degF",
@@ -38,7 +38,7 @@ def quantity(value: Number | Sequence[Number], unit: str) -> str:
 
 
 def customary(value: Number | Sequence[Number], unit: str) -> str:
-    """Return the same in US customary units, or nothing where SI is what people read.
+    """Return a value or a range in US customary units; empty if only the SI unit is shown.
 
     >>> customary([-0.8, 0.75], "m/s")
     '-31.5 to 29.53 in/s'
@@ -51,12 +51,12 @@ def customary(value: Number | Sequence[Number], unit: str) -> str:
 
 
 def start(variable: Variable) -> str:
-    """Return a variable's start value in SI, six digits, without its unit."""
+    """Return a variable's start value in SI, with six digits, without its unit."""
     return "" if variable.start is None else _plain(variable.start)
 
 
 def displayed_start(variable: Variable) -> str:
-    """Return a variable's start value with its display unit, or nothing where it has none."""
+    """Return a variable's start value with its display unit; empty if it has no display unit."""
     if variable.unit is None or variable.display is None or variable.start is None:
         return ""
     return quantity(units.convert(float(variable.start), variable.unit, variable.display), variable.display)

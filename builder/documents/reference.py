@@ -1,11 +1,11 @@
-"""Reference results: what any host must get from the FMU, as the FMI cross-check rules lay it out.
+"""Reference results that any host must get from the FMU, in the format of the FMI cross-check rules.
 
-They are computed here from the law or the exact linear step of the library, never from a binary, so that they are
-evidence of their own. Rules: github.com/modelica/fmi-cross-check, FMI-CROSS-CHECK-RULES.md, 9.1.4 and 10.
+They are computed from the law or the exact linear step of the library and never from a binary, so that they are
+independent evidence. Rules: github.com/modelica/fmi-cross-check, FMI-CROSS-CHECK-RULES.md, 9.1.4 and 10.
 
 The inputs are smooth and start at zero, so that it does not matter whether a host sets them before or after
-initialization ends. They are held over each step, as a host does that sets inputs between steps: the row at t_k is set
-before the step from t_k to t_k+1, and the outputs at t_k+1 are taken before the next row is set.
+initialization ends. They are held over each step, like those of a host that sets inputs between steps: the row at t_k
+is set before the step from t_k to t_k+1, and the outputs at t_k+1 are read before the next row is set.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ if TYPE_CHECKING:
 
 STEP, COUNT = 1e-3, 1000
 
-#: What a host's results may differ by.
+#: Allowed difference of a host's results.
 RELATIVE_TOLERANCE = 1e-9
 
 FOLDER = "extra/eightpost"
 
-#: Size of a vehicle's inputs by their unit: what a race car sees.
+#: Amplitude of a vehicle's inputs by their unit, typical of a race car.
 _AMPLITUDES = {"m": 0.005, "N": 300.0, "N.m": 200.0}
 
-_NOTE = """Reference results of {identifier}, as the FMI cross-check rules lay them out.
+_NOTE = """Reference results of {identifier}, in the format of the FMI cross-check rules.
 
 {identifier}_in.csv    inputs
 {identifier}_ref.csv   outputs
 {identifier}_ref.opt   start, stop and step [s], relative tolerance (of each output's largest value)
 
-All values are SI; parameters have their start values. Inputs are held over each step: set the row at t, step from t to
-t + {step:g} s, compare the outputs with the row at t + {step:g} s. The row at 0 is what initialization gives.
+All values are in SI units; parameters have their start values. Inputs are held over each step: set the row at t, step
+from t to t + {step:g} s, compare the outputs with the row at t + {step:g} s. The row at 0 holds the outputs after
+initialization.
 The results were computed from the equations in documentation/index.html, independently of the binaries.
 """
 
@@ -60,7 +61,7 @@ class Reference:
 
 
 def shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
-    """Return what a shock answers to a sum of sines that goes into and beyond the fitted speeds.
+    """Return the response of a shock to a sum of sines whose speeds exceed the fitted range.
 
     `outputs` are names of `eightpost.shock.Response`.
     """
@@ -75,29 +76,29 @@ def shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
 
 
 def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | None:
-    """Return what a vehicle answers to sums of sines on all its inputs, none like another.
+    """Return the response of a vehicle to sums of sines at all inputs, with different frequencies at each input.
 
-    The interface says which static values the FMU adds to its outputs. None: the vehicle has no equilibrium, and its
-    FMU refuses to start with the parameters it has.
+    The interface defines the static values that the FMU adds to its outputs. Returns None if the vehicle has no
+    equilibrium; its FMU then refuses to start with its default parameters.
     """
     model = vehicle.coupled()
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    rubbing = _friction(vehicle, stepper)
+    port_friction = _friction(vehicle, stepper)
     u = rounded(vehicle_inputs([channel.unit for channel in model.inputs]))
     try:
         x = stepper.equilibrium(u[0])
     except ValueError:
         return None
-    rows = [friction.output(stepper, rubbing, x, u[0])]
+    rows = [friction.output(stepper, port_friction, x, u[0])]
     for held in u[:-1]:
-        x = friction.advance(stepper, rubbing, x, held, held, STEP)
-        rows.append(friction.output(stepper, rubbing, x, held))
+        x = friction.advance(stepper, port_friction, x, held, held, STEP)
+        rows.append(friction.output(stepper, port_friction, x, held))
     y = np.array(rows) + _offsets(interface, model.output_names)
     return Reference(model.input_names, u, model.output_names, y)
 
 
 def _friction(vehicle: Vehicle, stepper: LinearStepper) -> PortFriction:
-    """Return the friction of an identified vehicle's ports; none of any other."""
+    """Return the friction at the ports of an identified vehicle; empty for any other vehicle."""
     laws = vehicle.friction if isinstance(vehicle, IdentifiedVehicle) else {}
     model, prefixes = vehicle.coupled(), {port: f"{port}." if port else "" for port in laws}
     forces = [model.input_names.index(f"{prefix}force") for prefix in prefixes.values()]
@@ -107,7 +108,7 @@ def _friction(vehicle: Vehicle, stepper: LinearStepper) -> PortFriction:
 
 
 def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:
-    """Return the files of the cross-check rules, and a note on how to use them: member name -> content."""
+    """Return the files of the cross-check rules and a note on their use: member name -> content."""
     options = f"StartTime, 0.0\nStopTime, {COUNT * STEP}\nStepSize, {STEP}\nRelTol, {RELATIVE_TOLERANCE}\n"
     return {
         f"{FOLDER}/{identifier}_in.csv": csv(reference.inputs, reference.u),
@@ -118,7 +119,7 @@ def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:
 
 
 def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
-    """Return the files of a subject's reference results, with those of a shock's variables that are asked for."""
+    """Return the files of a subject's reference results; `outputs` selects the outputs of a shock."""
     source = subject.source
     if isinstance(source, Shock):
         reference: Reference | None = shock_reference(source, outputs)
@@ -128,7 +129,7 @@ def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
 
 
 def _offsets(interface: Interface, outputs: Sequence[str]) -> Array:
-    """Return what the FMU adds to each of its outputs (p,), in SI."""
+    """Return the offsets (p,) that the FMU adds to its outputs, in SI."""
     starts = {v.name: float(v.start or 0.0) for v in interface.variables}
     added = {v.name: starts[v.offset] if v.offset else 0.0 for v in interface.variables}
     return np.array([added[name] for name in outputs])
@@ -150,7 +151,7 @@ def _shock_inputs(law: ShockLaw) -> Array:
 
 
 def vehicle_inputs(input_units: Sequence[str]) -> Array:
-    """Return two sines per input (COUNT + 1, m), no two inputs alike."""
+    """Return a sum of two sines per input (COUNT + 1, m), with different frequencies at each input."""
     columns = []
     for k, unit in enumerate(input_units):
         slow, fast = (2.0 * np.pi * frequency * _time() for frequency in (1.0 + 0.37 * k, 6.0 + 0.83 * k))
@@ -161,7 +162,7 @@ def vehicle_inputs(input_units: Sequence[str]) -> Array:
 def rounded(values: Array) -> Array:
     """Round each column (K, n) to 12 digits of its largest value.
 
-    The last digits of a double differ from one machine to another; of 12 digits this hardly ever shows.
+    The last digits of a double differ between machines; with 12 digits the difference is almost never visible.
     """
     largest = np.abs(values).max(axis=0, initial=0.0)
     digits = 12 - np.ceil(np.log10(np.maximum(largest, 1e-3))).astype(int)
@@ -170,7 +171,7 @@ def rounded(values: Array) -> Array:
 
 
 def csv(names: Sequence[str], values: Array) -> bytes:
-    """Return columns (COUNT + 1, n) over time as the cross-check rules write them."""
+    """Return columns (COUNT + 1, n) over time in the CSV format of the cross-check rules."""
     head = ",".join(f'"{name}"' for name in ("time", *names))
     lines = [
         ",".join(f"{value:.12g}" for value in (time, *row))

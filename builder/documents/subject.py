@@ -1,4 +1,4 @@
-"""What an FMU's documents are about, and how much of it they may tell."""
+"""The subject of an FMU's documents, and how much of it they disclose."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from builder.interface import Interface
 from eightpost.shock import Shock
 from eightpost.vehicle import Vehicle
 
-#: Variables that give the shape of a curve away.
+#: Prefix of the variables that disclose the shape of a curve.
 SECRET = "curve."
 
 
 @dataclass(frozen=True)
 class Subject:
-    """One FMU to document: its C name, one line of text, its variables, and what it was made from."""
+    """One FMU to document: its C name, a one-line description, its variables, and its shock or vehicle."""
 
     identifier: str
     text: str
@@ -24,10 +24,10 @@ class Subject:
 
 
 class Disclosure(Enum):
-    """How much an archive tells about what it was made from."""
+    """Amount of information in an archive about its source."""
 
     FULL = "full"
     """Everything: sources, pictures, coefficients, conditions, digests of the source files."""
 
     CONFIDENTIAL = "confidential"
-    """What is needed to use it: no sources, curve pictures, coefficients, or names of source files."""
+    """Only what is needed to use the FMU: no sources, curve pictures, coefficients, or names of source files."""

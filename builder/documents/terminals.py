@@ -1,6 +1,6 @@
-"""terminalsAndIcons.xml: which variables make up a port, so that tools connect ports and not single variables.
+"""Generation of terminalsAndIcons.xml, which groups variables into ports, so that tools can connect whole ports.
 
-The file is that of FMI 3.0, which FMI 2.0.4 takes over as it is; its `fmiVersion` is the version of that file.
+The format is that of FMI 3.0, which FMI 2.0.4 adopts unchanged; `fmiVersion` is the version of the format.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ from dataclasses import dataclass
 
 from builder.interface import CORNERS, Interface, Variable
 
-#: Both ends of a bond are of this kind; the leading underscore marks a kind that is not a standard's.
+#: Kind of the terminals on both sides of a connection; a leading underscore marks a kind that is not standardized.
 KIND = "_eightpost.translational_port"
 
-#: A flow is what one component gives and the other takes. At a connection all inflows together equal all outflows.
-#: The shock's force (positive in compression) acts on the vehicle: it leaves the shock and enters the vehicle. Hence
-#: `force` is an outflow where it is an output and an inflow where it is an input; with both called inflow, an importer
-#: that sums flows to zero would turn the sign. Several elements at one port (shock and bump stop) add up by this rule.
+#: At a connection the sum of all inflows equals the sum of all outflows. The shock's force (positive in compression)
+#: acts on the vehicle: it leaves the shock and enters the vehicle. Hence `force` is an outflow if it is an output, and
+#: an inflow if it is an input. If both were inflows, an importer that sums flows to zero would change the sign. With
+#: this rule, the forces of several elements at one port (shock and bump stop) are added.
 _FLOW = {"output": "outflow", "input": "inflow"}
 
 
 @dataclass(frozen=True)
 class Terminal:
-    """One port: its name, and the variables that it holds by what they are called at any port."""
+    """One port: its name, and its variables by member name, which is the same at every port."""
 
     name: str
     members: dict[str, Variable]
 
 
 def terminals(interface: Interface) -> tuple[Terminal, ...]:
-    """Return the ports of a shock or a vehicle: those prefixes with a velocity and a force."""
+    """Return the ports of a shock or a vehicle: the prefixes that have a velocity and a force."""
     variables = {v.name: v for v in interface.variables}
     return tuple(_terminals(variables))
 
@@ -46,11 +46,11 @@ def _terminals(variables: dict[str, Variable]) -> Iterator[Terminal]:
 def terminals_and_icons(interface: Interface) -> bytes:
     """Return terminalsAndIcons.xml.
 
-    Velocity and displacement are the same on both sides (`signal`), the force flows. The rule `plug` connects all
-    members or none: a shock's gas spring would be lost without the displacement.
+    Velocity and displacement are equal on both sides (`signal`); the force is a flow. The rule `plug` connects all
+    members or no member: without the displacement, a shock would lose its gas spring.
 
-    There is no GraphicalRepresentation. It would have to be the first element, and fmutool (2.0) looks for the
-    terminals in the first element only. What it could say, where icon.png lies, is the whole square by default.
+    There is no GraphicalRepresentation. It would have to be the first element, and fmutool (2.0) only looks for
+    terminals in the first element. It could only state the area of icon.png, which is the whole square by default.
     """
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     parent = ET.SubElement(root, "Terminals")

@@ -1,4 +1,4 @@
-"""resources/eightpost.json: how far an FMU's model can be used, for the run that it becomes part of."""
+"""The member resources/eightpost.json: the validity of an FMU's model, which a run of the FMU reads."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from eightpost.verdict import Grade, Rule, Verdict
 
 SHOCK_UNKNOWN = Rule(
     "fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
-    condition="the shock file states no verdict: it is of an older version, or was not fitted",
+    condition="the shock file contains no verdict: it is from an older version, or was not fitted",
     why="how well it describes a shock was not recorded",
     remedy="fit the record again (eightpost fit), and build again",
 )  # fmt: skip
 VEHICLE_UNKNOWN = Rule(
     "fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
-    condition="the vehicle file states no verdict: it is of an older version, or was not identified",
+    condition="the vehicle file contains no verdict: it is from an older version, or was not identified",
     why="how well it describes a car was not recorded",
     remedy="identify it again (eightpost identify), and build again",
 )  # fmt: skip
 PARAMETERS_STATED = Rule(
     "vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
-    condition="the vehicle is given by masses, springs and dampers",
-    why="it is the car of these parameters; whether that is the car on the track was not examined",
+    condition="the vehicle is defined by masses, springs and dampers",
+    why="the model represents these parameters; whether they match the real car was not examined",
     remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
 )  # fmt: skip
 
@@ -36,20 +36,18 @@ RULES: tuple[Rule, ...] = (SHOCK_UNKNOWN, VEHICLE_UNKNOWN, PARAMETERS_STATED)
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:
-    """Return what is known of a source."""
+    """Return the validity of a shock or vehicle."""
     if isinstance(source, StructuralVehicle):
-        figure, said = (
-            f"{len(fields(source.parameters))} parameters",
-            "the car's parameters were stated, not identified",
-        )
-        return Validity(Verdict([PARAMETERS_STATED.reason(said, figure=figure, origin=source.name)]))
+        figure = f"{len(fields(source.parameters))} parameters"
+        summary = "the car's parameters were stated, not identified"
+        return Validity(Verdict([PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)]))
     if source.validity is not None:
         return source.validity
     return _unknown(SHOCK_UNKNOWN if isinstance(source, Shock) else VEHICLE_UNKNOWN, source.name)
 
 
 def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:
-    """Return the archive's member; a confidential one has the FMU's name in place of files' names."""
+    """Return the archive's member; a confidential archive has the FMU's name in place of file names."""
     known = validity_of(source)
     if disclosure is Disclosure.CONFIDENTIAL:
         known = _with_origin(known, identifier)
@@ -59,12 +57,12 @@ def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclo
 def combined_member(
     parts: Mapping[str, bytes | None], fed: Mapping[str, str], variables: frozenset[str]
 ) -> dict[str, bytes]:
-    """Return the member of an FMU that is made of others.
+    """Return the member of an FMU that is assembled from other FMUs.
 
     Args:
-        parts: The same member of each part, by component name; None where a part has none.
-        fed: Variable that feeds each connected input without a factor, both as `component.variable`.
-        variables: Names of the whole's variables: of a part's, `component.variable`.
+        parts: Content of this member in each part, by component name; None if a part has no such member.
+        fed: Source of each input that is connected without a factor, both as `component.variable`.
+        variables: Names of the assembled FMU's variables; a variable of a part is named `component.variable`.
     """
     verdicts, ranges = [], list[Range]()
     for name, content in parts.items():
@@ -77,7 +75,7 @@ def combined_member(
 
 
 def read_validity(content: bytes | None) -> Validity | None:
-    """Return what a member says; None where there is none that can be read."""
+    """Return the validity in a member; None if there is no member or it cannot be read."""
     try:
         return None if content is None else Validity.from_json(json.loads(content))
     except (ValueError, InputError):

@@ -1,1 +1,1 @@
-"""The native FMU: C sources with an FMU's tables and constants, compiled for every platform."""
+"""Native FMUs: C sources with generated tables and constants, compiled for every platform."""

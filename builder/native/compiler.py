@@ -1,4 +1,4 @@
-"""C sources into shared libraries, on all processors and through the cache."""
+"""Compilation of C sources into shared libraries, in parallel and with a cache."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.processors import usable_processors
 
-#: A C file that includes all others, and one that does so for processors with AVX (fmus/common/wide.h).
+#: A C file that includes all others, and one that does the same for processors with AVX (fmus/common/wide.h).
 _WHOLE, _WIDE = "whole.c", "wide.c"
 
-#: ISO C wants at least one declaration in every file.
+#: The typedef is there because ISO C requires at least one declaration in every file.
 _WIDE_UNIT = """\
 #if defined(__x86_64__)
 #if defined(__clang__)
@@ -41,14 +41,15 @@ typedef int not_here;
 
 @dataclass(frozen=True)
 class Library:
-    """One shared library to be.
+    """One shared library to compile.
 
     Args:
-        identifier: Its name.
-        sources: Its C files and headers by name (one flat folder).
-        is_one_unit: Whether no two of its C files have a name of their own in common, so that they may be compiled as
-            one: functions of one file are then put where another calls them, which makes steps some percent cheaper.
-        is_wide: Whether that is done once more for processors with AVX.
+        identifier: Name of the library.
+        sources: C files and headers by name (one flat folder).
+        is_one_unit: Whether its C files can be compiled as one translation unit, which requires that no two of them
+            define the same static name. Functions can then be inlined across files, which makes steps a few percent
+            faster.
+        is_wide: Whether the unit is compiled a second time for processors with AVX.
     """
 
     identifier: str
@@ -65,7 +66,7 @@ class Library:
 
     @property
     def files(self) -> Mapping[str, bytes]:
-        """What the compiler finds in its folder."""
+        """Files in the compiler's working folder."""
         if not self.is_one_unit:
             return self.sources
         includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
@@ -81,18 +82,18 @@ def compile_libraries(
     toolchain: Toolchain,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[dict[str, bytes]]:
-    """Compile each library for all that the toolchain builds for; what the cache has is not compiled again.
+    """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
 
     Args:
-        libraries: What to compile.
-        toolchain: What compiles.
-        progress: Called with the number of binaries done and of all.
+        libraries: Libraries to compile.
+        toolchain: Compiler and its platforms.
+        progress: Callback that receives the number of finished binaries and the total number.
 
     Returns:
-        Per library the archive's members: name -> content.
+        Members of the archive for each library: name -> content.
 
     Raises:
-        FmuError: The compiler refuses; the message quotes it.
+        FmuError: The compiler fails; the message quotes its error.
     """
     jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
     done: list[bytes] = []
@@ -121,7 +122,7 @@ def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: s
 
 
 def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[str]) -> str:
-    """Everything that the binary depends on, but no folder of this machine."""
+    """Return a digest of everything that the binary depends on, without folder names of this machine."""
     parts: list[bytes | str] = [toolchain.name, library.identifier, target]
     parts += [part for part in command if not Path(part).is_absolute()]
     for name, content in sorted(library.files.items()):
@@ -140,7 +141,7 @@ def _compile(toolchain: Toolchain, library: Library, platform: Platform, command
         if ran.returncode != 0:
             raise FmuError(
                 f"{library.identifier}: {toolchain.name} could not compile it for {platform.name}: "
-                f"{_said(ran.stderr) or f'it ended with status {ran.returncode} and said nothing'}"
+                f"{_first_error(ran.stderr) or f'it ended with status {ran.returncode} and printed no error'}"
             )
         return (Path(folder) / f"{library.identifier}{platform.suffix}").read_bytes()
 
@@ -149,15 +150,16 @@ def _c_files(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name.endswith(".c")))
 
 
-def _said(errors: str) -> str:
+def _first_error(errors: str) -> str:
     lines = [line for line in errors.splitlines() if "error" in line]
     return (lines or errors.strip().splitlines() or [""])[0]
 
 
 def _environment(folder: str) -> dict[str, str]:
-    """Zig keeps what it compiles of the C libraries beside our cache; what it keeps of one library goes with `folder`.
+    """Return the environment of the compiler, which sets the cache folders of zig.
 
-    It would never use that again, as the folder's name is new each time, and it drops nothing by itself.
+    The compiled C libraries are kept in a folder of our cache. The cache of one FMU is in `folder` and is deleted with
+    it: zig would never reuse it, because the folder's name is always different, and it never removes anything.
     """
     local = Path(folder) / ".zig-cache"
     return os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"), "ZIG_LOCAL_CACHE_DIR": str(local)}

@@ -1,6 +1,6 @@
-"""The FMI 2.0 header files, which the standard wants to be the importer's and not the FMU's.
+"""Location of the FMI 2.0 header files, which the importer must provide, not the FMU.
 
-They are those that fmpy's wheel carries (2-clause BSD licence); fmpy itself is not imported.
+The headers are those in the wheel of FMPy (2-clause BSD licence); FMPy itself is not imported.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ NAMES = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmi_headers() -> Path:
-    """Return the folder that holds them.
+    """Return the folder that contains the header files.
 
     Raises:
-        FmuError: fmpy is not installed, or carries them no longer.
+        FmuError: FMPy is not installed, or no longer contains the header files.
     """
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise FmuError("fmpy is not installed, and it carries the FMI header files; install eightpost again")
+        raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
     folder = Path(spec.origin).with_name("c-code")
     if missing := [name for name in NAMES if not (folder / name).is_file()]:
-        raise FmuError(f"{folder}: there is no {missing[0]}; install fmpy again (pip install --force-reinstall fmpy)")
+        raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
     return folder

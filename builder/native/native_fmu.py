@@ -1,4 +1,4 @@
-"""The native FMU: description, sources, binaries and documents of one archive."""
+"""Construction of native FMUs: description, sources, binaries and documents of an archive."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from builder.product import Product
 from eightpost import __version__
 from eightpost.shock import Shock
 
-#: What fmus/common does for every model.
+#: Capabilities of fmus/common, which are the same for every model.
 CAPABILITIES = {
     "needsExecutionTool": "false",
     "canHandleVariableCommunicationStepSize": "true",
@@ -30,7 +30,7 @@ CAPABILITIES = {
 
 @dataclass(frozen=True)
 class Source:
-    """An FMU without its binaries: the archive's other members, and what to compile."""
+    """An FMU without its binaries: the other members of the archive, and the library to compile."""
 
     members: dict[str, bytes]
     library: Library
@@ -46,13 +46,13 @@ def native_fmus(
     """Return the members of each product's archive; the same product gives the same bytes.
 
     Args:
-        products: What to build.
-        toolchain: What compiles, and for which platforms.
-        disclosure: A confidential FMU carries neither sources nor the curve.
-        progress: Called with the number of binaries done and of all.
+        products: FMUs to build.
+        toolchain: Compiler and its platforms.
+        disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve.
+        progress: Callback that receives the number of finished binaries and the total number.
 
     Raises:
-        FmuError: A vehicle has no modal form, or the compiler refuses.
+        FmuError: A vehicle has no modal form, or the compiler fails.
     """
     return compiled([_source(product, disclosure) for product in products], toolchain=toolchain, progress=progress)
 
@@ -68,7 +68,7 @@ def compiled(
 
 def _source(product: Product, disclosure: Disclosure) -> Source:
     visible = _visible(product.interface, disclosure)
-    # A shock is named after its record, unless it was given a name.
+    # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description
     subject = Subject(product.identifier, text, visible, product.source)
     members = documents(subject, disclosure=disclosure)
@@ -99,15 +99,15 @@ def sealed(
     is_one_unit: bool = False,
     is_wide: bool = False,
 ) -> Source:
-    """Return an FMU without its binaries, with a GUID that is drawn from all that is in it.
+    """Return an FMU without its binaries, with a GUID that is a digest of its whole content.
 
     Args:
-        description: What modelDescription.xml says, without GUID and source files.
+        description: Content of modelDescription.xml, without GUID and source files.
         members: Documents.
-        code: Returns the C sources with a GUID in them.
-        disclosure: A confidential FMU carries no sources.
-        is_one_unit: Whether its C files may be compiled as one (Library).
-        is_wide: Whether they are compiled for wide processors, too: worth it where a model has many sums of products.
+        code: Function that returns the C sources for a GUID.
+        disclosure: Amount of information in the archive; a confidential FMU contains no sources.
+        is_one_unit: Whether the C files can be compiled as one translation unit (see `Library`).
+        is_wide: Whether they are also compiled for processors with AVX, which helps models with many sums of products.
     """
     drafted = code("")
     named = {f"sources/{name}": content for name, content in drafted.items()}
@@ -122,7 +122,7 @@ def sealed(
 
 
 def _visible(interface: Interface, disclosure: Disclosure) -> Interface:
-    """Leave the curve out of a confidential interface: it is compiled in, and can be neither read nor set."""
+    """Remove the curve from a confidential interface: it is compiled in, and can be neither read nor set."""
     if disclosure is Disclosure.FULL:
         return interface
     shown = tuple(v for v in interface.variables if not v.name.startswith(SECRET))

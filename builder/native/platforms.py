@@ -1,4 +1,4 @@
-"""The six platforms of a native FMU, by their FMI 2.0 names."""
+"""The six platforms of a native FMU, with their FMI 2.0 names."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Platform:
     """One folder of binaries/.
 
     Attributes:
-        name: FMI 2.0's name of it.
-        suffix: Of the library's file name.
-        targets: What a cross compiler is asked for, one per slice; several make a universal file.
-        processor: The least processor, where the target's default would round doubles otherwise.
+        name: Name of the platform in FMI 2.0.
+        suffix: Suffix of the library's file name.
+        targets: Target names of the cross compiler, one per slice; several slices make a universal file.
+        processor: Minimum processor, set if the target's default would round doubles differently.
     """
 
     name: str
@@ -27,11 +27,11 @@ class Platform:
     processor: str = "baseline"
 
     def member(self, identifier: str) -> str:
-        """Return the library's name in the archive."""
+        """Return the path of the library in the archive."""
         return f"binaries/{self.name}/{identifier}{self.suffix}"
 
 
-#: glibc 2.17 is that of CentOS 7. win32 needs SSE2: the old floating-point unit keeps more digits than a double has.
+#: glibc 2.17 is the version of CentOS 7. win32 needs SSE2: the x87 unit computes with more digits than a double has.
 PLATFORMS: Mapping[str, Platform] = MappingProxyType(
     {
         found.name: found
@@ -50,7 +50,7 @@ _MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarc
 
 
 def this_platform() -> Platform:
-    """Return the platform that this program runs on; one that FMI does not list has a name in FMI's manner."""
+    """Return the platform that this program runs on; a platform that FMI does not list gets a similar name."""
     system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
     machine = _MACHINES.get(this.machine().lower(), this.machine().lower())
     if struct.calcsize("P") == 4:

@@ -1,4 +1,4 @@
-"""The C sources of one FMU: the common files and the model's own, to the byte, and the tables generated for it."""
+"""The C sources of one FMU: unchanged common files and files of the model, and generated tables."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
-    """Return file name -> content of sources/; `visible` are the variables that a host may see.
+    """Return file name -> content of sources/; `visible` contains the variables that a host can see.
 
     Raises:
         FmuError: The vehicle has no modal form.

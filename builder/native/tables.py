@@ -1,4 +1,4 @@
-"""interface.h and interface.c: an FMU's variables as C, from the interface that also gives modelDescription.xml."""
+"""Generation of interface.h and interface.c: the variables of an FMU as C tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from builder.interface import Interface, Variable
 
 _SIGNALS = ("input", "output", "local")
 
-#: In which phases of fmus/common/component.h a host may set a variable.
+#: Phases (fmus/common/component.h) in which a host may set a variable.
 _SETTABLE = {
     ("input", "continuous"): "INSTANTIATED | INITIALIZING | STEPPING",
     ("parameter", "tunable"): "INSTANTIATED | INITIALIZING | STEPPING",
@@ -19,37 +19,37 @@ _SETTABLE = {
 }
 
 
-#: Kinds whose step leaves outputs for when they are asked for.
+#: Kinds whose outputs are computed when they are read, not in the step.
 _COMPUTED_WHEN_ASKED = ("vehicle_ss", "assembly")
 
-#: Arrays that model.c names even where a model has none of them.
+#: Arrays that model.c refers to even if a model has none of them.
 _NEEDED = {"vehicle_ss": ("offset", "friction_force", "friction_velocity")}
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A variable's place in the C struct: `name`, or `name[position]` of an array."""
+    """The member of the C struct that holds a variable: `name`, or `name[position]` of an array."""
 
     name: str
     position: int | None
 
 
 def shock_member(variable: Variable, _earlier: Sequence[Member]) -> Member:
-    """Return the place of a shock's variable: curve.inner[2] is curve_inner[1]."""
+    """Return the member for a shock's variable: curve.inner[2] is curve_inner[1]."""
     found = re.fullmatch(r"(.+?)(?:\[(\d+)\])?", variable.name)
     assert found is not None
     return Member(found[1].replace(".", "_"), int(found[2]) - 1 if found[2] else None)
 
 
 def vehicle_member(variable: Variable, earlier: Sequence[Member]) -> Member:
-    """Return the place of a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
+    """Return the member for a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
     own = variable.name.rpartition(".")[2]
     name = variable.causality if variable.causality != "parameter" else own if own.startswith("friction") else "offset"
     return Member(name, sum(member.name == name for member in earlier))
 
 
 def assembly_member(variable: Variable, earlier: Sequence[Member]) -> Member:
-    """Return the place of an assembly's variable: all of a causality are one array."""
+    """Return the member for an assembly's variable: all variables of a causality are one array."""
     return Member(variable.causality, sum(member.name == variable.causality for member in earlier))
 
 
@@ -58,7 +58,7 @@ _PLACES = {"vehicle_ss": vehicle_member, "assembly": assembly_member}
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each variable is kept: Real ones in a struct, signals before parameters; Boolean ones in an array."""
+    """The storage of each variable: Reals in a struct, signals before parameters; Booleans in an array."""
 
     interface: Interface
     reals: tuple[tuple[Variable, Member], ...]
@@ -77,7 +77,7 @@ class Layout:
 
 
 def layout(interface: Interface, states: int) -> Layout:
-    """Lay out an interface; `states` are the numbers of the model's internal state."""
+    """Return the storage layout of an interface; `states` is the size of the model's internal state."""
     order = (*_SIGNALS, "parameter")
     reals = sorted((v for v in interface.variables if v.type == "Real"), key=lambda v: order.index(v.causality))
     place = _PLACES.get(interface.kind, shock_member)
@@ -89,12 +89,12 @@ def layout(interface: Interface, states: int) -> Layout:
 
 
 def c_number(value: float) -> str:
-    """Return a C constant that is the same double: 17 digits where they are needed."""
+    """Return a C constant for exactly the same double, with up to 17 digits."""
     return repr(float(value))
 
 
 def c_array(values: Iterable[float]) -> str:
-    """Return a C initializer; never an empty one, which C99 does not have."""
+    """Return a C initializer; it is never empty, because C99 does not allow that."""
     return "{" + (", ".join(map(c_number, values)) or "0.0") + "}"
 
 
@@ -163,7 +163,7 @@ def _struct(name: str, members: Sequence[Member], needed: Sequence[str] = ()) ->
 
 
 def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
-    """Return interface.c: the table of the variables that a host sees, inputs first, and the start values of all."""
+    """Return interface.c: the table of the visible variables, inputs first, and the start values of all variables."""
     variables = sorted(variables, key=lambda v: v.causality != "input")
     position = {v.reference: k for k, v in enumerate(variables)}
     references = range(_references(plan.interface.variables))

@@ -1,4 +1,4 @@
-"""Compilers: zig's, which builds for every platform from any of them, and the system's own."""
+"""C compilers: zig, which builds for all platforms on any platform, and the system's compiler."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from builder.native.platforms import PLATFORMS, Platform, this_platform
 from builder.sources import source_folder
 from eightpost.errors import FmuError
 
-#: C99; doubles as written (no fused operations, so that all platforms give the same bits); nothing visible but what
-#: fmi2Functions.h exports; no debug information, and so no paths; no frame pointers, which take some percent of a step.
+#: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
+#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent.
 FLAGS = ("-std=c99", "-O2", "-g0", "-fomit-frame-pointer", "-ffp-contract=off", "-fvisibility=hidden")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
@@ -28,9 +28,9 @@ class Toolchain(Protocol):
     """A compiler.
 
     Attributes:
-        name: Its name and version, for people and for the cache.
-        platforms: What it builds for.
-        limits: A sentence on what it cannot do, or nothing.
+        name: Name and version, for messages and for the cache.
+        platforms: Platforms that it builds for.
+        limits: Sentence about its limits, or an empty string.
     """
 
     @property
@@ -47,23 +47,23 @@ class Toolchain(Protocol):
 
 @dataclass(frozen=True)
 class Zig:
-    """zig, as PyPI's ziglang carries it (`eightpost[build]`)."""
+    """The compiler zig from PyPI's package ziglang (`eightpost[build]`)."""
 
     path: str
 
     @property
     def name(self) -> str:
-        """Its name and version."""
+        """Name and version."""
         return f"zig {_first_line((self.path, 'version'))}"
 
     @property
     def platforms(self) -> tuple[Platform, ...]:
-        """All six."""
+        """All six platforms."""
         return tuple(PLATFORMS.values())
 
     @property
     def limits(self) -> str:
-        """None."""
+        """Empty: there are no limits."""
         return ""
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
@@ -72,7 +72,7 @@ class Zig:
         options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", *_includes()]
         entry: list[str] = []
         if platform.suffix == ".dll":
-            # zig's MinGW run time takes minutes to build, and an FMU needs three functions of Windows' own.
+            # The MinGW runtime of zig takes minutes to build, and an FMU only needs three functions of Windows.
             entry = [str(source_folder() / "common" / "windows_entry.c")]
             include = Path(self.path).parent / "lib" / "libc" / "include" / "any-windows-any"
             options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(include)]
@@ -85,32 +85,32 @@ class Zig:
             options += ["-install_name", f"@rpath/{identifier}.dylib"]
         flags = [*FLAGS, *WARNINGS, "-fno-sanitize=all", "-fno-stack-protector"]
         if platform.name == "win32":
-            flags.append("-mstackrealign")  # its callers align the stack to four bytes only
+            flags.append("-mstackrealign")  # callers on win32 only align the stack to four bytes
         return [self.path, *options, "-cflags", *flags, "--", *files, *entry]
 
 
 @dataclass(frozen=True)
 class SystemCompiler:
-    """The compiler that the machine has: gcc or clang, for this platform alone."""
+    """The installed compiler, gcc or clang, which only builds for this platform."""
 
     path: str
 
     @property
     def name(self) -> str:
-        """What it says of itself."""
+        """First line of its --version output."""
         return _first_line((self.path, "--version"))
 
     @property
     def platforms(self) -> tuple[Platform, ...]:
-        """This one."""
+        """Only the platform of this machine."""
         return (this_platform(),)
 
     @property
     def limits(self) -> str:
-        """That it builds for this platform only, and what builds for all."""
+        """Sentence that it only builds for this platform, with the package that builds for all."""
         return (
-            f"built for {this_platform().name} only, with {Path(self.path).name}; for all six platforms install zig's "
-            "compiler: pip install 'eightpost[build]'"
+            f"built for {this_platform().name} only, with {Path(self.path).name}; to build for all six platforms, "
+            "install the compiler zig: pip install 'eightpost[build]'"
         )
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
@@ -120,10 +120,10 @@ class SystemCompiler:
 
 
 def find_toolchain() -> Toolchain:
-    """Return zig where it is installed (`eightpost[build]`), else the system's compiler.
+    """Return zig if it is installed (`eightpost[build]`), otherwise the system's compiler.
 
     Raises:
-        FmuError: There is neither.
+        FmuError: No compiler is installed.
     """
     if zig := _zig():
         return Zig(zig)
@@ -131,13 +131,13 @@ def find_toolchain() -> Toolchain:
         if name and (found := shutil.which(name)):
             return SystemCompiler(found)
     raise FmuError(
-        "there is no C compiler for native FMUs: pip install 'eightpost[build]' brings one that builds for all "
-        "platforms; or build with --target python"
+        "there is no C compiler for native FMUs: install one that builds for all platforms with "
+        "pip install 'eightpost[build]', or build with --target python"
     )
 
 
 def _includes() -> list[str]:
-    """Where headers are; the machine's folder stands alone, so that the cache can leave it out of its key."""
+    """Return the include options; the absolute folder is a separate argument, which the cache key leaves out."""
     return ["-I", str(fmi_headers()), "-I."]
 
 

@@ -1,4 +1,4 @@
-"""A universal macOS library: several thin Mach-O files in one, each for its processor."""
+"""Creation of a universal macOS library from several thin Mach-O files, one per processor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 _FAT_MAGIC = 0xCAFEBABE
 _THIN_MAGIC = 0xFEEDFACF
-#: Slices begin on a page of the largest page size in use (16 KiB on Apple's processors).
+#: Alignment of slices (power of 2): the largest page size in use, 16 KiB on Apple's processors.
 _ALIGNMENT = 14
 
 
@@ -18,7 +18,7 @@ def universal(slices: Sequence[bytes]) -> bytes:
     processor type and subtype, offset, size and alignment.
 
     Raises:
-        ValueError: A slice is no 64-bit Mach-O file.
+        ValueError: A slice is not a 64-bit Mach-O file.
     """
     offset = 8 + 20 * len(slices)
     header = struct.pack(">II", _FAT_MAGIC, len(slices))
@@ -26,7 +26,7 @@ def universal(slices: Sequence[bytes]) -> bytes:
     for content in slices:
         magic, kind, subkind = struct.unpack_from("<IiI", content)
         if magic != _THIN_MAGIC:
-            raise ValueError(f"a slice begins with {magic:#x} and is no 64-bit Mach-O file")
+            raise ValueError(f"a slice starts with {magic:#x} and is not a 64-bit Mach-O file")
         start = -(-(offset + len(body)) >> _ALIGNMENT) << _ALIGNMENT
         header += struct.pack(">iIIII", kind, subkind, start, len(content), _ALIGNMENT)
         body += b"\0" * (start - offset - len(body)) + content

@@ -1,4 +1,4 @@
-"""vehicle_data.h: a vehicle's modes as C constants, for fmus/vehicle_ss/model.c."""
+"""Generation of vehicle_data.h: a vehicle's modes as C constants for fmus/vehicle_ss/model.c."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from eightpost.vehicle.modal import ModalForm
 
 Array = NDArray[np.float64]
 
-#: Rows of a block of B, the larger where that wastes little: fmus/vehicle_ss/model.c keeps as many sums in registers.
+#: Possible numbers of rows of a block of B, of which the one with less padding is used: fmus/vehicle_ss/model.c keeps
+#: as many sums in registers.
 _BLOCKS = (16, 8)
 
-#: How many numbers fmus/vehicle_ss/model.c takes at once; there is room for a multiple of them.
+#: Number of values that fmus/vehicle_ss/model.c processes at once; arrays are padded to a multiple of it.
 _LANES = 4
 
 
 def vehicle_data(model: StateSpace, form: ModalForm, interface: Interface) -> str:
-    """Return the header; inputs and outputs are in the interface's order, which need not be the model's."""
+    """Return the header; inputs and outputs are in the interface's order, which may differ from the model's."""
     columns = [model.input_names.index(name) for name in interface.names("input")]
     rows = [model.output_names.index(name) for name in interface.names("output")]
     room = _Room.of(form)
@@ -45,14 +46,14 @@ def vehicle_data(model: StateSpace, form: ModalForm, interface: Interface) -> st
 
 
 def kept_numbers(form: ModalForm, interface: Interface) -> int:
-    """Return how many numbers model.c keeps from step to step: modes, and the inputs that belong to them."""
+    """Return the number of values that model.c keeps from step to step: modes, and the corresponding inputs."""
     room = _Room.of(form)
     return room.modes + room.pairs + len(interface.names("input"))
 
 
 @dataclass(frozen=True, slots=True)
 class _Room:
-    """Places for the real parts of all modes and the imaginary parts of the pairs, which come first among them."""
+    """Padded sizes for the real parts of all modes and the imaginary parts of the complex pairs, which come first."""
 
     modes: int
     pairs: int
@@ -60,12 +61,12 @@ class _Room:
 
     @staticmethod
     def of(form: ModalForm) -> _Room:
-        """Return the room that a vehicle needs."""
+        """Return the sizes that a vehicle needs."""
         used = int(np.count_nonzero(form.omega))
         return _Room(_whole(form.sigma.size), _whole(used), used)
 
     def rows(self, re: Array, im: Array) -> Array:
-        """Return the rows (modes, n) of real and imaginary parts in their places, zeros between."""
+        """Return the rows (modes, n) of real and imaginary parts, padded with zeros."""
         placed = np.zeros((self.modes + self.pairs, re.shape[1]))
         placed[: re.shape[0]] = re
         placed[self.modes : self.modes + self.used] = im[: self.used]
@@ -92,7 +93,7 @@ def _modes(form: ModalForm, room: _Room) -> str:
 
 
 def _blocks_of_rows(name: str, values: Array) -> str:
-    """The matrix in blocks of rows, each block column by column; the last block is filled up with zeros."""
+    """Return the matrix in blocks of rows, each block column by column; the last block is padded with zeros."""
     rows, columns = values.shape
     block = min(_BLOCKS, key=lambda size: -(-rows // size) * size)
     count = -(-rows // block)
@@ -110,7 +111,7 @@ def _rows(name: str, size: str, values: Array) -> str:
 
 
 def _direct(direct: Array) -> str:
-    """The direct terms that are not zero, one by one, output after output."""
+    """Return the nonzero terms of D as a sparse list, ordered by output."""
     outputs, inputs = np.nonzero(direct)
     begins = np.searchsorted(outputs, np.arange(direct.shape[0] + 1))
     return "\n".join(
@@ -124,7 +125,7 @@ def _direct(direct: Array) -> str:
 
 
 def _offsets(interface: Interface) -> str:
-    """The static offset that is added to each output, by its place among the offsets' own variables; -1: none."""
+    """Return the index of the static offset of each output among the offset parameters; -1 means no offset."""
     added = {v.name: v.offset for v in interface.variables if v.offset}
     own = [v.name for v in interface.variables if v.name in added.values()]
     places = [own.index(added[name]) if name in added else -1 for name in interface.names("output")]
@@ -132,7 +133,7 @@ def _offsets(interface: Interface) -> str:
 
 
 def _ports(model: StateSpace, interface: Interface) -> str:
-    """Where friction acts, in the order of the friction parameters."""
+    """Return the ports with friction, in the order of the friction parameters."""
     names, inputs, outputs = friction_ports(interface), interface.names("input"), interface.names("output")
     forces = [model.input_names.index(f"{name}force") for name in names]
     velocities = [model.output_names.index(f"{name}velocity") for name in names]

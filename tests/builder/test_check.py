@@ -56,7 +56,7 @@ def test_our_native_fmus_are_clean_to_the_last_hint(fmus, name):
     report = check(fmus[name], groups=QUICK)
     assert report.findings == ()
     assert [(item.what, item.reason) for item in report.skipped] == [
-        ("model_exchange", "it does not offer model exchange")
+        ("model_exchange", "it does not support model exchange")
     ]
     done = [group for group in QUICK if group != "model_exchange"]
     assert report.done == tuple(GROUPS[group].title for group in done)
@@ -180,7 +180,9 @@ def test_a_reset_that_keeps_the_time_or_fails_late_is_found(fault, tmp_path):
 
 def test_a_category_that_is_declared_nowhere_is_found_in_the_log_of_a_refusal(tmp_path):
     report = check(foreign_fmu("mass_spring", tmp_path), groups=("state_machine",))
-    assert [f.message for f in report.findings if f.rule.identifier == "log-undeclared"] == ["it logs in 'refusals'"]
+    assert [f.message for f in report.findings if f.rule.identifier == "log-undeclared"] == [
+        "it uses the category 'refusals'"
+    ]
 
 
 def test_the_full_check_tells_another_maker_what_breaks_imports_and_no_error(tmp_path):
@@ -219,7 +221,7 @@ def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard
     assert rules(report) == {"platforms"}
     (skipped,) = report.skipped
     here = this_platform().name
-    assert skipped.reason == f"no binary for this platform ({here}), so nothing was run; it has: {has}"
+    assert skipped.reason == f"no binary for this platform ({here}), so nothing was run; available: {has}"
     assert {"simulation", "rebuild"} <= set(skipped.what.split(", "))
 
 
@@ -256,7 +258,8 @@ def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_br
          "fmi2DoStep from 0.0 by 0.001 s returned fmi2Discard"),
         (in_slave(b"def advance(self, step):", b"def advance(self, step, end=__import__('os').abort):\n        end()"),
          "crash", "killed by signal 6 in or after fmi2DoStep from 0.0"),
-        (in_slave(b"getattr(response, name)", b"getattr(response, name) + id(self)"), "deterministic", "other outputs"),
+        (in_slave(b"getattr(response, name)", b"getattr(response, name) + id(self)"),
+         "deterministic", "different outputs"),
         (in_slave(b"getattr(response, name)", b'float("nan")'), "finite-outputs", "force"),
     ],
 )  # fmt: skip
@@ -369,7 +372,7 @@ def test_a_compiler_that_is_a_stub_is_a_rebuild_not_tried_and_no_finding(fmus, c
     report = check(fmus["lpf1"], groups=("rebuild",))
     assert (report.findings, report.groups) == ((), ())
     (skipped,) = report.skipped
-    assert "the rebuild could not be tried: there is no C compiler here that works" in skipped.reason
+    assert "the sources could not be compiled here: there is no working C compiler" in skipped.reason
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell script is no program there")

@@ -102,7 +102,7 @@ def test_json_is_json_where_every_file_is_bad(quickly, tmp_path):
 def test_a_folder_is_refused_as_a_folder(quickly, tmp_path):
     shown = quickly(tmp_path)
     assert shown.exit_code == 2
-    assert "is a folder, and an .fmu file is wanted" in " ".join(shown.stderr.split())
+    assert "is a folder, not an .fmu file" in " ".join(shown.stderr.split())
 
 
 def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):

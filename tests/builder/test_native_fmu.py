@@ -182,7 +182,7 @@ def test_names_that_differ_in_case_only_are_refused_since_windows_keeps_one_of_t
     [
         ("record.csv", "time [s]\n", "eightpost fit"),
         ("car_system.toml", "[components.car]\nfmu = 'car.fmu'\n", "eightpost run"),
-        ("gone.json", None, "there is no such file"),
+        ("gone.json", None, "the file does not exist"),
     ],
 )
 def test_what_cannot_be_built_is_refused_with_the_way_out(tmp_path, name, content, advice):

@@ -91,10 +91,10 @@ def test_a_gain_becomes_a_transformation(car, tmp_path):
 
 def test_what_ssp_cannot_hold_is_refused_with_the_reason(car, tmp_path):
     doubled = replace(car, connections=(*car.connections, SspConnection("rf.force", "car.lf.force")))
-    with pytest.raises(WiringError, match=r"car\.lf\.force is fed by lf\.force and by rf\.force"):
+    with pytest.raises(WiringError, match=r"car\.lf\.force is connected to lf\.force and to rf\.force"):
         write_ssp(tmp_path / "car.ssp", doubled)
     unknown = replace(car, connections=(SspConnection("car.lf.speed", "lf.velocity"),))
-    with pytest.raises(WiringError, match=r"car\.lf\.speed: there is no such variable"):
+    with pytest.raises(WiringError, match=r"car\.lf\.speed: the variable does not exist"):
         write_ssp(tmp_path / "car.ssp", unknown)
     output = replace(
         car, components=(SspComponent("car", car.components[0].fmu, {"lf.velocity": 1.0}), *car.components[1:])

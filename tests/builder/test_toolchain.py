@@ -295,5 +295,5 @@ def test_without_any_compiler_the_error_says_what_to_install(monkeypatch):
 
 
 def test_a_universal_file_takes_mach_o_slices_only():
-    with pytest.raises(ValueError, match="no 64-bit Mach-O"):
+    with pytest.raises(ValueError, match="not a 64-bit Mach-O"):
         universal([struct.pack("<Iii", 0x7F454C46, 0, 0)])

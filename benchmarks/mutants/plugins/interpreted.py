@@ -1,4 +1,4 @@
-"""The loop over coupling steps is interpreted: compiling it anew for every mutant takes longer than its tests."""
+"""Plugin that disables numba: compiling the loop over coupling steps for every mutant takes longer than its tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Native FMUs are built for this platform alone: a sixth of the work."""
+"""Plugin that builds native FMUs for this platform only, which is a sixth of the work."""
 
 from __future__ import annotations
 

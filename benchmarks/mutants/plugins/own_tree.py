@@ -1,4 +1,4 @@
-"""The tests must see the sources of their own copy of the checkout, and no others."""
+"""Plugin that makes sure that the tests import the sources of their own copy of the checkout."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Every rule that `check` knows.
+"""All rules of `check`.
 
-A rule of level *error* is one of the FMI standard, version 2.0.4; *drop-in* is what breaks imports into tools although
-the standard does not forbid it; a *hint* makes an FMU nicer to use.
+A rule of level *error* is a rule of the FMI standard, version 2.0.4. A rule of level *drop-in* covers what the standard
+allows but some tools cannot import. A *hint* makes an FMU easier to use.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an archive holds: files, binaries, sources and documents."""
+"""Rules for the content of an archive: files, binaries, sources and documents."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COUPLING = "drop-in: couples correctly"
 _HONEST = "drop-in: honest capabilities"
 _PACKAGE = "drop-in: packaging"
 
-# Other makers' checkers
+# Third-party checkers
 FMPY = Rule("fmpy-validate", _E, "No finding of fmpy validate", "FMPy", "see the message")
 FMUTOOL = Rule("fmutool-check", _E, "No finding of fmutool -check", "fmu-manipulation-toolbox", "see the message")
 
@@ -21,29 +21,29 @@ FMUTOOL = Rule("fmutool-check", _E, "No finding of fmutool -check", "fmu-manipul
 ROOT = Rule(
     "archive-root", _E, "modelDescription.xml is at the top of the archive", _ZIP, "zip the content, not its folder"
 )
-PATHS = Rule("archive-path", _E, "Entries are relative, inside, with forward slashes", _ZIP, "write the archive anew")
-DUPLICATES = Rule("archive-duplicate", _E, "No entry is there twice", _ZIP, "write each file once")
+PATHS = Rule("archive-path", _E, "Entries are relative, inside, with forward slashes", _ZIP, "write the archive again")
+DUPLICATES = Rule("archive-duplicate", _E, "No entry occurs twice", _ZIP, "write each file once")
 COMPRESSION = Rule("archive-compression", _E, "Entries are deflated or stored", _ZIP, "zip with deflate, unencrypted")
 CASE = Rule(
     "archive-case",
     _D,
-    "No two entries differ only by upper and lower case",
+    "No two entries differ only in upper and lower case",
     _ANYWHERE,
-    "rename one: Windows and macOS lose one of them",
+    "rename one: on Windows and macOS one overwrites the other",
 )
 DATES = Rule(
     "archive-dates",
     _D,
-    "The archive is reproducible: its entries carry one fixed date",
+    "The archive is reproducible: its entries have one fixed date",
     _ANYWHERE,
     "give all entries the same date when zipping",
 )
 STRAY = Rule(
     "archive-stray",
     _H,
-    "Nothing foreign lies at the top of the archive",
+    "There are no unknown files at the top of the archive",
     _ZIP,
-    "remove it, or put it in resources/ or extra/",
+    "remove the file, or move it to resources/ or extra/",
 )
 
 # Binaries
@@ -58,13 +58,13 @@ BINARY_NAME = Rule(
     "binary-name", _E, "A platform's folder has a binary named after the modelIdentifier", _ZIP, "rename it"
 )
 BINARY_FORMAT = Rule(
-    "binary-format", _E, "Binaries are whole and of their platform's format", _ZIP, "build the binary again"
+    "binary-format", _E, "Binaries are complete and in the format of their platform", _ZIP, "build the binary again"
 )
 BINARY_MACHINE = Rule(
-    "binary-machine", _E, "Binaries are of their folder's processor", _ZIP, "put it in its own folder"
+    "binary-machine", _E, "Binaries are for the processor of their folder", _ZIP, "move the binary to its own folder"
 )
 PLATFORM_NAME = Rule(
-    "platform-name", _H, "Platform folders have known names", _ZIP, "use win32, win64, linux32, linux64, darwin64"
+    "platform-name", _H, "Platform folders have standard names", _ZIP, "use win32, win64, linux32, linux64, darwin64"
 )
 PLATFORMS = Rule("platforms", _D, "There are binaries for all common platforms", _ANYWHERE, "compile for them too")
 UNIVERSAL = Rule(
@@ -77,16 +77,16 @@ UNIVERSAL = Rule(
 OTHER_EXPORTS = Rule(
     "exports-only",
     _D,
-    "Nothing but FMI functions is exported",
+    "Only FMI functions are exported",
     _ANYWHERE,
-    "hide the other symbols: two FMUs in a process may take each other's",
+    "hide the other symbols: two FMUs in a process may use each other's symbols",
 )
 ALL_EXPORTS = Rule(
     "exports-all",
     _D,
     "Every FMI function of co-simulation is exported",
     _ANYWHERE,
-    "export it returning fmi2Error: some importers load all",
+    "export the function and return fmi2Error: some importers load all functions",
 )
 NEEDED = Rule("needed-libraries", _D, "Only libc and libm are needed", _ANYWHERE, "link the others statically")
 IMPORTS = Rule(
@@ -103,7 +103,7 @@ UNDEFINED_PYTHON = Rule(
 
 # Sources and documents
 SOURCE_FILES = Rule(
-    "source-files", _E, "The files that SourceFiles lists are there", "FMI 4.3.1", "add them or mend the list"
+    "source-files", _E, "The files listed in SourceFiles exist", "FMI 4.3.1", "add the files or correct the list"
 )
 SOURCES = Rule(
     "sources",
@@ -118,20 +118,24 @@ REBUILT_SAME = Rule(
     _D,
     "The rebuilt FMU gives the same outputs",
     _HONEST,
-    "ship the sources of this very binary, and compile with -ffp-contract=off",
+    "include the sources that the binary was built from, and compile with -ffp-contract=off",
 )
 DOCUMENTATION = Rule(
     "documentation",
     _D,
-    "There is documentation/index.html, with something in it",
+    "There is a documentation/index.html that is not empty",
     _PACKAGE,
-    "say there what the model is, its equations and limits",
+    "describe the model, its equations and its limits there",
 )
 LICENSE = Rule(
-    "license", _D, "There is a licence in documentation/licenses, and no empty file", _PACKAGE, "add its text"
+    "license",
+    _D,
+    "There is a licence in documentation/licenses, and no file there is empty",
+    _PACKAGE,
+    "add the licence text",
 )
 ICON = Rule("icon", _H, "There is a model.png", _PACKAGE, "add a PNG of about 100 x 100")
-ICON_FORMAT = Rule("icon-format", _D, "model.png is a whole PNG", _ZIP, "write it again as PNG")
+ICON_FORMAT = Rule("icon-format", _D, "model.png is a complete PNG", _ZIP, "write the file again as PNG")
 TERMINALS = Rule(
     "terminals",
     _H,
@@ -142,28 +146,28 @@ TERMINALS = Rule(
 TERMINALS_VALID = Rule(
     "terminals-valid",
     _D,
-    "Terminals are well-formed and name existing variables",
+    "Terminals are well-formed and refer to existing variables",
     "FMI 2.0.4, terminals of FMI 3.0 2.4.9",
-    "mend terminalsAndIcons.xml",
+    "correct terminalsAndIcons.xml",
 )
 TERMINALS_FIT = Rule(
     "terminals-consistent",
     _D,
-    "Terminals fit the causality of their variables: none is local; forces flow out of shocks and into vehicles",
+    "Terminals match the causality of their variables: none is local; forces flow out of shocks and into vehicles",
     "FMI 2.2.7, FMI 3.0 2.4.9",
-    "mend the variableKind, or name the variable that is meant",
+    "correct the variableKind or the name of the variable",
 )
 REFERENCE = Rule(
     "reference-results",
     _D,
-    "The reference results in the archive are reproduced",
+    "The binary reproduces the reference results in the archive",
     _COUPLING,
-    "compute them again with this binary",
+    "compute the reference results again with this binary",
 )
 REFERENCE_GIVEN = Rule(
     "reference-given",
     _H,
     "There are reference results",
     _COUPLING,
-    "ship inputs, outputs and options as the FMI cross-check does, in extra/",
+    "add inputs, outputs and options in the format of the FMI cross-check to extra/",
 )

@@ -1,4 +1,4 @@
-"""What an FMU does when it is called."""
+"""Rules for the behaviour of an FMU when its functions are called."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ _COUPLING = "drop-in: couples correctly"
 _ROBUST = "drop-in: robust"
 _HONEST = "drop-in: honest capabilities"
 
-# What a legal run must do
+# Behaviour in a valid run
 CRASH = Rule(
     "crash",
     _E,
-    "Legal calls neither crash nor hang",
+    "Valid calls neither crash nor hang",
     "FMI 2.1.3",
-    "run the FMU in a debugger up to the call named here",
+    "run the FMU in a debugger up to the call in the message",
 )
 CRASH_MISUSE = Rule(
-    "crash-misuse", _D, "Wrong calls neither crash nor hang", _ROBUST, "check the arguments and the order of calls"
+    "crash-misuse", _D, "Invalid calls neither crash nor hang", _ROBUST, "check the arguments and the order of calls"
 )
-LOADS = Rule(
-    "loads", _E, "The binary of this platform can be loaded", "FMI 2.1.2", "look at the libraries that it needs"
+LOADS = Rule("loads", _E, "The binary of this platform can be loaded", "FMI 2.1.2", "check the libraries that it needs")
+SIMULATES = Rule(
+    "simulates", _E, "It simulates from start values with constant inputs", _ORDER, "read its log messages"
 )
-SIMULATES = Rule("simulates", _E, "It simulates from start values with inputs held", _ORDER, "look at its log messages")
 EXCITED = Rule(
     "simulates-excited",
     _D,
-    "It simulates with moving inputs",
+    "It simulates with varying inputs",
     _COUPLING,
     "accept all inputs between min and max, or state the range",
 )
@@ -44,12 +44,16 @@ FINITE = Rule("finite-outputs", _D, "Outputs are finite", _COUPLING, "look for a
 DETERMINISM = Rule(
     "deterministic",
     _D,
-    "The same run gives the same bits",
+    "Repeated runs give bit-identical results",
     _ROBUST,
     "look for uninitialized memory and for state outside the instance",
 )
 START_AGREES = Rule(
-    "start-agrees", _E, "Start values in the XML are those in the binary", _VARIABLES, "generate both from one source"
+    "start-agrees",
+    _E,
+    "Start values in the XML and in the binary are equal",
+    _VARIABLES,
+    "generate both from one source",
 )
 LOGGED_ERROR = Rule(
     "error-logged-while-fine",
@@ -64,54 +68,64 @@ LOG_CATEGORY = Rule(
 LOG_TEXT = Rule(
     "log-text",
     _D,
-    "Messages are finished UTF-8 text",
+    "Messages are formatted UTF-8 text",
     "drop-in: log",
-    "fill the format in before logging: many hosts cannot",
+    "format the message before logging it: many hosts cannot",
 )
-TIME = Rule("time-variable", _E, "The time variable is at the communication point", _VARIABLES, "carry it with doStep")
+TIME = Rule(
+    "time-variable", _E, "The time variable equals the communication point", _VARIABLES, "update it in fmi2DoStep"
+)
 
 FIRST_OUTPUTS = Rule(
     "first-outputs",
     _D,
-    "Outputs before the first step are those at its beginning",
+    "Outputs before the first step are valid at its start",
     _COUPLING,
     "calculate the outputs from the start values and inputs when initialization mode is left",
 )
 MODEL_EXCHANGE = Rule(
     "model-exchange",
     _E,
-    "What ModelExchange declares can be called",
+    "The functions that ModelExchange declares can be called",
     "FMI 3.2",
     "implement the functions of model exchange, or remove the element ModelExchange",
 )
 
 # State machine
 GUID_CHECKED = Rule(
-    "guid-checked", _E, "A wrong GUID is refused", "FMI 2.1.5", "compare the argument with the binary's own GUID"
+    "guid-checked", _E, "A wrong GUID is rejected", "FMI 2.1.5", "compare the argument with the binary's own GUID"
 )
-STOP_TIME = Rule("stop-time", _E, "A step past the stop time is refused", "FMI 2.1.6", "return fmi2Error")
+STOP_TIME = Rule("stop-time", _E, "A step past the stop time is rejected", "FMI 2.1.6", "return fmi2Error")
 ORDER = Rule(
-    "call-order", _D, "Calls out of order are refused", _ORDER, "keep the state of the instance and return fmi2Error"
+    "call-order", _D, "Calls in the wrong order are rejected", _ORDER, "track the instance's state and return fmi2Error"
 )
 STEP = Rule(
     "step-arguments",
     _D,
-    "Steps from another point, of no length, backwards or of NaN are refused",
+    "Steps from a wrong point, of zero, negative or NaN length are rejected",
     "FMI 4.2.2",
     "compare the arguments with the instance's time",
 )
-LOCKED = Rule("locked", _D, "Outputs and, once it runs, fixed parameters cannot be set", _VALUES, "return fmi2Error")
+LOCKED = Rule(
+    "locked", _D, "Outputs cannot be set, nor fixed parameters after initialization", _VALUES, "return fmi2Error"
+)
 REFUSAL_LOGGED = Rule(
-    "refusal-logged", _D, "A refused call says why", "drop-in: log", "log an error, with debug logging off too"
+    "refusal-logged",
+    _D,
+    "A rejected call logs the reason",
+    "drop-in: log",
+    "log an error, even if debug logging is off",
 )
 USABLE = Rule(
     "usable-after-refusal",
     _D,
-    "After a refused call the instance runs again after fmi2Reset",
+    "After a rejected call the instance runs again after fmi2Reset",
     _ROBUST,
-    "refuse before anything is changed",
+    "reject the call before anything is changed",
 )
-NEVER_FATAL = Rule("never-fatal", _D, "No refusal is fatal", _ROBUST, "return fmi2Error: fmi2Fatal ends all instances")
+NEVER_FATAL = Rule(
+    "never-fatal", _D, "No rejection is fatal", _ROBUST, "return fmi2Error: fmi2Fatal ends all instances"
+)
 TUNABLE = Rule(
     "tunable",
     _E,
@@ -122,19 +136,21 @@ TUNABLE = Rule(
 
 # Values
 BAD_REFERENCE = Rule(
-    "bad-reference", _D, "Unknown value references are refused", _ROBUST, "look the reference up before using it"
+    "bad-reference", _D, "Unknown value references are rejected", _ROBUST, "validate the reference before using it"
 )
-NOT_FINITE = Rule("not-finite", _D, "NaN and infinity are refused", _ROBUST, "check what is set")
-OUT_OF_RANGE = Rule("out-of-range", _D, "Values outside min and max are refused", _ROBUST, "check what is set")
+NOT_FINITE = Rule("not-finite", _D, "NaN and infinity are rejected", _ROBUST, "check the values that are set")
+OUT_OF_RANGE = Rule(
+    "out-of-range", _D, "Values outside min and max are rejected", _ROBUST, "check the values that are set"
+)
 OLD_VALUE = Rule(
     "old-value",
     _D,
-    "After a refused value the old one stays and the next step is fine",
+    "After a rejected value the old value remains and the next step succeeds",
     _ROBUST,
-    "check all before setting any",
+    "check all values before setting any",
 )
-NULL_ARGUMENT = Rule("null-argument", _D, "NULL arrays are refused", _ROBUST, "check pointers")
-FREE_NULL = Rule("free-null", _E, "fmi2FreeInstance(NULL) does nothing", "FMI 2.1.5", "return at once")
+NULL_ARGUMENT = Rule("null-argument", _D, "NULL arrays are rejected", _ROBUST, "check pointers")
+FREE_NULL = Rule("free-null", _E, "fmi2FreeInstance(NULL) does nothing", "FMI 2.1.5", "return immediately")
 
 # Reset, states
 RESET = Rule(
@@ -142,19 +158,21 @@ RESET = Rule(
     _E,
     "fmi2Reset restores the state after fmi2Instantiate",
     "FMI 2.1.6",
-    "set all variables, parameters too, to their start values",
+    "set all variables, including parameters, to their start values",
 )
-RESET_BITS = Rule("reset-bits", _D, "A run after fmi2Reset gives the same bits", _ROBUST, "restore internal memory too")
+RESET_BITS = Rule(
+    "reset-bits", _D, "A run after fmi2Reset gives bit-identical results", _ROBUST, "also reset internal memory"
+)
 RESET_ENDED = Rule(
     "reset-ended",
     _D,
-    "After fmi2Reset an FMU that has ended the simulation by itself runs again",
+    "An FMU that has ended the simulation itself runs again after fmi2Reset",
     _ROBUST,
-    "clear what ended the simulation",
+    "reset the condition that ended the simulation",
 )
-ROLLBACK = Rule("rollback", _E, "An FMU state restores the instance", _STATE, "save all that a step depends on")
+ROLLBACK = Rule("rollback", _E, "An FMU state restores the instance", _STATE, "save everything that a step depends on")
 ROLLBACK_BITS = Rule(
-    "rollback-bits", _D, "An FMU state restores the instance to the bit", _HONEST, "save all that a step depends on"
+    "rollback-bits", _D, "An FMU state restores the instance exactly", _HONEST, "save everything that a step depends on"
 )
 STATE_FREED = Rule(
     "state-freed", _E, "fmi2FreeFMUstate sets the pointer to NULL and ignores NULL", _STATE, "set it to NULL"
@@ -170,44 +188,44 @@ OTHER_PROCESS = Rule(
     "write values, not pointers",
 )
 SAME_BYTES = Rule(
-    "serialized-same", _D, "One state gives the same bytes each time", _HONEST, "write no padding and no pointers"
+    "serialized-same", _D, "A state always serializes to the same bytes", _HONEST, "write no padding and no pointers"
 )
-CORRUPT = Rule("serialized-corrupt", _D, "Damaged bytes are refused", _HONEST, "add a checksum and check the size")
+CORRUPT = Rule("serialized-corrupt", _D, "Damaged bytes are rejected", _HONEST, "add a checksum and check the size")
 
 # Dependencies, derivatives, steps
-HIDDEN = Rule("dependency-hidden", _E, "Every dependency that shows is declared", _STRUCTURE, "declare it")
+HIDDEN = Rule("dependency-hidden", _E, "Every observed dependency is declared", _STRUCTURE, "declare it")
 FALSE = Rule(
     "dependency-false",
     _H,
-    "Every declared dependency shows",
+    "Every declared dependency is observed",
     _COUPLING,
-    "remove it if it is never there: importers find algebraic loops",
+    "remove it if it never occurs: importers would detect algebraic loops",
 )
 FALSE_VELOCITY = Rule(
     "dependency-velocity",
     _D,
-    "A velocity does not claim a direct dependency that is not there",
+    "A velocity does not declare feedthrough that does not exist",
     _COUPLING,
-    "remove it: coupled with a shock it looks like an algebraic loop",
+    "remove it: the coupling with a shock would look like an algebraic loop",
 )
 DIRECTIONAL = Rule(
     "directional-derivative",
     _E,
-    "Directional derivatives equal differences",
+    "Directional derivatives match finite differences",
     "FMI 2.1.9",
-    "mend them, or clear providesDirectionalDerivative",
+    "correct them, or clear providesDirectionalDerivative",
 )
 OUTPUT_DERIVATIVES = Rule(
     "output-derivatives",
     _E,
-    "Output derivatives are given up to maxOutputDerivativeOrder",
+    "Output derivatives are available up to maxOutputDerivativeOrder",
     "FMI 4.2.1",
     "return them, or set maxOutputDerivativeOrder to 0",
 )
 INPUT_DERIVATIVES = Rule(
     "input-derivatives",
     _E,
-    "Input derivatives are accepted where canInterpolateInputs",
+    "Input derivatives are accepted if canInterpolateInputs is true",
     "FMI 4.2.1",
     "accept order 1 for every continuous Real input, or clear the flag",
 )
@@ -221,70 +239,70 @@ INTERPOLATES = Rule(
 STEPS = Rule(
     "irregular-steps",
     _E,
-    "Steps of any length are taken where canHandleVariableCommunicationStepSize",
+    "Steps of any length are accepted if canHandleVariableCommunicationStepSize is true",
     _CAPABILITIES,
-    "mend it, or clear the flag",
+    "accept them, or clear the flag",
 )
 STEPS_DISCARDED = Rule(
     "irregular-discarded",
     _D,
     "Irregular steps are not discarded, from any start time",
     _COUPLING,
-    "land on t+h for any h > 0",
+    "reach t+h for any h > 0",
 )
 
-# Instances, surroundings
+# Instances, environment
 INSTANCES = Rule(
     "instances",
     _E,
-    "Two instances in a process do not disturb each other",
+    "Two instances in a process do not affect each other",
     _CAPABILITIES,
     "keep all data in the instance, or declare canBeInstantiatedOnlyOncePerProcess",
 )
-FIFTY = Rule("fifty-instances", _D, "Fifty instances at once work", _ROBUST, "allocate per instance")
+FIFTY = Rule("fifty-instances", _D, "Fifty simultaneous instances work", _ROBUST, "allocate per instance")
 THREADS = Rule(
-    "threads", _D, "Instances in four threads give the same as alone", _ROBUST, "share nothing that is written"
+    "threads", _D, "Instances in four threads give the same results as one alone", _ROBUST, "share no writable data"
 )
 GROWTH = Rule(
-    "growth", _D, "Creating and freeing instances does not grow the process", _ROBUST, "free all in fmi2FreeInstance"
+    "growth", _D, "Creating and freeing instances leaks no memory", _ROBUST, "free everything in fmi2FreeInstance"
 )
 STEP_GROWTH = Rule(
     "step-growth",
     _D,
-    "Steps do not grow the process",
+    "Steps leak no memory",
     _ROBUST,
     "free in fmi2DoStep what it allocates, or allocate it once per instance",
 )
 FILES = Rule(
     "working-folder",
     _D,
-    "It leaves no file in the working folder",
+    "It leaves no files in the working folder",
     _ANYWHERE,
-    "write no file: the folder is the host's, and many instances share it",
+    "write no files: the folder belongs to the host, and many instances share it",
 )
 LOCALE = Rule(
-    "locale", _D, "It leaves the locale as it is", _ROBUST, "set no locale: the host reads and writes its files by it"
+    "locale", _D, "It does not change the locale", _ROBUST, "set no locale: the host reads and writes files with it"
 )
 PRINTS = Rule(
     "standard-output",
     _D,
-    "It prints nothing on standard output",
+    "It prints nothing to standard output",
     "drop-in: log",
-    "say it through the logger: a host may write its results there",
+    "use the logger: a host may write its results to standard output",
 )
 BARE = Rule(
     "bare-environment",
     _D,
     "It runs with an empty environment in a read-only folder",
     _ANYWHERE,
-    "read no variable, write no file",
+    "read no environment variable, write no file",
 )
 ODD_PATH = Rule(
     "odd-path",
     _D,
     "It runs from a path with spaces, umlauts, %, # and +",
     _ROBUST,
-    "decode the resource location as a URI, or do not read it",
+    "decode the resource location as a URI, or do not use it",
 )
 
 # Shocks and vehicles
@@ -293,19 +311,19 @@ SIGN = Rule(
     _D,
     "A positive velocity gives a more positive force than a negative one",
     "drop-in: ports",
-    "turn the sign of velocity or of force",
+    "change the sign of velocity or force",
 )
 PASSIVE = Rule(
     "passive",
     _D,
     "A closed cycle dissipates energy",
     "drop-in: ports",
-    "look for a curve that turns over, or for a wrong sign of the lag",
+    "look for a curve with a wrong slope, or for a wrong sign of the lag",
 )
 RECIPROCAL = Rule(
     "vehicle-sign",
     _D,
     "A positive shock force extends the suspension",
     "drop-in: ports",
-    "turn the sign of velocity or of force",
+    "change the sign of velocity or force",
 )

@@ -1,5 +1,5 @@
-"""What calls an FMU: each module is one probe, run by `python -m builder.check.probes <module> <folder> <progress>`.
+"""Probes that call an FMU. `python -m builder.check.probes <module> <folder> <progress>` runs the probe of one module.
 
-They call the C functions themselves, because a wrong call must reach the FMU. Nothing that takes long to load is
-imported: every probe is a process.
+Probes call the C functions directly, because an invalid call must reach the FMU. They import no slow modules, because
+every probe is a process.
 """

@@ -1,4 +1,4 @@
-"""`python -m builder.check.probes <module> <unpacked FMU> <progress file> [<steps>]`: a JSON object per line."""
+"""Command `python -m builder.check.probes MODULE UNPACKED_FMU PROGRESS_FILE [STEPS]`, which prints JSON lines."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ from typing import TextIO
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import read_description
-from builder.check.probes.bench import Bench, Measured, Said, Skip
+from builder.check.probes.bench import Bench, Result, Results, Skip
 from builder.check.probes.instance import CallError, TerminatedError
 from builder.check.probes.library import Library, MissingFunctionError, binary_path
 from builder.check.rules import Finding
 
 
 def main(module: str, folder: Path, progress: Path, reach: int | None = None) -> None:
-    """Run one probe; whatever the FMU itself prints goes to stderr.
+    """Run one probe; everything that the FMU itself prints goes to stderr.
 
     Args:
         module: Name of the probe.
         folder: Folder of the unpacked FMU.
-        progress: File for the name of the call that begins.
-        reach: Number of steps after which the FMU ends the simulation by itself; None where it does not.
+        progress: File for the name of the current call.
+        reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    probe: Callable[[Bench], Said] = importlib.import_module(f"builder.check.probes.{module}").probe
+    probe: Callable[[Bench], Results] = importlib.import_module(f"builder.check.probes.{module}").probe
     completed = True
     try:
         bench = open_bench(folder, progress, reach)
         try:
-            for said in probe(bench):
-                _say(channel, _line(said))
+            for result in probe(bench):
+                _write(channel, _line(result))
         except TerminatedError as error:
-            _say(channel, _line(Skip(str(error), "what comes after")))
+            _write(channel, _line(Skip(str(error), "remaining calls")))
         for found in _undeclared(bench):
-            _say(channel, _line(found))
+            _write(channel, _line(found))
     except OSError as error:
         completed = False
-        _say(channel, _line(rules.LOADS.finding(str(error))))
+        _write(channel, _line(rules.LOADS.finding(str(error))))
     except (CallError, MissingFunctionError) as error:
         completed = False
-        _say(channel, _line(rules.SIMULATES.finding(str(error))))
-    _say(channel, {"completed": True} if completed else {"stopped": True})
+        _write(channel, _line(rules.SIMULATES.finding(str(error))))
+    _write(channel, {"completed": True} if completed else {"stopped": True})
 
 
 def _undeclared(bench: Bench) -> Iterator[Finding]:
-    """Return a finding for each category, so that several probes have the same ones."""
+    """Yield one finding per undeclared log category, so that findings of several probes are equal."""
     names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
     for name in sorted(names - set(bench.description.categories)):
-        yield rules.LOG_CATEGORY.finding(f"it logs in {name!r}")
+        yield rules.LOG_CATEGORY.finding(f"it uses the category {name!r}")
 
 
 def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
@@ -70,19 +70,19 @@ def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
     return Bench(folder, Library(binary, progress), reach)
 
 
-def _line(said: Finding | Skip | Measured) -> dict[str, str]:
-    if isinstance(said, Finding):
-        return {"rule": said.rule.identifier, "message": said.message}
-    if isinstance(said, Skip):
-        return {"skipped": said.what, "reason": said.reason}
-    return {"value": said.name, "is": said.value}
+def _line(result: Result) -> dict[str, str]:
+    if isinstance(result, Finding):
+        return {"rule": result.rule.identifier, "message": result.message}
+    if isinstance(result, Skip):
+        return {"skipped": result.what, "reason": result.reason}
+    return {"value": result.name, "is": result.value}
 
 
-def _say(channel: TextIO, line: dict[str, str] | dict[str, bool]) -> None:
+def _write(channel: TextIO, line: dict[str, str] | dict[str, bool]) -> None:
     channel.write(json.dumps(line) + "\n")
     channel.flush()
 
 
 if __name__ == "__main__":
     main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))
-    os._exit(0)  # what loaded libraries do while an interpreter ends is not the FMU's doing
+    os._exit(0)  # skip the exit handlers of loaded libraries, whose errors are not caused by the FMU

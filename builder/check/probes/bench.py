@@ -1,4 +1,4 @@
-"""Where a probe finds its FMU: fresh instances, and runs that excite every Real input."""
+"""Test bench for probes: new instances of the FMU, and runs that excite every Real input."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from builder.check.probes.instance import Birth, CallError, Instance, Terminated
 from builder.check.probes.library import DISCARD, ERROR, Library
 from builder.check.rules import Finding
 
-#: Size of the sine on an input, by its SI unit: what a race car sees.
+#: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
-_STEPS, _WHOLE = 300, 1000  # of a run, and of an experiment that is not given
-_CYCLES = 2.7  # no whole number of halves: the middle of a run must not look like its end
+_STEPS, _WHOLE = 300, 1000  # steps of a run, and of the default experiment if the FMU states none
+_CYCLES = 2.7  # not a multiple of 0.5, so that the middle of a run differs from its end
 
 
 @dataclass(frozen=True)
 class Skip:
-    """What a probe does not do, and why; `what` is empty where it is all of it."""
+    """A part of a probe that is skipped, and the reason; `what` is empty if the whole probe is skipped."""
 
     reason: str
     what: str = ""
@@ -36,16 +36,17 @@ class Measured:
     value: str
 
 
-#: Name of the value that says after how many steps the FMU ends the simulation by itself.
+#: Name of the value for the number of steps after which the FMU ends the simulation itself.
 REACH = "steps"
 
-Said = Iterator[Finding | Skip | Measured]
+Result = Finding | Skip | Measured
+Results = Iterator[Result]
 Values = list[float]
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Communication points of a run: start [s], step [s], number of steps, and that of the whole default experiment."""
+    """Communication points of a run: start [s], step [s], number of steps, steps of the whole default experiment."""
 
     start: float
     step: float
@@ -58,12 +59,12 @@ class Timing:
 
 
 class Bench:
-    """An unpacked FMU, its binary loaded.
+    """An unpacked FMU with its binary loaded.
 
     Args:
         folder: Folder of the unpacked FMU.
         library: Binary of the FMU for this platform.
-        reach: Number of steps after which the FMU ends the simulation by itself; None where it does not.
+        reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
     """
 
     def __init__(self, folder: Path, library: Library, reach: int | None = None) -> None:
@@ -78,54 +79,54 @@ class Bench:
 
     @property
     def birth(self) -> Birth:
-        """What a host says to instantiate."""
+        """Arguments of fmi2Instantiate."""
         return Birth(self.description.guid, (self.folder.resolve() / "resources").as_uri())
 
     @contextmanager
     def instance(self, birth: Birth | None = None) -> Iterator[Instance]:
-        """Give an instance, freed in the end.
+        """Provide an instance that is freed at the end.
 
         Raises:
-            CallError: fmi2Instantiate gave NULL.
+            CallError: fmi2Instantiate returned NULL.
         """
         if self._used and self.description.can("canBeInstantiatedOnlyOncePerProcess"):
-            self.library = self.library.again()  # with memory as new as in another process
+            self.library = self.library.again()  # with new static memory, as in another process
         self._used = True
-        made = Instance(self.library, birth or self.birth)
-        if made.address is None:
-            raise CallError(f"fmi2Instantiate returned NULL{made.said()}")
+        created = Instance(self.library, birth or self.birth)
+        if created.address is None:
+            raise CallError(f"fmi2Instantiate returned NULL{created.last_message()}")
         try:
-            yield made
+            yield created
         finally:
-            made.free()
+            created.free()
 
     @contextmanager
     def initializing(self) -> Iterator[Instance]:
-        """Give an instance in initialization mode."""
-        with self.instance() as made:
-            self.enter(made)
-            yield made
+        """Provide an instance in initialization mode."""
+        with self.instance() as created:
+            self.enter(created)
+            yield created
 
     @contextmanager
     def running(self) -> Iterator[Instance]:
-        """Give an instance that is initialized."""
-        with self.initializing() as made:
-            made.need("ExitInitializationMode")
-            yield made
+        """Provide an initialized instance."""
+        with self.initializing() as created:
+            created.need("ExitInitializationMode")
+            yield created
 
     def enter(self, instance: Instance, *, start: float | None = None, stop: float | None = None) -> None:
-        """Go from instantiated to initialization mode; `stop` is the stop time [s], None for none."""
+        """Enter initialization mode from the state after fmi2Instantiate; `stop` is the stop time [s] or None."""
         begin = self.timing.start if start is None else start
         instance.need("SetupExperiment", 0, 0.0, begin, int(stop is not None), stop or 0.0)
         instance.need("EnterInitializationMode")
 
     def initialize(self, instance: Instance) -> None:
-        """Go from instantiated to initialized."""
+        """Initialize an instance from the state after fmi2Instantiate."""
         self.enter(instance)
         instance.need("ExitInitializationMode")
 
     def excitation(self, time: float, scale: float = 1.0) -> Values:
-        """Return the inputs at a time [s]: a sine about each start value, inside min and max."""
+        """Return the inputs at a time [s]: a sine around each start value, between min and max."""
         phase = 2 * math.pi * _CYCLES * (time - self.timing.start) / (self.timing.step * self.timing.count)
         return [_sine(v, math.sin(phase + 0.7 * k) * scale) for k, v in enumerate(self.inputs)]
 
@@ -134,10 +135,10 @@ class Bench:
         return [v.number("start") or 0.0 for v in self.inputs]
 
     def run(self, instance: Instance, signal: Callable[[float], Values], points: range) -> list[Values]:
-        """Step through points (first to last), inputs set at the beginning of each step; return the outputs.
+        """Step through points (first to last) with inputs set at the start of each step; return the outputs.
 
         Raises:
-            CallError: A call was refused.
+            CallError: A call was rejected.
         """
         rows = []
         for point in points:
@@ -151,10 +152,10 @@ class Bench:
         """Set all Real inputs, which must succeed."""
         status = instance.set_reals(self.inputs, values)
         if refused(status):
-            raise CallError(f"fmi2SetReal of inputs returned {status_name(status)}{instance.said()}")
+            raise CallError(f"fmi2SetReal of inputs returned {status_name(status)}{instance.last_message()}")
 
     def all_points(self) -> range:
-        """Return the points at which the steps of a whole run begin."""
+        """Return the points at which the steps of a whole run start."""
         return range(self.timing.count)
 
 
@@ -162,20 +163,21 @@ def step(instance: Instance, time: float, h: float) -> None:
     """Do a step that must succeed.
 
     Raises:
-        TerminatedError: The FMU has ended the simulation, which it may.
-        CallError: The step was refused, or it failed: some FMUs call it an end of the simulation then and log an error.
+        TerminatedError: The FMU has ended the simulation, which is allowed.
+        CallError: The step was rejected, or it failed: some FMUs report that as an end of the simulation and log an
+            error.
     """
     before = len(instance.messages)
     status = instance.step(time, h)
     is_fault = any(m.status >= ERROR for m in instance.messages[before:])
     if status == DISCARD and not is_fault and instance.has_terminated():
-        raise TerminatedError(f"the FMU ended the simulation by itself in the step from {time!r} s by {h!r} s")
+        raise TerminatedError(f"the FMU ended the simulation itself in the step from {time!r} s by {h!r} s")
     if refused(status):
-        raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.said()}")
+        raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.last_message()}")
 
 
 def amplitude(variable: Variable) -> float:
-    """Return by how much an input moves about its start value, inside its range."""
+    """Return the amplitude of an input around its start value, limited by its range."""
     start = variable.number("start") or 0.0
     size = _AMPLITUDES.get(variable.unit or "") or max(0.1 * abs(start), 0.1)
     low, high = variable.number("min"), variable.number("max")
@@ -184,7 +186,7 @@ def amplitude(variable: Variable) -> float:
 
 
 def inside(variable: Variable, value: float) -> float:
-    """Return a value no farther than a variable's min and max."""
+    """Return a value clipped to a variable's min and max."""
     low, high = variable.number("min"), variable.number("max")
     value = value if low is None else max(value, low)
     return value if high is None else min(value, high)
@@ -195,7 +197,7 @@ def _sine(variable: Variable, sine: float) -> float:
 
 
 def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
-    """Return the largest difference of two runs, relative to the size of each output (0 where they are the same)."""
+    """Return the largest difference of two runs, relative to the size of each output (0 if they are equal)."""
     sizes = [max((abs(v) for v in column), default=0.0) for column in zip(*first, strict=True)]
     worst = 0.0
     for one, other in zip(first, second, strict=True):

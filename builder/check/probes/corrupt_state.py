@@ -1,11 +1,11 @@
-"""Serialized states that are damaged or cut off must be refused, not loaded."""
+"""Probe of damaged or truncated serialized states, which the FMU must reject."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip
+from builder.check.probes.bench import Bench, Results, Skip
 from builder.check.probes.instance import refused
 from builder.check.probes.state import halves
 from builder.check.rules import listed
@@ -13,8 +13,8 @@ from builder.check.rules import listed
 _PLACES = 12
 
 
-def probe(bench: Bench) -> Said:
-    """Damage bytes all over a state."""
+def probe(bench: Bench) -> Results:
+    """Damage bytes at several places of a serialized state."""
     if not (bench.description.can("canGetAndSetFMUstate") and bench.description.can("canSerializeFMUstate")):
         yield Skip("canSerializeFMUstate is not true")
         return
@@ -35,5 +35,5 @@ def _damaged(content: bytes) -> Iterator[tuple[str, bytes]]:
     for place in range(0, len(content), max(len(content) // _PLACES, 1)):
         yield f"with byte {place} changed", content[:place] + bytes([content[place] ^ 0x41]) + content[place + 1 :]
     yield "cut in half", content[: len(content) // 2]
-    yield "of nothing", b""
-    yield "with more behind", content + b"\0" * 8
+    yield "without content", b""
+    yield "with bytes appended", content + b"\0" * 8

@@ -1,4 +1,4 @@
-"""Directional derivatives against central differences, at the start and over a tiny step; input derivatives."""
+"""Probe of directional derivatives, compared with central differences, and of input and output derivatives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, step
 from builder.check.probes.instance import Instance, refused, status_name
 from builder.check.probes.pairs import declared_pairs
 from builder.check.probes.perturbation import change_of, other_value
@@ -21,8 +21,8 @@ _TINY = 1e-6  # s
 _SMOOTH, _WRONG, _NOTHING = 1e-4, 1e-3, 1e-8
 
 
-def probe(bench: Bench) -> Said:
-    """Compare where the flags are true."""
+def probe(bench: Bench) -> Results:
+    """Check the derivatives that the flags declare."""
     if bench.description.can("providesDirectionalDerivative"):
         yield from _in_initialization(bench)
         yield from _over_steps(bench)
@@ -43,9 +43,9 @@ def _in_initialization(bench: Bench) -> Iterator[Finding]:
             for variable in bench.inputs:
                 instance.set(variable, other_value(variable, draw))
             for unknown, known in _pairs(bench, "InitialUnknowns"):
-                if said := _compare_there(instance, unknown, known):
-                    wrong.setdefault(f"{unknown.name} by {known.name}", said)
-    yield from _told("in initialization mode", wrong)
+                if fault := _compare_at_start(instance, unknown, known):
+                    wrong.setdefault(f"{unknown.name} by {known.name}", fault)
+    yield from _findings("in initialization mode", wrong)
 
 
 def _pairs(bench: Bench, section: str) -> list[tuple[Variable, Variable]]:
@@ -60,25 +60,25 @@ def _pairs(bench: Bench, section: str) -> list[tuple[Variable, Variable]]:
     ]
 
 
-def _compare_there(instance: Instance, unknown: Variable, known: Variable) -> str:
+def _compare_at_start(instance: Instance, unknown: Variable, known: Variable) -> str:
     _, value = instance.get(known)
     status, stated = instance.directional(unknown, known)
     if refused(status):
-        return "refused"
+        return "rejected"
 
     def at(shift: float) -> float | None:
         done = instance.set(known, float(value) + shift)
         status, (result,) = instance.get_reals([unknown])
         return None if refused(done) or refused(status) else result
 
-    said = _judge(stated, at, _sizes(unknown, known, change_of(known)))
+    fault = _judge(stated, at, _sizes(unknown, known, change_of(known)))
     instance.set(known, value)
-    return said
+    return fault
 
 
 @dataclass(frozen=True)
 class _Sizes:
-    """By how much the known is changed, how far it goes in practice, and the size of the unknown at least."""
+    """The change of the known variable, its range in practice, and the minimum size of the unknown."""
 
     change: float
     reach: float
@@ -90,7 +90,10 @@ def _sizes(unknown: Variable, known: Variable, change: float) -> _Sizes:
 
 
 def _judge(stated: float, at: Callable[[float], float | None], sizes: _Sizes) -> str:
-    """Say what is wrong with a derivative, where two differences agree so far that the function is smooth there."""
+    """Return the error of a derivative as text; "" if it is correct or if the function is not smooth there.
+
+    The function counts as smooth if two central differences agree.
+    """
     change = sizes.change
     ends = [at(shift * change) for shift in (-1.0, -0.5, 0.5, 1.0)]
     if None in ends:
@@ -102,30 +105,30 @@ def _judge(stated: float, at: Callable[[float], float | None], sizes: _Sizes) ->
         return ""
     if abs(stated - narrow) <= _WRONG * abs(narrow) + 1e-13 * size / change + _NOTHING * size / sizes.reach:
         return ""
-    return f"{stated:.6g}, by differences {narrow:.6g}"
+    return f"{stated:.6g} instead of {narrow:.6g}"
 
 
-def _over_steps(bench: Bench) -> Said:
+def _over_steps(bench: Bench) -> Results:
     if not bench.description.can("canGetAndSetFMUstate"):
         yield Skip("it needs FMU states", "directional derivatives over steps")
         return
     if not bench.description.can("canHandleVariableCommunicationStepSize"):
-        yield Skip("it takes steps of one size only", "directional derivatives over steps")
+        yield Skip("it only supports a fixed step size", "directional derivatives over steps")
         return
     wrong: dict[str, str] = {}
     for seed in range(_POINTS):
         with place(bench, Route(seed, 1.0, moves=False)) as there:
             for unknown, known in _pairs(bench, "Outputs"):
-                if known in bench.inputs and (said := _compare_step(there, unknown, known)):
-                    wrong.setdefault(f"{unknown.name} by {known.name}", said)
-    yield from _told("between steps", wrong)
+                if known in bench.inputs and (fault := _compare_step(there, unknown, known)):
+                    wrong.setdefault(f"{unknown.name} by {known.name}", fault)
+    yield from _findings("between steps", wrong)
 
 
 def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
     position, output = there.bench.inputs.index(known), there.bench.outputs.index(unknown)
 
     def at(shift: float) -> float:
-        """The output after a step of no length, by three short ones: what comes through the states is gone then."""
+        """Return the output extrapolated to step size zero from three short steps, without the part of the states."""
         moved: Values = list(there.inputs)
         moved[position] += shift
         whole, half, quarter = (there.after(moved, h)[output] for h in (_TINY, _TINY / 2, _TINY / 4))
@@ -133,12 +136,12 @@ def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
 
     there.after(there.inputs, _TINY / 4)
     status, stated = there.instance.directional(unknown, known)
-    return "refused" if refused(status) else _judge(stated, at, _sizes(unknown, known, 10 * change_of(known)))
+    return "rejected" if refused(status) else _judge(stated, at, _sizes(unknown, known, 10 * change_of(known)))
 
 
-def _told(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
+def _findings(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
     if wrong:
-        shown = [f"{pair} is {said}" for pair, said in wrong.items()]
+        shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
         yield rules.DIRECTIONAL.finding(f"{where} {listed(shown, most=3)}")
 
 
@@ -151,25 +154,29 @@ def _input_derivatives(bench: Bench) -> Iterator[Finding]:
             bench.drive(instance, bench.held(t))
             status = instance.set_derivatives(moving, [size * amplitude(v) / h for v in moving])
             if refused(status):
-                yield rules.INPUT_DERIVATIVES.finding(f"fmi2SetRealInputDerivatives refuses order 1{instance.said()}")
+                yield rules.INPUT_DERIVATIVES.finding(
+                    f"fmi2SetRealInputDerivatives rejects order 1{instance.last_message()}"
+                )
                 return
             step(instance, t, h)
             ends.append(instance.reals(bench.outputs))
     if bench.outputs and moving and ends[0] == ends[1]:
-        yield rules.INTERPOLATES.finding("a step with derivatives of all inputs gives the outputs of one without")
+        yield rules.INTERPOLATES.finding(
+            "a step with derivatives of all inputs gives the same outputs as a step without"
+        )
 
 
 def _output_derivatives(bench: Bench) -> Iterator[Finding]:
-    """Ask for all orders that are promised, after a few steps."""
+    """Read all declared orders after a few steps."""
     outputs = [v for v in bench.outputs if v.variability == "continuous"]
     for order in range(1, bench.description.output_derivative_order + 1 if outputs else 1):
         with bench.running() as instance:
             bench.run(instance, bench.excitation, range(min(3, bench.timing.count)))
             status, values = instance.output_derivatives(outputs, order)
             if refused(status):
-                what = f"returned {status_name(status)}{instance.said()}"
+                what = f"returned {status_name(status)}{instance.last_message()}"
             elif wrong := [v.name for v, value in zip(outputs, values, strict=True) if not math.isfinite(value)]:
-                what = f"gave values that are not finite for {listed(wrong)}"
+                what = f"returned values that are not finite for {listed(wrong)}"
             else:
                 continue
         yield rules.OUTPUT_DERIVATIVES.finding(f"fmi2GetRealOutputDerivatives of order {order} {what}")

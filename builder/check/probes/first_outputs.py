@@ -1,4 +1,4 @@
-"""Outputs after initialization, before any step: they must be those from which the first step goes on."""
+"""Probe of the outputs after initialization and before any step: the first step must continue from them."""
 
 from __future__ import annotations
 
@@ -6,36 +6,39 @@ import random
 from collections.abc import Iterator
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip, Values, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, step
 from builder.check.probes.instance import CallError, Instance
 from builder.check.probes.perturbation import other_value
 from builder.check.rules import Finding, listed
 
 _TINY = (1e-7, 1e-6)  # s
-_ELSEWHERE = 12.5  # s: where the jump of an input of the FMU's own at its start time does not come again
-#: A jump: so many times what a tiny step changes, beyond what rounding makes of the output's size.
+_ELSEWHERE = 12.5  # s: another start time, at which an internal input of the FMU does not jump again
+#: Minimum jump relative to the change in a tiny step, and relative to the output's size (rounding).
 _TIMES, _ROUNDING = 30.0, 1e-9
 
 
-def probe(bench: Bench) -> Said:
-    """Compare at the start values, and with all inputs moved; an input that jumps at the start time is no defect."""
+def probe(bench: Bench) -> Results:
+    """Compare the outputs at the start values and with other inputs.
+
+    A jump at the start time only is not a defect: it may come from an internal input of the FMU.
+    """
     if not bench.description.can("canHandleVariableCommunicationStepSize") or not bench.outputs:
-        yield Skip("it has no Real outputs, or takes steps of one size only")
+        yield Skip("it has no Real outputs, or only supports a fixed step size")
         return
     for inputs in (bench.held(0.0), [other_value(v, random.Random(2)) for v in bench.inputs]):
         wrong = _jumps(bench, inputs, bench.timing.start)
         if wrong:
-            wrong = {name: said for name, said in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
-        yield from _told(wrong)
+            wrong = {name: jump for name, jump in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
+        yield from _findings(wrong)
 
 
-def _told(wrong: dict[str, str]) -> Iterator[Finding]:
+def _findings(wrong: dict[str, str]) -> Iterator[Finding]:
     if wrong:
         yield rules.FIRST_OUTPUTS.finding(listed(list(wrong.values()), most=3))
 
 
 def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dict[str, str]:
-    """Return the jumps from another start time; those already found where the FMU does not start there."""
+    """Return the jumps at another start time; return `found` if the FMU cannot start there."""
     try:
         return _jumps(bench, inputs, bench.timing.start + _ELSEWHERE)
     except CallError:
@@ -43,13 +46,13 @@ def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dic
 
 
 def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
-    """Return by name what is said of each output that jumps over a step of next to no length."""
+    """Return a description, by name, of each output that jumps in a tiny step."""
     before, *after = (_outputs(bench, inputs, start, h) for h in (0.0, *_TINY))
     if after[0] == after[1] and not _is_at_rest(bench, inputs, start, after[0]):
-        return {}  # it has steps of its own, longer than these: the change may be that of a whole one
+        return {}  # the FMU has longer internal steps: the change may be that of a whole internal step
     found = {}
     for variable, old, new, later in zip(bench.outputs, before, *after, strict=True):
-        size = max(abs(old), abs(new), variable.number("nominal") or 1.0)  # FMI: 1 where none is given
+        size = max(abs(old), abs(new), variable.number("nominal") or 1.0)  # default of FMI: 1
         jump, rate = abs(new - old), abs(later - new)
         if variable.variability == "continuous" and jump > max(_TIMES * rate, _ROUNDING * size):
             found[variable.name] = f"{variable.name} is {old:.6g} before the first step, {new:.6g} {_TINY[0]:g} s later"
@@ -67,7 +70,7 @@ def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
 
 
 def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> bool:
-    """Say whether the outputs stay as they are over long steps too."""
+    """Return whether the outputs do not change over long steps either."""
     return all(_outputs(bench, inputs, start, n * bench.timing.step) == outputs for n in (1, 2, 4))
 
 

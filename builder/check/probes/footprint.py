@@ -1,4 +1,4 @@
-"""What steps leave behind in the process: another locale, text on standard output, memory."""
+"""Probe of the effects of steps on the process: changed locale, text on standard output, memory."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from contextlib import contextmanager
 from typing import BinaryIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip, step
+from builder.check.probes.bench import Bench, Results, Skip, step
 from builder.check.probes.instance import CallError, Instance
 from builder.check.probes.memory import resident
 from builder.check.rules import Finding
 
 _WARM, _BLOCK = 1000, 6000  # steps
 _PATIENCE = 5.0  # s
-_GROWTH = 3e5  # bytes in each of two blocks: 50 bytes per step, beyond what an allocator keeps
+_GROWTH = 3e5  # bytes in each of two blocks: 50 bytes per step, more than an allocator retains
 
 
-def probe(bench: Bench) -> Said:
-    """Look at the process before and after a run, and over many steps."""
-    os.environ["LC_ALL"] = "C.UTF-8"  # what a call of setlocale(LC_ALL, "") takes; Python itself began in "C"
+def probe(bench: Bench) -> Results:
+    """Compare the process before and after a run, and over many steps."""
+    os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
     before = locale.setlocale(locale.LC_ALL)
     with _standard_output() as caught:
         with bench.running() as instance:
@@ -38,13 +38,15 @@ def probe(bench: Bench) -> Said:
         yield rules.LOCALE.finding(f"a run changed it from {before!r} to {after!r}")
     if printed:
         text = printed[:80].decode("utf-8", "replace")
-        yield rules.PRINTS.finding(f"a run of {bench.timing.count} steps printed {len(printed)} bytes, as {text!r}")
-    yield from _growth(bench) if sys.platform == "linux" else [Skip("memory is only read on Linux", "memory")]
+        yield rules.PRINTS.finding(
+            f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
+        )
+    yield from _growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
 
 
 @contextmanager
 def _standard_output() -> Iterator[BinaryIO]:
-    """Catch in a file what anything in this process writes to file descriptor 1."""
+    """Redirect everything that this process writes to file descriptor 1 into a file."""
     with tempfile.TemporaryFile() as caught:
         _flush()
         kept = os.dup(1)
@@ -64,14 +66,14 @@ def _read(caught: BinaryIO) -> bytes:
 
 
 def _flush() -> None:
-    """Write what Python and the C library still hold back."""
+    """Flush the output buffers of Python and the C library."""
     sys.stdout.flush()
-    if sys.platform != "win32":  # there each library may have a C runtime of its own
+    if sys.platform != "win32":  # on Windows, each library may have its own C runtime
         ctypes.CDLL(None).fflush(None)
 
 
 def _growth(bench: Bench) -> Iterator[Finding | Skip]:
-    """Step on and on: what is filled once, as a table or a delay, does not grow in both blocks."""
+    """Measure memory over two blocks of steps: memory that is allocated once, e.g. a table, does not grow in both."""
     try:
         with bench.running() as instance:
             done = _walk(bench, instance, range(_WARM))
@@ -84,11 +86,13 @@ def _growth(bench: Bench) -> Iterator[Finding | Skip]:
         return
     first, second = (after - before for before, after in itertools.pairwise(sizes))
     if min(first, second) > _GROWTH:
-        yield rules.STEP_GROWTH.finding(f"{done} steps of one instance, and it still grows: {second / 1e6:.1f} MB more")
+        yield rules.STEP_GROWTH.finding(
+            f"after {done} steps of one instance the process still grows: by {second / 1e6:.1f} MB in the last block"
+        )
 
 
 def _walk(bench: Bench, instance: Instance, points: range) -> int:
-    """Step through points for as long as patience lasts; return the first that was not reached."""
+    """Step through points until the time limit; return the first point that was not reached."""
     end = time.monotonic() + _PATIENCE
     for point in points:
         if time.monotonic() > end:
@@ -96,5 +100,5 @@ def _walk(bench: Bench, instance: Instance, points: range) -> int:
         bench.drive(instance, bench.excitation(bench.timing.at(point)))
         step(instance, bench.timing.at(point), bench.timing.step)
         instance.reals(bench.outputs)
-        instance.messages.clear()  # what is logged is this process's own memory
+        instance.messages.clear()  # log messages would count as memory of this process
     return points.stop

@@ -1,4 +1,4 @@
-"""Which unknowns of initialization move when a known is changed, compared with what InitialUnknowns declares."""
+"""Probe of dependencies at initialization: observed dependencies compared with those that InitialUnknowns declares."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Skip, Values, amplitude, inside
+from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, inside
 from builder.check.probes.instance import Instance, Value, refused
 from builder.check.probes.pairs import Pairs, declared_pairs
 from builder.check.probes.perturbation import change_of, other_value
 
-#: How far inputs go from their start values, in amplitudes: one point each.
+#: Distance of inputs from their start values, in amplitudes, for each point.
 _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
 _SWEEP, _MOST, _DECADES = 400, 20_000, 4
 
 
-def probe(bench: Bench) -> Said:
-    """Perturb each known at several points; those that never show, over a sweep of each input too."""
+def probe(bench: Bench) -> Results:
+    """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
     declared = declared_pairs(bench.description, "InitialUnknowns")
     unknowns = [v for v in _unknowns(bench) if v.name in declared]
     knowns = [v for v in bench.description.variables if v.type in ("Real", "Boolean") and _is_known(v)]
@@ -47,7 +47,7 @@ def _is_known(variable: Variable) -> bool:
 
 
 def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float) -> None:
-    """Leave the start values; what is refused stays as it is."""
+    """Set values other than the start values; variables whose value is rejected keep their value."""
     for variable in bench.description.of("parameter", "Boolean"):
         instance.set(variable, draw.random() < 0.5)
     for variable in bench.description.of("parameter"):
@@ -67,7 +67,7 @@ class _Point:
         self._instance, self._unknowns = instance, unknowns
 
     def perturb(self, known: Variable, pairs: Pairs) -> None:
-        """Change one known and put it back; note which unknowns moved, if they come back too."""
+        """Change one known and restore it; record the unknowns that changed, if they were restored too."""
         status, value = self._instance.get(known)
         before = self._values()
         if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value))):
@@ -76,7 +76,7 @@ class _Point:
         if refused(self._instance.set(known, value)) or during is None or self._values() != before:
             return
         for unknown, old, new in zip(self._unknowns, before, during, strict=True):
-            pairs.saw(unknown, known, (old, new))
+            pairs.record(unknown, known, (old, new))
 
     def _values(self) -> Values | None:
         status, values = self._instance.get_reals(self._unknowns)
@@ -92,7 +92,7 @@ def _changed(known: Variable, value: Value) -> Value:
 
 
 def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
-    """Some parameters only show in a narrow range of an input: look for them over all of it, closest at its start."""
+    """Sweep each input: some parameters only have an effect in a narrow range of an input, often near its start."""
     for variable in bench.inputs:
         names = pairs.unseen_knowns()
         knowns = [v for v in bench.description.variables if v.name in names]
@@ -108,7 +108,7 @@ def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
 
 
 def _spread(variable: Variable, count: int) -> Iterator[float]:
-    """Values on both sides of the start, to ten amplitudes, each farther by the same ratio."""
+    """Yield values on both sides of the start value, up to ten amplitudes, with geometric spacing."""
     start, farthest, half = variable.number("start") or 0.0, 10.0 * amplitude(variable), max(count // 2, 2)
     yield start
     for k in range(half):

@@ -1,4 +1,4 @@
-"""One instance, and the calls that a host makes; statuses are returned, and only `needed` calls raise."""
+"""One instance and the calls of a host; calls return their status, and only `need` and similar methods raise."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int
 
 
 class CallError(Exception):
-    """A call that had to succeed did not; the message names it, its status and what was logged."""
+    """A call failed that had to succeed; the message contains its name, its status and the last log message."""
 
 
 class TerminatedError(CallError):
-    """The FMU has ended the simulation, which it may: a step returned fmi2Discard and its status is terminated."""
+    """The FMU has ended the simulation, which is allowed: a step returned fmi2Discard and the status is terminated."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """One message that was logged."""
+    """One log message."""
 
     status: int
     category: bytes
@@ -56,17 +56,17 @@ class Birth:
 
 
 def base_type(variable: Variable) -> str:
-    """Return the type under which a variable is set and got."""
+    """Return the type of the functions that set and read a variable."""
     return "Integer" if variable.type == "Enumeration" else variable.type
 
 
 def refused(status: int) -> bool:
-    """Say whether a status refuses a call: fmi2Discard, fmi2Error, fmi2Fatal."""
+    """Return whether a status rejects a call: fmi2Discard, fmi2Error, fmi2Fatal."""
     return status >= DISCARD
 
 
 class Instance:
-    """An instance of an FMU; `address` is None where fmi2Instantiate gave NULL."""
+    """An instance of an FMU; `address` is None if fmi2Instantiate returned NULL."""
 
     def __init__(self, library: Library, birth: Birth) -> None:
         self.library = library
@@ -84,24 +84,24 @@ class Instance:
         self.messages.append(Message(status, category or b"", text or b""))
         self.library.categories.add(category or b"")
 
-    def said(self) -> str:
-        """Return the last warning or error that was logged, as text to add to a message."""
+    def last_message(self) -> str:
+        """Return the last logged warning or error as text to append to a message."""
         found = [m for m in self.messages if m.status >= WARNING]
         return f": {found[-1].text.decode('utf-8', 'replace').strip()[:300]}" if found else ""
 
     def call(self, name: str, *arguments: Any, note: str = "") -> int:
-        """Call fmi2<name> with this instance first."""
+        """Call fmi2<name> with this instance as first argument."""
         return self.library.call(name, self.address, *arguments, note=note)
 
     def need(self, name: str, *arguments: Any, note: str = "") -> None:
         """Call a function that must succeed.
 
         Raises:
-            CallError: It did not.
+            CallError: The call failed.
         """
         status = self.call(name, *arguments, note=note)
         if refused(status):
-            raise CallError(f"fmi2{name}{note} returned {status_name(status)}{self.said()}")
+            raise CallError(f"fmi2{name}{note} returned {status_name(status)}{self.last_message()}")
 
     def free(self) -> None:
         """Free the instance."""
@@ -143,15 +143,15 @@ class Instance:
         """Get Reals, which must succeed."""
         status, values = self.get_reals(variables)
         if refused(status):
-            raise CallError(f"fmi2GetReal returned {status_name(status)}{self.said()}")
+            raise CallError(f"fmi2GetReal returned {status_name(status)}{self.last_message()}")
         return values
 
     def step(self, time: float, h: float) -> int:
-        """Do a step; no state before it will be asked for again."""
+        """Do a step, after which earlier states will not be restored (noSetFMUStatePriorToCurrentPoint)."""
         return self.call("DoStep", time, h, 1, note=f" from {time!r} by {h!r} s")
 
     def has_terminated(self) -> bool:
-        """Say whether the step that returned fmi2Discard has ended the simulation (fmi2Terminated)."""
+        """Return whether the step that returned fmi2Discard has ended the simulation (fmi2Terminated)."""
         value = c_int()
         try:
             status = self.call("GetBooleanStatus", TERMINATED, ctypes.byref(value))
@@ -174,7 +174,7 @@ class Instance:
         return bytes(buffer.raw)
 
     def deserialize(self, content: bytes) -> tuple[int, c_void_p]:
-        """Return the status and the state made from bytes."""
+        """Return the status and the deserialized state."""
         state = c_void_p()
         return self.call("DeSerializeFMUstate", content, len(content), ctypes.byref(state)), state
 
@@ -194,7 +194,7 @@ class Instance:
         return self.call("SetRealInputDerivatives", _references(variables), count, orders, (c_double * count)(*slopes))
 
     def output_derivatives(self, variables: Sequence[Variable], order: int) -> tuple[int, list[float]]:
-        """Return the status and the derivatives of outputs of an order."""
+        """Return the status and the output derivatives of an order."""
         count = len(variables)
         values = (c_double * count)()
         orders = (c_int * count)(*[order] * count)
@@ -213,5 +213,5 @@ def status_name(status: int) -> str:
 
 
 def is_error(status: int) -> bool:
-    """Say whether a status is fmi2Error or fmi2Fatal."""
+    """Return whether a status is fmi2Error or fmi2Fatal."""
     return status >= ERROR

@@ -1,4 +1,4 @@
-"""Many instances: interleaved, in threads, fifty at once, three hundred one after another."""
+"""Probe of several instances: interleaved, in threads, fifty at once, three hundred one after another."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip, Values, differ
+from builder.check.probes.bench import Bench, Results, Skip, Values, differ
 from builder.check.probes.instance import CallError, Instance
 from builder.check.probes.memory import resident
 from builder.check.rules import Finding
 
 _MANY, _CYCLES, _WARM = 50, 300, 30
-_GROWTH = 1.5e6  # bytes: 5 kB per instance, beyond what an allocator keeps
+_GROWTH = 1.5e6  # bytes: 5 kB per instance, more than an allocator retains
 
 
-def probe(bench: Bench) -> Said:
-    """Try them."""
+def probe(bench: Bench) -> Results:
+    """Compare the outputs of several instances with those of one alone, and measure memory growth."""
     if bench.description.can("canBeInstantiatedOnlyOncePerProcess"):
         yield Skip("canBeInstantiatedOnlyOncePerProcess is true")
         return
@@ -30,7 +30,7 @@ def probe(bench: Bench) -> Said:
     if sys.platform == "linux":
         yield from _growth(bench)
     else:
-        yield Skip("memory is only read on Linux", "growth")
+        yield Skip("memory is only measured on Linux", "growth")
 
 
 def _quiet(bench: Bench, time: float) -> Values:
@@ -44,7 +44,9 @@ def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
             rows += bench.run(one, bench.excitation, range(point, point + 1))
             bench.run(other, lambda time: _quiet(bench, time), range(point, point + 1))
     if worst := differ(alone, rows):
-        yield rules.INSTANCES.finding(f"interleaved with another its outputs differ by {worst:.1e} of their size")
+        yield rules.INSTANCES.finding(
+            f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
+        )
 
 
 def _threads(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
@@ -88,4 +90,4 @@ def _growth(bench: Bench) -> Iterator[Finding]:
         cycle()
     grown = resident() - before
     if grown > _GROWTH:
-        yield rules.GROWTH.finding(f"{_CYCLES} instances created and freed left {grown / 1e6:.1f} MB")
+        yield rules.GROWTH.finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")

@@ -1,4 +1,4 @@
-"""The C functions of an FMU, called with no more than types and a note of which call has begun."""
+"""The C functions of an FMU, with argument types and a record of the last call."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MODEL_EXCHANGE: Final = 0
 CO_SIMULATION: Final = 1
 #: fmi2StatusKind.
 TERMINATED: Final = 3
-#: What is noted as begun before the one call with NULL that the standard allows.
+#: Recorded name of the only call with NULL that the standard allows.
 FREEING_NOTHING: Final = "fmi2FreeInstance(NULL)"
 STATUS_NAMES: Final = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
 
@@ -110,9 +110,10 @@ class MissingFunctionError(Exception):
 
 
 class Library:
-    """A loaded binary; `call` writes what it calls into the file `progress` first, for whoever survives a crash.
+    """A loaded binary.
 
-    `categories` are those that its instances have logged in.
+    `call` writes the name of the function into the file `progress` first, so that it is known after a crash.
+    `categories` are the log categories that its instances have used.
     """
 
     def __init__(self, path: Path, progress: Path) -> None:
@@ -127,15 +128,15 @@ class Library:
         self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
 
     def again(self) -> Library:
-        """Load a copy of the binary, with static memory of its own."""
+        """Load a copy of the binary with separate static memory."""
         folder = tempfile.mkdtemp(prefix="eightpost_binary_", dir=self.path.parent)
         copy = Library(Path(shutil.copy2(self.path, folder)), self.progress)
         copy.path, copy.categories = self.path, self.categories
-        shutil.rmtree(folder, ignore_errors=True)  # where a loaded file can be removed, there is one at a time
+        shutil.rmtree(folder, ignore_errors=True)  # on systems that can remove a loaded file, at most one copy remains
         return copy
 
     def begin(self, call: str) -> None:
-        """Note which call begins."""
+        """Record the name of a call before it is made."""
         text = call.encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 
@@ -143,7 +144,7 @@ class Library:
         """Call fmi2<name>; return its status.
 
         Raises:
-            MissingFunctionError: It is not exported.
+            MissingFunctionError: The function is not exported.
         """
         function = self._function(name)
         self.begin(f"fmi2{name}{note}")
@@ -169,19 +170,19 @@ def memory_functions() -> tuple[int | None, int | None]:
 
 
 def binary_path(folder: Path, identifier: str) -> Path | None:
-    """Return the binary of this platform in an unpacked FMU, None where there is none."""
+    """Return the binary for this platform in an unpacked FMU, or None."""
     paths = (folder / name for name in binary_members(identifier))
     return next((path for path in paths if path.is_file()), None)
 
 
 def binary_members(identifier: str) -> tuple[str, ...]:
-    """Return the names in an archive under which a binary for this platform may be."""
+    """Return the possible names of a binary for this platform in an archive."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     return tuple(f"binaries/{name}/{identifier}{suffix}" for name in platform_folders())
 
 
 def platform_folders() -> tuple[str, ...]:
-    """Return the folders of binaries/ for this platform, that of FMI 2.0 first."""
+    """Return the folders of binaries/ for this platform; the name of FMI 2.0 comes first."""
     system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
     machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else "x86_64"
     bits = "64" if sys.maxsize > 2**32 else "32"

@@ -1,4 +1,4 @@
-"""How much memory this process holds."""
+"""Memory use of this process."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from pathlib import Path
 
 
 def resident() -> int:
-    """Return the bytes of memory that the process holds (Linux)."""
-    gc.collect()  # callbacks and their instances hold each other
+    """Return the resident memory of the process in bytes (Linux)."""
+    gc.collect()  # callbacks and their instances refer to each other
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")

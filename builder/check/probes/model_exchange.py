@@ -1,4 +1,4 @@
-"""Model exchange, where it is declared: an FMU that is only good for co-simulation must not promise it."""
+"""Probe of model exchange: an FMU that only supports co-simulation must not declare it."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from ctypes import c_double, c_int
 from dataclasses import replace
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip
+from builder.check.probes.bench import Bench, Results, Skip
 from builder.check.probes.instance import CallError, Instance
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunctionError
 from builder.check.rules import Finding
 
-_STEPS, _H = 5, 1e-6  # s: Euler's method must not leave the range of a stiff model
+_STEPS, _H = 5, 1e-6  # s: Euler's method must stay stable for a stiff model
 _MOST_ITERATIONS = 100
 
 
-def probe(bench: Bench) -> Said:
-    """Take a few tiny steps of Euler's method."""
+def probe(bench: Bench) -> Results:
+    """Do a few tiny steps of Euler's method."""
     declared = bench.description.model_exchange
     if declared is None:
-        yield Skip("it does not offer model exchange")
+        yield Skip("it does not support model exchange")
     elif declared.get("modelIdentifier") != bench.description.identifier:
-        yield Skip("its model exchange is in a binary of its own")
+        yield Skip("its model exchange is in a separate binary")
     else:
-        yield from _tried(bench)
+        yield from _run(bench)
 
 
-def _tried(bench: Bench) -> Iterator[Finding]:
+def _run(bench: Bench) -> Iterator[Finding]:
     try:
         with bench.instance(replace(bench.birth, kind=MODEL_EXCHANGE)) as instance:
             yield from _steps(bench, instance)
@@ -46,7 +46,7 @@ def _steps(bench: Bench, instance: Instance) -> Iterator[Finding]:
     indicators = _count(bench.description.attributes.get("numberOfEventIndicators", "0"))
     nominals = _vector(instance, "GetNominalsOfContinuousStates", count)
     if not all(math.isfinite(value) and value > 0.0 for value in nominals):
-        yield rules.MODEL_EXCHANGE.finding(f"nominals of continuous states are not above zero: {nominals[:6]}")
+        yield rules.MODEL_EXCHANGE.finding(f"nominals of continuous states are not positive: {nominals[:6]}")
     states = _vector(instance, "GetContinuousStates", count)
     for point in range(1, _STEPS + 1):
         slopes = _vector(instance, "GetDerivatives", count)
@@ -58,15 +58,15 @@ def _steps(bench: Bench, instance: Instance) -> Iterator[Finding]:
         instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
         _vector(instance, "GetEventIndicators", indicators)
         if enter.value or end.value:
-            return  # an event of its own so soon is no defect
+            return  # an early event of the FMU is not a defect
     instance.need("Terminate")
 
 
 def _iterate_events(instance: Instance) -> bool:
-    """Do the event iteration after initialization; say whether the FMU ends the simulation there.
+    """Do the event iteration after initialization; return whether the FMU ends the simulation there.
 
     Raises:
-        CallError: A call was refused, or the iteration does not end.
+        CallError: A call was rejected, or the iteration does not end.
     """
     for _ in range(_MOST_ITERATIONS):
         info = EventInfo()

@@ -1,4 +1,4 @@
-"""NULL where an array should be."""
+"""Probe of NULL arguments in place of arrays."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from ctypes import c_double, c_uint
 from typing import Any
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said
+from builder.check.probes.bench import Bench, Results
 from builder.check.probes.instance import refused
 from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import listed
 
 
-def probe(bench: Bench) -> Said:
-    """Free no instance, which the standard allows; then give NULL for each array in turn."""
+def probe(bench: Bench) -> Results:
+    """Call fmi2FreeInstance(NULL), which the standard allows; then pass NULL for each array in turn."""
     bench.library.begin(FREEING_NOTHING)
     bench.library._function("FreeInstance")(None)
     accepted = []

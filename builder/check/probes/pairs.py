@@ -1,4 +1,4 @@
-"""What is declared to depend on what, and what was seen."""
+"""Comparison of declared and observed dependencies."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from builder.check.catalogue import behaviour as rules
 from builder.check.description import Description, Variable
 from builder.check.rules import Finding, Rule, listed
 
-#: Changes relative to the unknown's size (its nominal value at least): what rounding makes, and what it never makes.
+#: Changes relative to the unknown's size (at least its nominal value): possible by rounding, and never by rounding.
 _ROUNDING, _CERTAIN = 1e-13, 1e-9
 
 
 def declared_pairs(description: Description, section: str) -> dict[str, set[str]]:
-    """Return by the name of each unknown that declares dependencies the names of what it depends on."""
+    """Return the names of the declared dependencies of each unknown that declares any."""
     found: dict[str, set[str]] = {}
     for unknown in description.in_section(section):
         variable = description.variable(unknown.index)
@@ -24,9 +24,9 @@ def declared_pairs(description: Description, section: str) -> dict[str, set[str]
 
 
 class Pairs:
-    """Pairs of unknown and known: declared ones, and those seen when the known was changed.
+    """Pairs of unknown and known: declared pairs, and pairs observed when the known was changed.
 
-    `tried` are the names of the knowns that are changed at all.
+    `tried` are the names of the knowns that are changed.
     """
 
     def __init__(self, declared: Mapping[str, set[str]], tried: set[str]) -> None:
@@ -34,8 +34,8 @@ class Pairs:
         self._seen: set[tuple[str, str]] = set()
         self._certain: set[tuple[str, str]] = set()
 
-    def saw(self, unknown: Variable, known: Variable, values: tuple[float, float]) -> None:
-        """Note the values that an unknown had with a known at two values."""
+    def record(self, unknown: Variable, known: Variable, values: tuple[float, float]) -> None:
+        """Record the two values of an unknown for two values of a known."""
         first, second = values
         change, size = abs(second - first), max(abs(first), abs(second), unknown.number("nominal") or 1.0)
         if change > _ROUNDING * size:
@@ -52,23 +52,23 @@ class Pairs:
         ]
 
     def unseen_knowns(self) -> set[str]:
-        """Return the knowns that are declared somewhere and were not seen there."""
+        """Return the knowns of all declared pairs that were not observed."""
         return {known for _, known in self._unseen()}
 
     def findings(self, where: str, false: Rule) -> Iterator[Finding]:
-        """Compare: `false` is the rule against a declaration that never showed."""
+        """Compare both; `false` is the rule for declared dependencies that were never observed."""
         hidden: dict[str, list[str]] = {}
         for unknown, known in sorted(self._certain):
             if known not in self._declared.get(unknown, {known}):
                 hidden.setdefault(unknown, []).append(known)
         for unknown, knowns in hidden.items():
-            yield rules.HIDDEN.finding(f"{where} {unknown} follows {listed(knowns)}, which it does not declare")
+            yield rules.HIDDEN.finding(f"{where} {unknown} depends on {listed(knowns)}, which it does not declare")
         never: dict[str, list[str]] = {}
         for unknown, known in self._unseen():
             never.setdefault(unknown, []).append(known)
         for unknown, knowns in never.items():
             rule = rules.FALSE_VELOCITY if false is rules.FALSE_VELOCITY and _is_velocity(unknown) else rules.FALSE
-            yield rule.finding(f"{where} {unknown} never followed {listed(knowns)}, which it declares")
+            yield rule.finding(f"{where} {unknown} never depended on {listed(knowns)}, which it declares")
 
 
 def _is_velocity(name: str) -> bool:

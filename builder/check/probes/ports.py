@@ -1,4 +1,4 @@
-"""Velocity/force ports: a shock takes a velocity and gives a force, a vehicle the other way round."""
+"""Probe of velocity/force ports: a shock has input velocity and output force, a vehicle the reverse."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, Skip, Values, inside, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, inside, step
 from builder.check.rules import Finding
 
 _FREQUENCY, _POINTS, _CYCLES = 4.0, 250, 3
@@ -19,15 +19,15 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class _Port:
-    """A pair of variables at one port, and the displacement beside the velocity if there is one."""
+    """The velocity and force of one port, and its displacement if there is one."""
 
     velocity: Variable
     force: Variable
     displacement: Variable | None
 
 
-def probe(bench: Bench) -> Said:
-    """Find the ports and move them."""
+def probe(bench: Bench) -> Results:
+    """Find the ports and excite them."""
     shocks = list(_ports(bench, "input", "output"))
     vehicles = list(_ports(bench, "output", "input"))
     if not shocks and not vehicles:
@@ -50,7 +50,7 @@ def _ports(bench: Bench, velocity: str, force: str) -> Iterator[_Port]:
 
 
 def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
-    """Drive a shock around closed cycles; judge the last."""
+    """Drive a shock through closed cycles and check the last one."""
     h = 1 / (_FREQUENCY * _POINTS)
     if not bench.description.can("canHandleVariableCommunicationStepSize"):
         h = bench.timing.step
@@ -65,11 +65,11 @@ def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
     powers = [v * f for v, f in zip(velocities, forces, strict=True)]
     energy, scale = sum(powers) * h, sum(map(abs, powers)) * h
     if energy < -_TOLERANCE * scale:
-        yield rules.PASSIVE.finding(f"{port.force.name} gave {-energy:.4g} J in a cycle of {size:g} m/s")
+        yield rules.PASSIVE.finding(f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s")
 
 
 def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, Values]:
-    """Return velocity and force over the last cycle, force at the end of the step in which the velocity is held."""
+    """Return velocity and force over the last cycle; the force is that at the end of the step with that velocity."""
     velocities: Values = []
     forces: Values = []
     rate = 2 * math.pi / (_POINTS * h)
@@ -89,7 +89,7 @@ def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, V
 
 
 def _push(bench: Bench, port: _Port) -> Iterator[Finding]:
-    """Push a vehicle apart at one port, from the start of a run: the shock there must extend."""
+    """Apply a positive force at one port of a vehicle from the start of a run: the shock there must extend."""
     ends = []
     for force in (0.0, _FORCE):
         with bench.running() as instance:

@@ -1,4 +1,4 @@
-"""Reference results in extra/, as the FMI cross-check has them: <name>_ref.csv, <name>_in.csv, <name>_ref.opt."""
+"""Probe of the reference results in extra/ (files of the FMI cross-check: NAME_ref.csv, NAME_in.csv, NAME_ref.opt)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from builder.check.catalogue import archive as rules
-from builder.check.probes.bench import Bench, Said, Skip, step
+from builder.check.probes.bench import Bench, Results, Skip, step
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, listed
 
@@ -18,8 +18,8 @@ _TOLERANCE = 1e-3
 Columns = Mapping[str, list[float]]
 
 
-def probe(bench: Bench) -> Said:
-    """Compute every reference again."""
+def probe(bench: Bench) -> Results:
+    """Compute every reference result again and compare."""
     found = sorted(bench.folder.glob("extra/**/*_ref.csv"))
     if not found:
         yield Skip("there are no reference results in extra/")
@@ -32,25 +32,25 @@ def probe(bench: Bench) -> Said:
 
 def _compare(bench: Bench, path: Path) -> Iterator[Finding]:
     stem = path.name.removesuffix("_ref.csv")
-    wanted = _columns(path)
+    expected = _columns(path)
     inputs = _columns(path.with_name(f"{stem}_in.csv")) if path.with_name(f"{stem}_in.csv").is_file() else {}
     options = _options(path.with_name(f"{stem}_ref.opt"))
-    names = [name for name in wanted if name != "time" and name in bench.description.by_name]
-    got = _run(bench, wanted["time"], inputs, names)
+    names = [name for name in expected if name != "time" and name in bench.description.by_name]
+    got = _run(bench, expected["time"], inputs, names)
     tolerance = options.get("RelTol", _TOLERANCE)
-    wrong = {name: worst for name in names if not (worst := _worst(got[name], wanted[name])) <= tolerance}
+    wrong = {name: worst for name in names if not (worst := _worst(got[name], expected[name])) <= tolerance}
     if wrong:
         shown = listed([f"{name} by {worst:.1e}" for name, worst in wrong.items()])
-        yield rules.REFERENCE.finding(f"{path.name}: beyond {tolerance:g} of their size differ {shown}")
+        yield rules.REFERENCE.finding(f"{path.name}: outputs differ by more than {tolerance:g} of their size: {shown}")
 
 
-def _worst(got: list[float], wanted: list[float]) -> float:
-    size = max(map(abs, wanted)) or 1.0
-    return max(abs(a - b) for a, b in zip(got, wanted, strict=True)) / size
+def _worst(got: list[float], expected: list[float]) -> float:
+    size = max(map(abs, expected)) or 1.0
+    return max(abs(a - b) for a, b in zip(got, expected, strict=True)) / size
 
 
 def _run(bench: Bench, times: list[float], inputs: Columns, names: list[str]) -> dict[str, list[float]]:
-    """Step from row to row, with inputs held over each step, as the rules of the cross-check have it."""
+    """Step from row to row, with inputs held over each step as in the rules of the cross-check."""
     variables = [bench.description.by_name[name] for name in names]
     rows = []
     with bench.instance() as instance:
@@ -70,7 +70,7 @@ def _set_inputs(bench: Bench, instance: Instance, inputs: Columns, time: float) 
     values = [_at(inputs, v.name, time) for v in driven]
     status = instance.set_reals(driven, values)
     if refused(status):
-        raise CallError(f"inputs at {time:g} s were refused{instance.said()}")
+        raise CallError(f"inputs at {time:g} s were rejected{instance.last_message()}")
 
 
 def _at(columns: Columns, name: str, time: float) -> float:

@@ -1,4 +1,4 @@
-"""fmi2Reset: the run after it is the run before it."""
+"""Probe of fmi2Reset: a run after it must equal the run before it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip, Values, differ, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, differ, step
 from builder.check.probes.instance import CallError, Instance, TerminatedError
 from builder.check.probes.perturbation import other_value
 from builder.check.rules import Finding
@@ -18,7 +18,7 @@ _STRIDE = 10  # steps
 _PATIENCE, _PROCESSOR_PATIENCE = 40.0, 15.0  # s
 
 
-def probe(bench: Bench) -> Said:
+def probe(bench: Bench) -> Results:
     """Run, disturb, reset, run again: from the middle, from initialization mode, after the end."""
     with bench.instance() as instance:
         first = _run(bench, instance)
@@ -31,7 +31,7 @@ def probe(bench: Bench) -> Said:
 
 
 def _late(bench: Bench) -> Iterator[Finding | Skip]:
-    """Reset after twice the default experiment, and do all of it again: some resets fail only then, or show it late."""
+    """Reset after twice the default experiment and repeat the run: some defects only occur or show late."""
     most = 2 * bench.timing.whole
     with bench.instance() as instance:
         first = _long_run(bench, instance, most)
@@ -41,7 +41,7 @@ def _late(bench: Bench) -> Iterator[Finding | Skip]:
             yield from _after_the_end(bench, instance)
     end = bench.timing.at(first.steps)
     if first.refusal is not None:
-        with bench.instance() as instance:  # it is reset just before the step that was refused
+        with bench.instance() as instance:  # it is reset just before the step that was rejected
             _long_run(bench, instance, first.steps, patient=True)
             yield from _repeated(bench, instance, first)
     if first.steps < most:
@@ -60,7 +60,7 @@ def _repeated(bench: Bench, instance: Instance, first: _LongRun) -> Iterator[Fin
 
 
 def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Finding]:
-    """Reset an instance that has ended the simulation by itself."""
+    """Reset an instance that has ended the simulation itself."""
     try:
         instance.need("Reset", note=" after the FMU ended the simulation")
         bench.initialize(instance)
@@ -71,7 +71,7 @@ def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _LongRun:
-    """A run of many steps: outputs at every tenth point, the number of steps, and what refused a step."""
+    """A run of many steps: outputs at every tenth point, the number of steps, and the error of the last step."""
 
     rows: list[Values]
     steps: int
@@ -79,7 +79,7 @@ class _LongRun:
 
 
 def _long_run(bench: Bench, instance: Instance, most: int, *, patient: bool = False) -> _LongRun:
-    """Step for as long as patience lasts, or until a step is refused; inputs are held over ten steps."""
+    """Step until the time limit, or until a step is rejected; inputs are constant over ten steps."""
     bench.initialize(instance)
     rows: list[Values] = []
     point = 0
@@ -93,7 +93,7 @@ def _long_run(bench: Bench, instance: Instance, most: int, *, patient: bool = Fa
                 bench.drive(instance, bench.excitation(bench.timing.at(point)))
             step(instance, bench.timing.at(point), bench.timing.step)
             point += 1
-    except CallError as error:  # beyond its experiment an FMU may have nothing to go on with
+    except CallError as error:  # after the end of its experiment an FMU may have no data
         return _LongRun(rows, point, error)
     return _LongRun(rows, point, None)
 
@@ -104,8 +104,8 @@ def _run(bench: Bench, instance: Instance) -> list[Values]:
 
 
 def _disturb(bench: Bench, instance: Instance, where: str) -> None:
-    """Leave the instance with other parameters, inputs and states; what it refuses is not set."""
-    if where == "between steps":  # it has just run: take it from where it is
+    """Change parameters, inputs and states of the instance; values that it rejects are ignored."""
+    if where == "between steps":  # the instance has just run
         instance.need("Reset")
     bench.enter(instance)
     draw = random.Random(1)

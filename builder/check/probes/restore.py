@@ -1,4 +1,4 @@
-"""`python -m builder.check.probes.restore <unpacked FMU> <progress file> <state> <steps>`: a restored run's outputs."""
+"""Command that restores a state: `python -m builder.check.probes.restore UNPACKED_FMU PROGRESS_FILE STATE STEPS`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from builder.check.probes.state import restored
 
 
 def main(folder: Path, progress: Path, saved: Path, reach: int) -> None:
-    """Restore the bytes in a fresh instance and print the outputs, a line each point, in hexadecimal."""
+    """Restore the state in a new instance, continue the run, and print the outputs in hexadecimal, a line per point."""
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     bench = open_bench(folder, progress, reach)

@@ -1,4 +1,4 @@
-"""The same point of a run again and again: by FMU state, or by a new run where there is none."""
+"""Return to the same point of a run repeatedly: by FMU state if the FMU supports it, otherwise by a new run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _POINTS = 10
 
 @dataclass(frozen=True)
 class Route:
-    """The way to a point: inputs `scale` amplitudes from their start values, parameters elsewhere if `moves`."""
+    """The run to a point: inputs `scale` amplitudes from their start values, changed parameters if `moves`."""
 
     seed: int
     scale: float
@@ -26,7 +26,7 @@ class Route:
 
 @dataclass(frozen=True)
 class Place:
-    """A point of a run: the inputs that led to it, its time [s], an instance, and what takes it back there."""
+    """A point of a run: the inputs up to it, its time [s], an instance, and a function that returns it to the point."""
 
     bench: Bench
     inputs: Values
@@ -44,10 +44,10 @@ class Place:
 
 @contextmanager
 def place(bench: Bench, route: Route) -> Iterator[Place]:
-    """Give the point to which a route leads.
+    """Provide the point to which a route leads.
 
     Raises:
-        CallError: A call on the way was refused.
+        CallError: A call was rejected on the way.
     """
     time = bench.timing.at(_points(bench))
     with bench.instance() as instance:

@@ -1,4 +1,4 @@
-"""The calls of a plain host: start values, inputs held, inputs moving, the same again, with and without logs."""
+"""Probe of plain simulations: start values, constant inputs, varying inputs, repeated with and without logs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import REACH, Bench, Measured, Said, Values, differ
+from builder.check.probes.bench import REACH, Bench, Measured, Results, Values, differ
 from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused
 from builder.check.probes.library import ERROR
 from builder.check.rules import Finding, listed
@@ -18,8 +18,8 @@ from builder.check.rules import Finding, listed
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 
-def probe(bench: Bench) -> Said:
-    """Simulate."""
+def probe(bench: Bench) -> Results:
+    """Simulate and check start values, outputs, repeatability and log messages."""
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
         reached = _walk(bench, instance, bench.held)
@@ -27,7 +27,7 @@ def probe(bench: Bench) -> Said:
             yield from _time(bench, instance)
             instance.need("Terminate")
     if bench.inputs:
-        with bench.running() as instance, suppress(CallError):  # below, that is a finding
+        with bench.running() as instance, suppress(CallError):  # reported as a finding below
             reached = min(reached, _walk(bench, instance, bench.excitation))
     if reached < bench.timing.count:
         yield Measured(REACH, str(reached))
@@ -41,12 +41,12 @@ def probe(bench: Bench) -> Said:
     (first, messages), (second, _) = runs
     yield from _finite(bench, first)
     if first and differ(first, second):
-        yield rules.DETERMINISM.finding("a second run in the same process gave other outputs")
+        yield rules.DETERMINISM.finding("a second run in the same process gave different outputs")
     yield from _messages(messages)
 
 
 def _walk(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
-    """Step until the end, or until the FMU ends the simulation by itself; return the number of steps before that."""
+    """Step until the end, or until the FMU ends the simulation itself; return the number of completed steps."""
     for point in bench.all_points():
         try:
             bench.run(instance, signal, range(point, point + 1))
@@ -71,14 +71,14 @@ def _time(bench: Bench, instance: Instance) -> Iterator[Finding]:
         return
     point = bench.timing.count
     while (late := _lateness(bench, instance, times[0], point)) and point < bench.timing.whole:
-        bench.run(instance, bench.held, range(point, point + 1))  # it may have steps of its own, longer than these
+        bench.run(instance, bench.held, range(point, point + 1))  # the FMU may have longer internal steps
         point += 1
     if late:
         yield rules.TIME.finding(f"{times[0].name} is {late!r} s behind at {bench.timing.at(point)!r} s")
 
 
 def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> float:
-    """Return by how much [s] the time variable differs from the time of a point; 0 where it is rounding."""
+    """Return the difference [s] between the time of a point and the time variable; 0 if it is only rounding."""
     (found,), there = instance.reals([time]), bench.timing.at(point)
     return 0.0 if abs(found - there) <= 1e-9 * max(1.0, abs(there)) else there - found
 
@@ -91,9 +91,11 @@ def _start_values(bench: Bench) -> Iterator[Finding]:
                 continue
             status, value = instance.get(variable)
             if refused(status):
-                raise CallError(f"fmi2Get of {variable.name} in initialization mode was refused{instance.said()}")
+                raise CallError(
+                    f"fmi2Get of {variable.name} in initialization mode was rejected{instance.last_message()}"
+                )
             if not _agrees(variable, value):
-                wrong.append(f"{variable.name} is {value!r}, in the XML {variable.start}")
+                wrong.append(f"{variable.name} is {value!r}, but {variable.start} in the XML")
     if wrong:
         yield rules.START_AGREES.finding("; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else ""))
 
@@ -123,11 +125,11 @@ def _messages(messages: list[Message]) -> Iterator[Finding]:
     errors = list(dict.fromkeys(_shown(m.text) for m in messages if m.status >= ERROR))
     if errors:
         yield rules.LOGGED_ERROR.finding(f"it logged {listed(errors, most=2)}")
-    if wrong := next((m for m in messages if _unfinished(m)), None):
+    if wrong := next((m for m in messages if _is_unformatted(m)), None):
         yield rules.LOG_TEXT.finding(f"it logged {wrong.text[:200]!r}")
 
 
-def _unfinished(message: Message) -> bool:
+def _is_unformatted(message: Message) -> bool:
     try:
         text = message.text.decode("utf-8")
     except UnicodeDecodeError:

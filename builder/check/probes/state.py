@@ -1,4 +1,4 @@
-"""FMU states: rollback, other instances, other processes."""
+"""Probe of FMU states: rollback, restoring in other instances and other processes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Said, Skip, Values, differ
+from builder.check.probes.bench import Bench, Results, Skip, Values, differ
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, Rule
 from eightpost.interpreter import python_command
@@ -18,8 +18,8 @@ _TOLERANCE = 1e-9
 _TIMEOUT = 60.0
 
 
-def probe(bench: Bench) -> Said:
-    """Save in the middle of a run, go on, restore, go on again."""
+def probe(bench: Bench) -> Results:
+    """Save a state in the middle of a run, continue, restore the state, continue again."""
     if not bench.description.can("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate is not true")
         return
@@ -53,7 +53,7 @@ def _rollback(bench: Bench) -> Iterator[Finding]:
 
 
 def _start(bench: Bench) -> Iterator[Finding]:
-    """A state saved right after initialization restores the beginning."""
+    """Check that a state saved right after initialization restores the start of the run."""
     with bench.running() as instance:
         state = instance.state()
         first = bench.run(instance, bench.excitation, bench.all_points())
@@ -70,7 +70,7 @@ def _freed(bench: Bench) -> Iterator[Finding]:
         if refused(status) or state.value is not None:
             yield rules.STATE_FREED.finding("the pointer is not NULL after fmi2FreeFMUstate")
         elif refused(instance.call("FreeFMUstate", ctypes.byref(state), note=" of NULL")):
-            yield rules.STATE_FREED.finding("fmi2FreeFMUstate of NULL is refused")
+            yield rules.STATE_FREED.finding("fmi2FreeFMUstate of NULL is rejected")
 
 
 def _serialized(bench: Bench) -> Iterator[Finding]:
@@ -80,22 +80,24 @@ def _serialized(bench: Bench) -> Iterator[Finding]:
         state = instance.state()
         content = instance.serialized(state)
         if content != instance.serialized(state) or content != instance.serialized(instance.state()):
-            yield rules.SAME_BYTES.finding("two serializations of one state differ")
+            yield rules.SAME_BYTES.finding("two serializations of the same state differ")
         first = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
-    with bench.running() as other:  # only now: some FMUs allow one instance at a time
+    with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
         yield from _compare(rules.SERIALIZED, "in another instance", first, restored(bench, other, content))
     yield from _other_process(bench, content, first)
 
 
 def restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
-    """Run the second half from bytes; return the outputs there and after each step.
+    """Run the second half from a serialized state; return the outputs at the state and after each step.
 
     Raises:
-        CallError: A call was refused.
+        CallError: A call was rejected.
     """
     status, state = instance.deserialize(content)
     if refused(status):
-        raise CallError(f"fmi2DeSerializeFMUstate refused bytes of its own{instance.said()}")
+        raise CallError(
+            f"fmi2DeSerializeFMUstate rejected a state that the FMU itself serialized{instance.last_message()}"
+        )
     instance.need("SetFMUstate", state)
     return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, halves(bench)[1])]
 

@@ -1,4 +1,4 @@
-"""Calls that a host should not make: each on a fresh instance, each must be refused."""
+"""Probe of invalid calls: each is made on a new instance and must be rejected."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said, step
+from builder.check.probes.bench import Bench, Results, step
 from builder.check.probes.instance import CallError, Instance, Value, refused, status_name
 from builder.check.probes.library import ERROR, FATAL, MissingFunctionError
 from builder.check.rules import Finding, Rule, listed
@@ -17,7 +17,7 @@ from builder.check.rules import Finding, Rule, listed
 
 @dataclass(frozen=True)
 class _Misuse:
-    """A call that must be refused: how the instance comes there, and the call."""
+    """A call that must be rejected: its title, the rule, the preparation of the instance, and the call."""
 
     title: str
     rule: Rule
@@ -25,8 +25,8 @@ class _Misuse:
     call: Callable[[Instance], int]
 
 
-def probe(bench: Bench) -> Said:
-    """Try every misuse, then what must be possible; last what makes some FMUs step for ever."""
+def probe(bench: Bench) -> Results:
+    """Try every invalid call, then valid ones; a step of NaN comes last, because some FMUs never return from it."""
     yield from _refusals(bench, list(_misuses(bench)))
     yield from _guid(bench)
     yield from _tunable(bench)
@@ -66,18 +66,24 @@ def _misuses(bench: Bench) -> Iterator[_Misuse]:
     yield _Misuse("fmi2DoStep before initialization", rules.ORDER, bench.instance, stepping(t, h))
     yield _Misuse("fmi2DoStep in initialization mode", rules.ORDER, bench.initializing, stepping(t, h))
     yield _Misuse(
-        "fmi2ExitInitializationMode before entering it", rules.ORDER, bench.instance, calling("ExitInitializationMode")
+        "fmi2ExitInitializationMode before initialization mode",
+        rules.ORDER,
+        bench.instance,
+        calling("ExitInitializationMode"),
     )
     yield _Misuse(
         "fmi2EnterInitializationMode twice", rules.ORDER, bench.initializing, calling("EnterInitializationMode")
     )
     yield _Misuse(
-        "fmi2EnterInitializationMode after it", rules.ORDER, bench.running, calling("EnterInitializationMode")
+        "fmi2EnterInitializationMode after initialization",
+        rules.ORDER,
+        bench.running,
+        calling("EnterInitializationMode"),
     )
     yield _Misuse("fmi2DoStep after fmi2Terminate", rules.ORDER, bench.running, _terminated(bench))
-    yield _Misuse("fmi2DoStep from another point", rules.STEP, bench.running, stepping(t + 10 * h, h))
-    yield _Misuse("fmi2DoStep of no length", rules.STEP, bench.running, stepping(t, 0.0))
-    yield _Misuse("fmi2DoStep backwards", rules.STEP, bench.running, stepping(t, -h))
+    yield _Misuse("fmi2DoStep from a wrong point", rules.STEP, bench.running, stepping(t + 10 * h, h))
+    yield _Misuse("fmi2DoStep of zero length", rules.STEP, bench.running, stepping(t, 0.0))
+    yield _Misuse("fmi2DoStep of negative length", rules.STEP, bench.running, stepping(t, -h))
     yield _Misuse("fmi2DoStep past the stop time", rules.STOP_TIME, bench.instance, _past_the_end(bench))
     yield from _locked(bench)
 
@@ -104,7 +110,7 @@ def _past_the_end(bench: Bench) -> Callable[[Instance], int]:
 
 
 def _locked(bench: Bench) -> Iterator[_Misuse]:
-    """Fixed parameters and outputs, once the FMU runs."""
+    """Yield calls that set fixed parameters and outputs after initialization."""
 
     def setting(variable: Variable, value: Value) -> Callable[[Instance], int]:
         return lambda instance: instance.set(variable, value)
@@ -130,10 +136,10 @@ def _runs_after_reset(bench: Bench, instance: Instance) -> bool:
 
 
 def _guid(bench: Bench) -> Iterator[Finding]:
-    born = Instance(bench.library, replace(bench.birth, guid="{00000000-0000-0000-0000-000000000000}"))
-    if born.address is not None:
-        born.free()
-        yield rules.GUID_CHECKED.finding("fmi2Instantiate with another GUID returned an instance")
+    created = Instance(bench.library, replace(bench.birth, guid="{00000000-0000-0000-0000-000000000000}"))
+    if created.address is not None:
+        created.free()
+        yield rules.GUID_CHECKED.finding("fmi2Instantiate with a wrong GUID returned an instance")
 
 
 def _tunable(bench: Bench) -> Iterator[Finding]:
@@ -146,4 +152,4 @@ def _tunable(bench: Bench) -> Iterator[Finding]:
                 status = instance.step(bench.timing.start, bench.timing.step)
             wrong += [variable.name] if refused(status) else []
     if wrong:
-        yield rules.TUNABLE.finding(f"set to their start values between steps and refused: {listed(wrong)}")
+        yield rules.TUNABLE.finding(f"rejected when set to the start value between steps: {listed(wrong)}")

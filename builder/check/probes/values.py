@@ -1,4 +1,4 @@
-"""Values that must not be taken: unknown references, NaN, infinity, outside min and max."""
+"""Probe of values that must be rejected: unknown references, NaN, infinity, values outside min and max."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Said
+from builder.check.probes.bench import Bench, Results
 from builder.check.probes.instance import CallError, Instance, base_type, refused
 from builder.check.rules import Finding, Rule, listed
 
 _BUFFERS: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
 
 
-def probe(bench: Bench) -> Said:
-    """Try them all."""
+def probe(bench: Bench) -> Results:
+    """Try unknown references, then invalid values."""
     yield from _unknown_references(bench)
     yield from _bad_values(bench)
 
@@ -44,14 +44,14 @@ def _unknown_references(bench: Bench) -> Iterator[Finding]:
 
 
 class _Subject:
-    """An instance in initialization mode that is replaced once it has taken a bad value, or does not answer."""
+    """An instance in initialization mode, which is replaced after it accepts an invalid value or changes a value."""
 
     def __init__(self, bench: Bench, stack: ExitStack) -> None:
         self._bench, self._stack = bench, stack
         self.fresh()
 
     def fresh(self) -> None:
-        """Take a new instance."""
+        """Create a new instance."""
         self._stack.close()
         self.instance: Instance = self._stack.enter_context(self._bench.initializing())
 
@@ -70,12 +70,12 @@ def _bad_values(bench: Bench) -> Iterator[Finding]:
                 elif not _is_unchanged(subject.instance, variable):
                     changed.append(variable.name)
                     subject.fresh()
-        if not accepted and not _goes_on(bench, subject.instance):
-            changed.append("the step after refused values")
+        if not accepted and not _continues(bench, subject.instance):
+            changed.append("the step after rejected values")
     for rule, names in accepted.items():
         yield rule.finding(f"accepted: {listed(names)}")
     if changed:
-        yield rules.OLD_VALUE.finding(f"not as before: {listed(changed)}")
+        yield rules.OLD_VALUE.finding(f"changed: {listed(changed)}")
 
 
 def _bad(variable: Variable) -> Iterator[tuple[Rule, float]]:
@@ -92,7 +92,7 @@ def _is_unchanged(instance: Instance, variable: Variable) -> bool:
     return not refused(status) and value == (variable.number("start") or 0.0)
 
 
-def _goes_on(bench: Bench, instance: Instance) -> bool:
+def _continues(bench: Bench, instance: Instance) -> bool:
     try:
         instance.need("ExitInitializationMode")
         bench.run(instance, bench.held, range(3))

@@ -1,4 +1,4 @@
-"""The rules that need no run: small functions over the archive or its description."""
+"""Rules that are checked without running the FMU: small functions of the archive or its description."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from builder.check.subject import Subject
 
 
 def static_findings(subject: Subject) -> Iterator[Finding]:
-    """Apply every static rule; without a description only those about the archive."""
+    """Apply every static rule; if there is no description, apply only the rules for the archive."""
     for archive_rule in archive.RULES:
         yield from archive_rule(subject)
     if subject.description is None:

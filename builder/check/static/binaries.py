@@ -1,4 +1,4 @@
-"""binaries/: there, whole, of the right processor, exporting what is promised and needing nothing else."""
+"""Rules for binaries/: present, complete, for the right processor, with the required exports, and self-contained."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from builder.check.functions import CO_SIMULATION, EXPORTABLE, required, require
 from builder.check.rules import Finding, Rule, listed
 from builder.check.subject import Subject
 
-#: Format and processors by folder: those of FMI 2.0, and FMI 3.0's names with their older writings.
+#: Format and processors by folder: names of FMI 2.0, and of FMI 3.0 with their older spellings.
 _PLATFORMS = {
     "win32": ("PE", {"x86"}), "win64": ("PE", {"x86_64"}),
     "linux32": ("ELF", {"x86"}), "linux64": ("ELF", {"x86_64"}),
@@ -22,17 +22,17 @@ _PLATFORMS = {
     "x86_64-windows": ("PE", {"x86_64"}), "x86-windows": ("PE", {"x86"}), "aarch64-windows": ("PE", {"aarch64"}),
     "x86_64-darwin": ("Mach-O", {"x86_64"}), "darwin32": ("Mach-O", {"x86"}),
 }  # fmt: skip
-_WANTED = ("linux64", "win64", "win32", "aarch64-linux", "darwin64", "aarch64-darwin")
+_COMMON_PLATFORMS = ("linux64", "win64", "win32", "aarch64-linux", "darwin64", "aarch64-darwin")
 _GLIBC = (2, 17)
 _SYSTEM_ELF = ("libc.so", "libm.so", "ld-linux")
 _SYSTEM_DLL = ("api-ms-win-", "kernel32", "user32", "advapi32", "ntdll", "ucrtbase", "ws2_32", "shell32", "ole32")
-#: What linkers add by themselves.
+#: Symbols that linkers add.
 _LINKER = {"__dso_handle", "_mh_dylib_header", "_init", "_fini", "__bss_start", "_edata", "_end", "_DYNAMIC"}
 _RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
 
 
 def present(subject: Subject) -> Iterator[Finding]:
-    """There is something to run."""
+    """Check that there is a binary with the right name, or that there are sources."""
     description = subject.description
     if description is None or description.co_simulation is None:
         return
@@ -45,13 +45,13 @@ def present(subject: Subject) -> Iterator[Finding]:
 
 
 def readable(subject: Subject) -> Iterator[Finding]:
-    """Binaries are whole, of the right format and processor."""
+    """Check that binaries are complete and have the right format and processor."""
     for binary in subject.own_binaries:
         wanted, machines = _PLATFORMS.get(binary.platform, ("", set()))
         if binary.fault:
             yield rules.BINARY_FORMAT.finding(f"{binary.name}: {binary.fault}")
         elif not wanted:
-            yield rules.PLATFORM_NAME.finding(f"binaries/{binary.platform} is no platform that importers know")
+            yield rules.PLATFORM_NAME.finding(f"binaries/{binary.platform} is not a standard platform name")
         elif binary.format != wanted:
             yield rules.BINARY_FORMAT.finding(f"{binary.name} is {binary.format}, not {wanted}")
         elif not machines & set(binary.machines):
@@ -59,9 +59,9 @@ def readable(subject: Subject) -> Iterator[Finding]:
 
 
 def platforms(subject: Subject) -> Iterator[Finding]:
-    """All common platforms are there."""
-    there = {binary.platform for binary in subject.own_binaries}
-    missing = [platform for platform in _WANTED if platform not in there]
+    """Check that there are binaries for all common platforms."""
+    available = {binary.platform for binary in subject.own_binaries}
+    missing = [platform for platform in _COMMON_PLATFORMS if platform not in available]
     if missing and subject.description and subject.description.co_simulation is not None:
         yield rules.PLATFORMS.finding(f"missing: {listed(missing)}")
     for binary in _sound(subject):
@@ -70,7 +70,7 @@ def platforms(subject: Subject) -> Iterator[Finding]:
 
 
 def exports(subject: Subject) -> Iterator[Finding]:
-    """What is promised is exported, and nothing but FMI functions."""
+    """Check that all required functions and only FMI functions are exported."""
     description = subject.description
     for binary in _sound(subject):
         assert description is not None
@@ -85,7 +85,7 @@ def exports(subject: Subject) -> Iterator[Finding]:
 
 
 def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
-    """What the element ModelExchange promises is exported."""
+    """Check that the functions that the element ModelExchange requires are exported."""
     description = subject.description
     if description is None or description.model_exchange is None:
         return
@@ -99,12 +99,12 @@ def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
 
 
 def _unprefixed(binary: Binary, description: Description) -> frozenset[str]:
-    """Exports without the prefix that static linking gives them."""
+    """Return the exports without the prefix for static linking."""
     return frozenset(name.removeprefix(f"{description.identifier}_") for name in binary.exports)
 
 
 def libraries(subject: Subject) -> Iterator[Finding]:
-    """Only system libraries are needed."""
+    """Check that only system libraries are needed."""
     for binary in _sound(subject):
         checks: dict[str, tuple[Callable[[str], bool], Rule]] = {
             "ELF": (_is_system_elf, rules.NEEDED),
@@ -115,7 +115,7 @@ def libraries(subject: Subject) -> Iterator[Finding]:
         if other := [library for library in binary.libraries if not is_system(library)]:
             yield rule.finding(f"{binary.name} needs {listed(other)}")
         if binary.glibc > _GLIBC:
-            yield rules.GLIBC.finding(f"{binary.name} asks for GLIBC {binary.glibc[0]}.{binary.glibc[1]}")
+            yield rules.GLIBC.finding(f"{binary.name} needs GLIBC {binary.glibc[0]}.{binary.glibc[1]}")
 
 
 def _is_system_elf(library: str) -> bool:
@@ -132,12 +132,12 @@ def _is_system_dylib(binary: Binary) -> Callable[[str], bool]:
 
 
 def runtimes(subject: Subject) -> Iterator[Finding]:
-    """A runtime is neither undefined nor hidden."""
+    """Check that no language runtime is needed without being declared."""
     for binary in _sound(subject):
         python = sorted(name for name in binary.undefined if name.startswith(("Py", "_Py")))
         needed = [library for library in binary.libraries if any(r in library.lower() for r in _RUNTIMES)]
         if python and binary.format != "PE":
-            yield rules.UNDEFINED_PYTHON.finding(f"{binary.name}: {len(python)} symbols, as {listed(python, most=2)}")
+            yield rules.UNDEFINED_PYTHON.finding(f"{binary.name}: {len(python)} symbols, e.g. {listed(python, most=2)}")
         if (python or needed) and subject.description and not subject.description.can("needsExecutionTool"):
             yield described.TOOL_HONEST.finding(f"{binary.name} needs {listed(needed or ['Python'])}")
 

@@ -1,4 +1,4 @@
-"""Capability flags among themselves; what the binaries say to them is in binaries.py."""
+"""Rules for the capability flags; binaries.py compares the flags with the binaries."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ _OFFERS = {
 
 
 def serialize(description: Description) -> Iterator[Finding]:
-    """What is serialized must be gettable."""
+    """Check that canSerializeFMUstate is only declared with canGetAndSetFMUstate."""
     if description.can("canSerializeFMUstate") and not description.can("canGetAndSetFMUstate"):
         yield rules.SERIALIZE.finding("canSerializeFMUstate is true, canGetAndSetFMUstate is not")
 
 
 def runs_alone(description: Description) -> Iterator[Finding]:
-    """No execution tool."""
+    """Check that no execution tool is needed."""
     if description.can("needsExecutionTool"):
         yield rules.RUNS_ALONE.finding("needsExecutionTool is true")
 
 
 def variable_step(description: Description) -> Iterator[Finding]:
-    """Any step."""
+    """Check that any communication step size is accepted."""
     if description.co_simulation is not None and not description.can("canHandleVariableCommunicationStepSize"):
         yield rules.VARIABLE_STEP.finding("canHandleVariableCommunicationStepSize is not true")
 
 
 def many(description: Description) -> Iterator[Finding]:
-    """Many instances."""
+    """Check that several instances per process are allowed."""
     if description.can("canBeInstantiatedOnlyOncePerProcess"):
         yield rules.MANY.finding("canBeInstantiatedOnlyOncePerProcess is true")
 
 
 def offered(description: Description) -> Iterator[Finding]:
-    """What a good master uses."""
+    """Check that the optional features for coupling stiff systems are supported."""
     missing = [what for flag, what in _OFFERS.items() if not description.can(flag)]
     if description.co_simulation is not None and missing:
-        yield rules.OFFERED.finding(f"not offered: {listed(missing)}")
+        yield rules.OFFERED.finding(f"not supported: {listed(missing)}")
 
 
 RULES = (serialize, runs_alone, variable_step, many, offered)

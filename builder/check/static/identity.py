@@ -1,4 +1,4 @@
-"""Who the FMU says that it is."""
+"""Rules for the identity of the FMU: version, GUID, identifier, date, authorship, default experiment."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _ABOUT = ("description", "author", "version", "license", "generationTool")
 
 
 def version(description: Description) -> Iterator[Finding]:
-    """fmiVersion is 2.0."""
+    """Check that fmiVersion is 2.0."""
     stated = description.attributes.get("fmiVersion")
     if stated != "2.0":
         yield rules.VERSION.finding(f"it is {stated!r}")
 
 
 def guid(description: Description) -> Iterator[Finding]:
-    """There is a GUID of plain characters."""
+    """Check that there is a GUID of plain characters."""
     if not description.guid.strip():
         yield rules.GUID.finding("the attribute guid is missing or empty")
     elif not _PLAIN.fullmatch(description.guid):
@@ -33,7 +33,7 @@ def guid(description: Description) -> Iterator[Finding]:
 
 
 def identifier(description: Description) -> Iterator[Finding]:
-    """There is co-simulation, with a C name."""
+    """Check that co-simulation is supported and that its modelIdentifier is a C name."""
     if description.co_simulation is None:
         yield rules.CO_SIMULATION.finding("there is no element CoSimulation")
     elif not _C_NAME.fullmatch(description.identifier):
@@ -41,7 +41,7 @@ def identifier(description: Description) -> Iterator[Finding]:
 
 
 def date(description: Description) -> Iterator[Finding]:
-    """generationDateAndTime is a date in UTC."""
+    """Check that generationDateAndTime is a date in UTC."""
     stated = description.attributes.get("generationDateAndTime")
     if stated is not None and not _is_date(stated):
         yield rules.DATE.finding(f"it is {stated!r}")
@@ -58,26 +58,26 @@ def _is_date(text: str) -> bool:
 
 
 def about(description: Description) -> Iterator[Finding]:
-    """It says what it is and whose."""
+    """Check that description, author, version, license and generationTool are present."""
     missing = [name for name in _ABOUT if not description.attributes.get(name, "").strip()]
     if missing:
         yield rules.ABOUT.finding(f"missing: {listed(missing)}")
 
 
 def experiment(description: Description) -> Iterator[Finding]:
-    """The default experiment is there and makes sense."""
+    """Check that there is a valid default experiment."""
     given = description.experiment
     if given is None or not given.keys() & {"startTime", "stopTime", "stepSize"}:
-        yield rules.EXPERIMENT.finding("there is none")
+        yield rules.EXPERIMENT.finding("it is missing")
         return
     missing = sorted({"startTime", "stopTime", "stepSize"} - given.keys())
     if missing:
         yield rules.EXPERIMENT.finding(f"missing: {listed(missing)}")
-    if wrong := list(_nonsense(given)):
+    if wrong := list(_invalid_values(given)):
         yield rules.EXPERIMENT_SENSE.finding("; ".join(wrong))
 
 
-def _nonsense(given: Mapping[str, str]) -> Iterator[str]:
+def _invalid_values(given: Mapping[str, str]) -> Iterator[str]:
     values = {}
     for name, text in given.items():
         try:
@@ -92,10 +92,10 @@ def _nonsense(given: Mapping[str, str]) -> Iterator[str]:
 
 
 def categories(description: Description) -> Iterator[Finding]:
-    """Log categories are named once."""
+    """Check that names of log categories are unique."""
     doubled = [name for name, count in Counter(description.categories).items() if count > 1]
     if doubled:
-        yield rules.CATEGORIES.finding(f"named twice: {listed(doubled)}")
+        yield rules.CATEGORIES.finding(f"duplicate names: {listed(doubled)}")
 
 
 RULES = (version, guid, identifier, date, about, experiment, categories)

@@ -1,4 +1,4 @@
-"""ModelStructure: what is listed, and what depends on what."""
+"""Rules for ModelStructure: completeness of its lists, and dependencies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _KINDS = {"dependent", "constant", "fixed", "tunable", "discrete"}
 
 
 def indices(description: Description) -> Iterator[Finding]:
-    """Indices are those of variables."""
+    """Check that indices refer to variables."""
     for unknown in description.unknowns:
         wrong = [i for i in (unknown.index, *(unknown.dependencies or ())) if description.variable(i) is None]
         if wrong:
@@ -25,16 +25,16 @@ def indices(description: Description) -> Iterator[Finding]:
 
 
 def outputs(description: Description) -> Iterator[Finding]:
-    """Outputs lists the outputs."""
-    wanted = [v for v in description.variables if v.causality == "output"]
-    if wanted or "Outputs" in description.sections:
-        yield from _compare(rules.OUTPUTS, _named(description, "Outputs"), _distinct(wanted))
+    """Check that Outputs lists all outputs."""
+    expected = [v for v in description.variables if v.causality == "output"]
+    if expected or "Outputs" in description.sections:
+        yield from _compare(rules.OUTPUTS, _named(description, "Outputs"), _distinct(expected))
 
 
 def initial_unknowns(description: Description) -> Iterator[Finding]:
-    """InitialUnknowns lists what initialization computes."""
-    wanted = [v for v in description.variables if _is_initial_unknown(v)] + list(_initial_states(description))
-    yield from _compare(rules.INITIAL_UNKNOWNS, _named(description, "InitialUnknowns"), _distinct(wanted))
+    """Check that InitialUnknowns lists all variables that initialization computes."""
+    expected = [v for v in description.variables if _is_initial_unknown(v)] + list(_initial_states(description))
+    yield from _compare(rules.INITIAL_UNKNOWNS, _named(description, "InitialUnknowns"), _distinct(expected))
 
 
 def _is_initial_unknown(variable: Variable) -> bool:
@@ -53,7 +53,7 @@ def _initial_states(description: Description) -> Iterator[Variable]:
 
 
 def _distinct(variables: list[Variable]) -> dict[tuple[str, str], list[Variable]]:
-    """Variables by what they are in the binary: aliases are one."""
+    """Return the variables grouped by type and value reference, so that aliases are in one group."""
     found: dict[tuple[str, str], list[Variable]] = {}
     for variable in variables:
         found.setdefault((variable.type, variable.reference or variable.name), []).append(variable)
@@ -65,18 +65,18 @@ def _named(description: Description, section: str) -> list[Variable]:
     return [variable for variable in found if variable is not None]
 
 
-def _compare(rule: Rule, named: list[Variable], wanted: dict[tuple[str, str], list[Variable]]) -> Iterator[Finding]:
-    there = _distinct(named)
-    missing = [group[0].name for key, group in wanted.items() if key not in there]
-    surplus = [group[0].name for key, group in there.items() if key not in wanted]
+def _compare(rule: Rule, named: list[Variable], expected: dict[tuple[str, str], list[Variable]]) -> Iterator[Finding]:
+    present = _distinct(named)
+    missing = [group[0].name for key, group in expected.items() if key not in present]
+    surplus = [group[0].name for key, group in present.items() if key not in expected]
     doubled = [name for name, count in Counter(v.name for v in named).items() if count > 1]
-    for what, found in (("missing", missing), ("not to be there", surplus), ("there twice", doubled)):
+    for what, found in (("missing", missing), ("not allowed", surplus), ("listed twice", doubled)):
         if found:
             yield rule.finding(f"{what}: {listed(found)}")
 
 
 def order(description: Description) -> Iterator[Finding]:
-    """InitialUnknowns are ordered."""
+    """Check that InitialUnknowns are ordered."""
     found = [v.index for v in _named(description, "InitialUnknowns")]
     for before, after in itertools.pairwise(found):
         if after < before:
@@ -85,7 +85,7 @@ def order(description: Description) -> Iterator[Finding]:
 
 
 def kinds(description: Description) -> Iterator[Finding]:
-    """One known word for each dependency."""
+    """Check that dependenciesKind has one valid keyword per dependency."""
     for unknown in description.unknowns:
         given = unknown.kinds
         if given is None:
@@ -98,7 +98,7 @@ def kinds(description: Description) -> Iterator[Finding]:
 
 
 def twice(description: Description) -> Iterator[Finding]:
-    """A dependency is named once."""
+    """Check that each dependency is listed once."""
     for unknown in description.unknowns:
         doubled = [index for index, count in Counter(unknown.dependencies or ()).items() if count > 1]
         if doubled:
@@ -106,28 +106,28 @@ def twice(description: Description) -> Iterator[Finding]:
 
 
 def derivatives(description: Description) -> Iterator[Finding]:
-    """Derivatives lists derivatives."""
+    """Check that Derivatives lists derivatives."""
     for variable in _named(description, "Derivatives"):
         if description.variable(variable.attributes.get("derivative", "")) is None:
             yield rules.DERIVATIVES.finding(f"{variable.name} has no valid attribute derivative")
 
 
 def declared(description: Description) -> Iterator[Finding]:
-    """Dependencies are declared."""
+    """Check that dependencies are declared."""
     for section in ("Outputs", "Derivatives", "InitialUnknowns"):
         bare = [_name(description, u) for u in description.in_section(section) if u.dependencies is None]
         if bare:
-            yield rules.DEPENDENCIES.finding(f"{section}: none declared for {listed(bare)}")
+            yield rules.DEPENDENCIES.finding(f"{section}: not declared for {listed(bare)}")
 
 
 def knowns(description: Description) -> Iterator[Finding]:
-    """Outputs depend on inputs, states and time."""
+    """Check that outputs only depend on inputs, states and time."""
     states = {v.attributes.get("derivative") for v in description.variables}
     for unknown in description.in_section("Outputs"):
         found = [v for v in (description.variable(i) for i in unknown.dependencies or ()) if v is not None]
         wrong = [v.name for v in found if v.causality not in ("input", "independent") and str(v.index) not in states]
         if wrong:
-            yield rules.KNOWNS.finding(f"{_name(description, unknown)} names {listed(wrong)}")
+            yield rules.KNOWNS.finding(f"{_name(description, unknown)} lists {listed(wrong)}")
 
 
 def _name(description: Description, unknown: Unknown) -> str:

@@ -1,4 +1,4 @@
-"""UnitDefinitions, compared with what the units' names mean."""
+"""Rules for UnitDefinitions, which are compared with the meaning of the units' names."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from eightpost.errors import UnknownUnitError
 
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-#: Names with two meanings: both are right.
+#: Names with two meanings, both of which are accepted.
 _AMBIGUOUS = {
     "g": ({"m": 1, "s": -2}, 9.80665, {"kg": 1}, 1e-3),
     "lb": ({"kg": 1, "m": 1, "s": -2}, 4.4482216152605, {"kg": 1}, 0.45359237),
 }
-#: Names that this project's headers read in their own way, and FMUs in another.
+#: Names that have a different meaning in this project's file headers than in FMUs.
 _UNKNOWN = {"C", "F", "c", "f", "h", "min", "-", "#", "gs"}
 
 _TOLERANCE = 1e-6
 
 
 def defined(description: Description) -> Iterator[Finding]:
-    """What is used is defined."""
+    """Check that all used units are defined."""
     displays = {unit.name: {display.get("name") for display in unit.displays} for unit in description.units}
     for v in description.variables:
         display = v.attributes.get("displayUnit")
         if v.unit is not None and v.unit not in displays:
             yield rules.UNIT_DEFINED.finding(f"{v.name} is in {v.unit!r}, which is not defined")
         elif display is not None and v.unit is None:
-            yield rules.UNIT_DEFINED.finding(f"{v.name} has the display unit {display!r} and no unit")
+            yield rules.UNIT_DEFINED.finding(f"{v.name} has the display unit {display!r} but no unit")
         elif display is not None and display != v.unit and display not in displays[v.unit or ""]:
             yield rules.UNIT_DEFINED.finding(
-                f"{v.name} is shown in {display!r}, which is no display unit of {v.unit!r}"
+                f"{v.name} has the display unit {display!r}, which is not a display unit of {v.unit!r}"
             )
 
 
 def unique(description: Description) -> Iterator[Finding]:
-    """Units and display units are defined once."""
+    """Check that units and display units are defined once."""
     doubled = [name for name, count in Counter(unit.name for unit in description.units).items() if count > 1]
     for unit in description.units:
         names = Counter(display.get("name", "") for display in unit.displays)
@@ -51,21 +51,21 @@ def unique(description: Description) -> Iterator[Finding]:
 
 
 def given(description: Description) -> Iterator[Finding]:
-    """Every Real has a unit."""
+    """Check that every Real has a unit."""
     bare = [v.name for v in description.variables if v.type == "Real" and not v.unit]
     if bare:
-        yield rules.UNIT_MISSING.finding(f"without: {listed(bare)}")
+        yield rules.UNIT_MISSING.finding(f"without a unit: {listed(bare)}")
 
 
 def based(description: Description) -> Iterator[Finding]:
-    """Every unit has a BaseUnit."""
+    """Check that every unit has a BaseUnit."""
     bare = [unit.name for unit in description.units if unit.base is None]
     if bare:
         yield rules.UNIT_BASE.finding(f"without a BaseUnit: {listed(bare)}")
 
 
 def exponents(description: Description) -> Iterator[Finding]:
-    """SI exponents, factor and offset are those of the name."""
+    """Check that SI exponents, factor and offset match the unit's name."""
     for unit in description.units:
         known = list(_meanings(unit.name))
         if unit.base is None or not known:
@@ -74,18 +74,18 @@ def exponents(description: Description) -> Iterator[Finding]:
         alike = [meaning for meaning in known if _same_dimension(stated, meaning[0])]
         if not alike:
             yield rules.UNIT_EXPONENTS.finding(
-                f"{unit.name} is {_words(known[0][0])}, but its BaseUnit says {_words(stated)}"
+                f"{unit.name} is {_words(known[0][0])}, but its BaseUnit is {_words(stated)}"
             )
         elif not any(_same_scale(unit.base, factor, offset) for _, factor, offset in alike):
             _, factor, offset = alike[0]
             yield rules.UNIT_FACTOR.finding(
-                f"one {unit.name} is {factor:.9g} SI units with offset {offset:g}, but its BaseUnit says "
+                f"one {unit.name} is {factor:.9g} SI units with offset {offset:g}, but its BaseUnit has the factor "
                 f"{unit.base.get('factor', '1')} with offset {unit.base.get('offset', '0')}"
             )
 
 
 def displays(description: Description) -> Iterator[Finding]:
-    """Display units convert rightly."""
+    """Check the factors and offsets of display units."""
     for unit in description.units:
         for display in unit.displays:
             yield from _display(unit, display)
@@ -96,7 +96,7 @@ def _display(unit: Unit, display: Mapping[str, str]) -> Iterator[Finding]:
     if not (list(_meanings(unit.name)) and list(_meanings(name))) or {unit.name, name} & _AMBIGUOUS.keys():
         return
     if not units.compatible(unit.name, name):
-        yield rules.DISPLAY_FACTOR.finding(f"{unit.name} cannot be shown in {name}: the dimensions differ")
+        yield rules.DISPLAY_FACTOR.finding(f"{unit.name} cannot be converted to {name}: the dimensions differ")
         return
     factor, offset = units.conversion(unit.name, name)
     if not _same_scale(display, factor, offset):
@@ -107,7 +107,7 @@ def _display(unit: Unit, display: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
-    """SI exponents, factor and offset of a known name; nothing of an unknown one."""
+    """Yield SI exponents, factor and offset for each meaning of a name; nothing for an unknown name."""
     if name in _AMBIGUOUS:
         first, first_factor, second, second_factor = _AMBIGUOUS[name]
         yield first, first_factor, 0.0
@@ -122,7 +122,7 @@ def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
 
 
 def _same_dimension(stated: Mapping[str, float], meant: Mapping[str, float]) -> bool:
-    """Compare exponents; the radian counts only where nothing else does (rad, rad/s), as tools differ in N.m/rad."""
+    """Compare exponents; the radian only counts in rad and rad/s, because tools differ for units such as N.m/rad."""
     plain = [base for base in _BASE if base != "rad"]
     if any(stated.get(base, 0) != meant.get(base, 0) for base in plain):
         return False
@@ -143,7 +143,7 @@ def _number(attributes: Mapping[str, str], name: str, default: float) -> float:
 
 
 def _words(si: Mapping[str, float]) -> str:
-    return " ".join(f"{base}^{power:g}" for base, power in si.items() if power) or "without dimension"
+    return " ".join(f"{base}^{power:g}" for base, power in si.items() if power) or "dimensionless"
 
 
 RULES = (defined, unique, given, based, exponents, displays)

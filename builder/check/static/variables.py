@@ -1,4 +1,4 @@
-"""ModelVariables: names, references, causalities, start values."""
+"""Rules for ModelVariables: names, value references, causalities, start values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BOOLEANS = ("true", "false", "0", "1")
 
 
 def _initials(variable: Variable) -> tuple[str, ...]:
-    """What `initial` may be."""
+    """Return the allowed values of `initial`."""
     if variable.causality == "parameter" or variable.variability == "constant":
         return ("exact",)
     if variable.causality == "calculatedParameter" or variable.variability in ("fixed", "tunable"):
@@ -32,14 +32,14 @@ def _initials(variable: Variable) -> tuple[str, ...]:
 
 
 def names(description: Description) -> Iterator[Finding]:
-    """Names are unique."""
+    """Check that names are unique."""
     doubled = [name for name, count in Counter(v.name for v in description.variables).items() if count > 1]
     if doubled:
         yield rules.NAMES.finding(f"several variables are named {listed(doubled)}")
 
 
 def aliases(description: Description) -> Iterator[Finding]:
-    """Variables that share a value reference agree."""
+    """Check that variables with the same value reference are consistent."""
     sets: dict[tuple[str, str], list[Variable]] = defaultdict(list)
     for variable in description.variables:
         kind = "Integer" if variable.type == "Enumeration" else variable.type
@@ -51,7 +51,7 @@ def aliases(description: Description) -> Iterator[Finding]:
 
 def _disagreement(same: list[Variable]) -> str:
     if len({v.unit for v in same}) > 1:
-        return "have several units"
+        return "have different units"
     if sum(v.is_settable_at_start for v in same) > 1:
         return "can all be set"
     starts = [v for v in same if v.start is not None and v.variability != "constant"]
@@ -59,7 +59,7 @@ def _disagreement(same: list[Variable]) -> str:
 
 
 def combinations(description: Description) -> Iterator[Finding]:
-    """Causality, variability and initial fit each other."""
+    """Check that causality, variability and initial are a valid combination."""
     for v in description.variables:
         if v.variability not in _VARIABILITIES.get(v.causality, ()):
             yield rules.COMBINATION.finding(f"{v.name}: causality {v.causality} with variability {v.variability}")
@@ -68,21 +68,21 @@ def combinations(description: Description) -> Iterator[Finding]:
 
 
 def initial_on_inputs(description: Description) -> Iterator[Finding]:
-    """No `initial` on inputs and time."""
+    """Check that inputs and time have no `initial`."""
     wrong = [v.name for v in description.variables if v.causality in ("input", "independent") and v.initial]
     if wrong:
-        yield rules.INITIAL_INPUT.finding(f"there is one on {listed(wrong)}")
+        yield rules.INITIAL_INPUT.finding(f"present on {listed(wrong)}")
 
 
 def continuous(description: Description) -> Iterator[Finding]:
-    """Only Reals are continuous."""
+    """Check that only Reals are continuous."""
     wrong = [v.name for v in description.variables if v.type != "Real" and v.variability == "continuous"]
     if wrong:
-        yield rules.CONTINUOUS.finding(f"continuous and not Real: {listed(wrong)}")
+        yield rules.CONTINUOUS.finding(f"continuous but not Real: {listed(wrong)}")
 
 
 def start_presence(description: Description) -> Iterator[Finding]:
-    """Start values are where they must be, and only there."""
+    """Check that start values are present exactly if they are required or allowed."""
     missing, surplus = [], []
     for v in description.variables:
         if v.causality == "independent" or v.effective_initial == "calculated":
@@ -90,13 +90,13 @@ def start_presence(description: Description) -> Iterator[Finding]:
         elif v.start is None and (v.causality == "input" or v.effective_initial in ("exact", "approx")):
             missing.append(v.name)
     if missing:
-        yield rules.START_MISSING.finding(f"there is none on {listed(missing)}")
+        yield rules.START_MISSING.finding(f"missing on {listed(missing)}")
     if surplus:
-        yield rules.START_FORBIDDEN.finding(f"there is one on {listed(surplus)}")
+        yield rules.START_FORBIDDEN.finding(f"present on {listed(surplus)}")
 
 
 def values(description: Description) -> Iterator[Finding]:
-    """Numbers are numbers."""
+    """Check that start, min, max and nominal are valid values of their type."""
     for v in description.variables:
         for attribute in ("start", "min", "max", "nominal"):
             if attribute in v.attributes and not _is_value(v, v.attributes[attribute]):
@@ -117,7 +117,7 @@ def _is_value(variable: Variable, text: str) -> bool:
 
 
 def nominals(description: Description) -> Iterator[Finding]:
-    """Nominal values are above zero."""
+    """Check that nominal values are positive."""
     stated = ((v, v.number("nominal")) for v in description.variables)
     wrong = [f"{v.name} has {value:g}" for v, value in stated if value is not None and value <= 0.0]
     if wrong:
@@ -125,7 +125,7 @@ def nominals(description: Description) -> Iterator[Finding]:
 
 
 def ranges(description: Description) -> Iterator[Finding]:
-    """Min <= start <= max."""
+    """Check that min <= start <= max."""
     for v in description.variables:
         low, start, high = (v.number(name) for name in ("min", "start", "max"))
         known = [value for value in (low, start, high) if value is not None]
@@ -134,30 +134,30 @@ def ranges(description: Description) -> Iterator[Finding]:
 
 
 def declared_types(description: Description) -> Iterator[Finding]:
-    """Declared types exist."""
+    """Check that declared types exist and match the variable's type."""
     for name, declared in description.declared_types.items():
         kind = description.types.get(declared)
         if kind is None:
             yield rules.DECLARED_TYPE.finding(f"{name} is of type {declared!r}, which is not declared")
         elif kind[0] != description.by_name[name].type:
             yield rules.DECLARED_TYPE.finding(
-                f"{name} is {description.by_name[name].type}, its type {declared!r} {kind[0]}"
+                f"{name} is {description.by_name[name].type}, but its declared type {declared!r} is {kind[0]}"
             )
 
 
 def independent(description: Description) -> Iterator[Finding]:
-    """There is one time at most."""
+    """Check that at most one variable is independent."""
     times = [v.name for v in description.variables if v.causality == "independent"]
     if len(times) > 1:
-        yield rules.INDEPENDENT.finding(f"independent are {listed(times)}")
+        yield rules.INDEPENDENT.finding(f"independent variables: {listed(times)}")
 
 
 def descriptions(description: Description) -> Iterator[Finding]:
-    """What a user sees is described."""
+    """Check that inputs, outputs and parameters have descriptions."""
     seen = ("input", "output", "parameter")
     bare = [v.name for v in description.variables if v.causality in seen and not v.description.strip()]
     if bare:
-        yield rules.DESCRIPTIONS.finding(f"without: {listed(bare)}")
+        yield rules.DESCRIPTIONS.finding(f"without a description: {listed(bare)}")
 
 
 RULES = (

@@ -42,13 +42,13 @@ def test_systems_that_are_no_vehicle_with_its_shocks_are_refused_with_the_reason
         _plan(case, parts=(*plan.parts, replace(vehicle, name="second")))
     with pytest.raises(FmuError, match="there is no shock"):
         _plan(case, parts=(vehicle,), links=())
-    with pytest.raises(FmuError, match=r"lf\.force -> rf\.displacement does not go between"):
+    with pytest.raises(FmuError, match=r"lf\.force -> rf\.displacement does not connect a vehicle"):
         _plan(case, links=(*plan.links, Link("lf.force", "rf.displacement")))
-    with pytest.raises(FmuError, match="is no output"):
+    with pytest.raises(FmuError, match="is not an output"):
         _plan(case, links=(*plan.links, Link("lf.lagged_force", "car.heave_force")))
-    with pytest.raises(FmuError, match="makes a loop without a delay"):
+    with pytest.raises(FmuError, match="makes an algebraic loop"):
         _plan(case, links=(*plan.links, Link("car.lf.hub_acceleration", "lf.displacement")))
-    with pytest.raises(FmuError, match="feeds no other component"):
+    with pytest.raises(FmuError, match="no output of lf is connected"):
         _plan(case, links=tuple(link for link in plan.links if not link.source.startswith("lf.")))
-    with pytest.raises(FmuError, match="cannot begin the names"):
+    with pytest.raises(FmuError, match="cannot be a prefix"):
         _plan(case, parts=(replace(vehicle, name="race-car"), *plan.shocks), links=())
