@@ -1,10 +1,10 @@
 # Two commands do everything on a machine with Python 3.11, git and make:
-#   make demo   installs and runs the main job on shipped data
-#   make test   installs, checks style, types and imports, and passes the tests
-#   make nightly  what takes minutes: a million random FMI call sequences on each FMU under sanitizers (needs a C compiler),
-#                 coverage of confidence intervals, all twelve configurations of the virtual dynamometer
+#   make demo     installs the package and runs the main workflow on the included data
+#   make test     installs the package, checks style, types and imports, and runs the tests
+#   make nightly  runs tests that take minutes: a million random FMI call sequences on each FMU under sanitizers (needs a
+#                 C compiler), coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
-#   make mutants  changes the sources in one place at a time and runs the tests of that area: half an hour or so
+#   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3

@@ -1,4 +1,4 @@
-"""Make the pictures of README and docs/ from the shipped, synthetic data: python docs/make_pictures.py."""
+"""Create the pictures of README and docs/ from the included synthetic data: python docs/make_pictures.py."""
 
 from pathlib import Path
 

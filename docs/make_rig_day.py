@@ -2,9 +2,9 @@
 
     python docs/make_rig_day.py FOLDER [--duration '400 s']
 
-It calls the commands of `eightpost` one after the other and prints each, so that any of them may be repeated by hand.
-What is in FOLDER already is not made again. It leaves the tables in docs/rig_day.md and its picture; all data are
-SYNTHETIC, and the seeds are constants of this script. It takes about a quarter of an hour of one core.
+The script calls the commands of `eightpost` one after the other and prints each, so that any of them can be repeated
+manually. Files that exist in FOLDER are not created again. It writes the tables in docs/rig_day.md and its picture; all
+data are SYNTHETIC, and the seeds are constants of this script. It takes about 15 minutes on one core.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ CORNERS = ("lf", "rf", "lr", "rr")
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 BASELINE, ALTERNATE = "B/B", "AA/AA"
 
-#: Seeds: of the identification's drive and of its runs, of the lap, of the run that is the drive, and of the tests.
+#: Seeds of the identification's drive file and its runs, of the lap, of the recorded run of the lap, and of the tests.
 DRIVE, RUNS, LAP, DRIVE_RUN, TEST_RUNS = 11, 1100, 77, 2000, 3000
 
-#: How many low and as many high setups are selected for which measure (Table 7.5 has twenty in all).
+#: Number of low setups, and of high setups, to select for each measure (twenty in Table 7.5).
 SELECTED = {"front ride height, RMS": 4, "total tire force, RMS": 3, "rf hub acceleration, RMS": 3}
 
-#: The measures of the table, and the unit of each.
+#: Measures of the table and their units.
 SHOWN = {
     **dict.fromkeys(("front ride height, RMS", "rear ride height, RMS"), "in"),
     **dict.fromkeys(("total tire force, RMS", "lf tire force, RMS", "rr tire force, RMS"), "lbf"),
@@ -74,7 +74,7 @@ unit = "lbf"
 
 
 def main() -> None:
-    """Make the day and write its page."""
+    """Run all commands of the rig day and write its page."""
     options = _options()
     folder: Path = options.folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +89,7 @@ def main() -> None:
 
 
 def _identify(folder: Path, duration: str) -> None:
-    """The five tests of 6.1.5 with physical dampers, and the car that they give."""
+    """Run the five tests of 6.1.5 with physical dampers, and identify the car."""
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
         _call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
@@ -99,7 +99,7 @@ def _identify(folder: Path, duration: str) -> None:
 
 
 def _predict(folder: Path) -> None:
-    """A lap with the baseline is the drive; every setup of the seven builds on it; twenty of them."""
+    """Record a lap with the baseline, predict every setup of the seven builds on it, and select twenty setups."""
     lap, study, bank = folder / "lap.parquet", folder / "study.toml", ROOT / "examples" / "bank"
     if not lap.exists():
         _call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
@@ -114,7 +114,7 @@ def _predict(folder: Path) -> None:
 
 
 def _test(folder: Path) -> None:
-    """The runs of the list on the rig, each with its own drift and noise; physical dampers, not their fits."""
+    """Run the selected setups on the rig, each with its own drift and noise, with physical dampers instead of fits."""
     for row in selection(folder / "study"):
         record = folder / "study" / row["file"]
         if not record.exists():
@@ -133,9 +133,9 @@ def selection(study: Path) -> list[dict[str, str]]:
 
 
 def measures_table(found: Sequence[Mapping[str, Any]]) -> str:
-    """Return how each measure was predicted, as Markdown; the deviation is that of the baseline's five runs."""
+    """Return the accuracy of each predicted measure as Markdown; sigma is from the baseline's five runs."""
     lines = [
-        "| RMS | measured, least to largest | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
+        "| RMS | measured, minimum to maximum | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
         "| a run's sigma | in the band |",
         "|---" * 10 + "|",
     ]
@@ -165,7 +165,7 @@ def _measure_line(entry: Mapping[str, Any], unit: str) -> str:
 
 
 def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
-    """Return predicted and measured level of every selected setup in the measure that it was selected for."""
+    """Return the predicted and measured level of every selected setup for the measure of its selection."""
     levels = {entry["measure"]: entry for entry in found}
     lines = ["| lf | rf | lr | rr | selected for | predicted | measured |", "|---" * 7 + "|"]
     lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in selection(study)]
@@ -184,13 +184,13 @@ def _setup_line(row: Mapping[str, str], entry: Mapping[str, Any]) -> str:
 
 
 def _placed(page: str, name: str, table: str) -> str:
-    """The page with a marked region replaced."""
+    """Return the page with a marked region replaced."""
     pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
     return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", page)
 
 
 def _call(*arguments: object, may_fail: bool = False) -> None:
-    """Run a command of eightpost; a verb that judges may exit with 1."""
+    """Run a command of eightpost; with `may_fail`, exit code 1 (a negative verdict) is accepted."""
     words = [str(argument) for argument in arguments]
     print("eightpost", *words, flush=True)
     code = subprocess.run([sys.executable, "-m", "eightpost", *words], check=False).returncode
@@ -200,8 +200,8 @@ def _call(*arguments: object, may_fail: bool = False) -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="for rig records, the identified car, the study and its tests")
-    parser.add_argument("--duration", default="400 s", help="of each of the five identification tests")
+    parser.add_argument("folder", type=Path, help="folder for rig records, the identified car, the study and its tests")
+    parser.add_argument("--duration", default="400 s", help="duration of each of the five identification tests")
     return parser.parse_args()
 
 

@@ -1,7 +1,7 @@
 """Rewrite tables and picture of docs/shock_models.md and docs/measured_shocks.md: python docs/make_shock_tables.py.
 
-It runs `benchmarks/shock_fit.py --quick` with both recipes: some minutes. The measured records' page is left as it is
-where EIGHTPOST_DATA does not name their folder.
+The script runs `benchmarks/shock_fit.py --quick` with both recipes, which takes some minutes. The page of the measured
+records is not changed if EIGHTPOST_DATA does not name their folder.
 """
 
 import os
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def times(found: list) -> str:
-    """Return what a fit took, over the configurations."""
+    """Return the computing times of fits over the configurations."""
     lines = []
     for law in LAWS:
         seconds = [one.seconds for one in found if isinstance(one, FitErrors) and one.law == law]

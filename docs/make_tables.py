@@ -1,7 +1,7 @@
-"""Rewrite the tables in docs that come from the code: `python docs/make_tables.py`.
+"""Rewrite the tables in docs that are generated from the code: `python docs/make_tables.py`.
 
 The variables in docs/ports.md come from the interface.toml files, the rules in docs/verdict.md from the modules that
-state them.
+define them.
 """
 
 import importlib
@@ -12,7 +12,7 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 FMUS = DOCS.parent / "fmus"
 
-#: Marker in the page -> the file whose own rows stand there. "laws" stands for all of fmus/shock_<law>/.
+#: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
     "shock": FMUS / "common" / "shock.toml",
     "vehicle_ss": FMUS / "vehicle_ss" / "interface.toml",
@@ -35,25 +35,25 @@ def _region(kind: str, name: str) -> str:
 
 
 def rules(module: str) -> str:
-    """Return the table of the rules that a module states."""
+    """Return the table of the rules that a module defines."""
     rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
     head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
     return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
 
 
 def laws() -> str:
-    """Return every law's interface: what it is, and the variables that it adds to those of all shocks."""
+    """Return every law's interface: its description, and the variables that it adds to those of all shocks."""
     return "".join(map(_law, sorted(FMUS.glob("shock_*/interface.toml"))))
 
 
 def _law(source: Path) -> str:
-    said, kind = tomllib.loads(source.read_text(encoding="utf-8")), source.parent.name
-    text = f"### {kind}\n\n{said['description']}: [equations and limits](../fmus/{kind}/README.md).\n\n"
-    return text + (f"{table(source)}\n" if "variable" in said else "It has no others.\n\n")
+    interface, kind = tomllib.loads(source.read_text(encoding="utf-8")), source.parent.name
+    text = f"### {kind}\n\n{interface['description']}: [equations and limits](../fmus/{kind}/README.md).\n\n"
+    return text + (f"{table(source)}\n" if "variable" in interface else "It has no further variables.\n\n")
 
 
 def table(source: Path) -> str:
-    """Return the table of one file's rows as Markdown."""
+    """Return the table of the rows of one file as Markdown."""
     rows = tomllib.loads(source.read_text(encoding="utf-8"))["variable"]
     return _HEADER + "".join(f"| {' | '.join(_cells(row))} |\n" for row in rows)
 

@@ -1,4 +1,4 @@
-"""Make the picture of docs/validation.md from the synthetic damper A: python docs/make_validation_pictures.py."""
+"""Create the picture of docs/validation.md from the synthetic damper A: python docs/make_validation_pictures.py."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ SINES = (
 
 
 def main() -> None:
-    """Fit three laws to one random record, validate them on another and on the sines, and draw what is left."""
+    """Fit three laws to one random record, validate them on another record and on sines, and draw the residuals."""
     fitted = _measured(random_multisine(1, duration=10.5))
     shocks = [fit_shock(fitted, law, name="A").shock for law in LAWS]
     records = [record_of(_measured(random_multisine(2, duration=10.5)), name="random")]
