@@ -1,4 +1,4 @@
-"""What the makers of docs/identification.md's pictures share: responses in dB, a folder, Markdown numbers."""
+"""Functions shared by the scripts that make the plots of docs/identification.md."""
 
 from pathlib import Path
 
@@ -37,10 +37,10 @@ def draw_path(axes, fit, path, *, ideal=None, band=(0.3, 20.0)) -> None:
 
 
 def draw_pairs(axes, pairs, unit: str) -> None:
-    """Draw identified over true measures (S, 2) of setups, with the line on which they agree."""
+    """Draw identified over true measures of setups, pairs (S, 2), and the line of equality."""
     axes.plot(*np.array(pairs).T, "o")
     axes.axline(pairs[0][:1] * 2, slope=1.0, color="0.6")
-    axes.set(xlabel=f"on the rig [{unit}]", ylabel=f"identified [{unit}]")
+    axes.set(xlabel=f"truth [{unit}]", ylabel=f"identified [{unit}]")
 
 
 def figure_of(rows, columns, size):
@@ -59,5 +59,5 @@ def save(figure, name) -> None:
 
 
 def numbers(values) -> str:
-    """Return numbers of three digits, in a row."""
+    """Return numbers with three significant digits, separated by commas."""
     return ", ".join(f"{value:.3g}" for value in values)

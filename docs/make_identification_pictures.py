@@ -1,9 +1,9 @@
-"""Make the pictures and the numbers of docs/identification.md.
+"""Make the plots and numbers of docs/identification.md.
 
     python -m docs.make_identification_pictures 4 4.5 5 6 6.4.4
 
-Chapter by chapter of the dissertation, on the truths of the virtual rig; the numbers are printed as Markdown. Seeds are
-those of benchmarks/identification_cases.py.
+The arguments are chapters and sections of the dissertation; default all. The truths are those of the virtual rig, and
+the seeds are those of benchmarks/identification_cases.py. Numbers are printed as Markdown.
 """
 
 import sys
@@ -37,20 +37,20 @@ from eightpost.rig.post.drive import RATE
 from eightpost.units import convert
 from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 
-#: Of each rig test here [s]; the dissertation's 800 s are the benchmark's.
+#: Duration of each rig test [s]; the benchmark uses the dissertation's 800 s.
 DURATION = 200.0
 
 
 def main() -> None:
-    """Make the chapters asked for."""
+    """Make the requested chapters."""
     for chapter in sys.argv[1:] or CHAPTERS:
         started = process_time()
         CHAPTERS[chapter]()
-        print(f"\nchapter {chapter}: {process_time() - started:.0f} s of processor\n", flush=True)
+        print(f"\nchapter {chapter}: {process_time() - started:.0f} s of processor time\n", flush=True)
 
 
 def chapter_4() -> None:
-    """Figs 4.10, 4.11, 4.14 and Table 4.2."""
+    """Make Figs 4.10, 4.11, 4.14 and Table 4.2."""
     case = CASES["quarter_car"]
     records, experiment = records_of(case)
     fit = recipe("boggs").identify(records, experiment)
@@ -69,9 +69,9 @@ def _table_4_2(records, experiment, ideal) -> None:
     _mode_row("ideal", ideal, None)
     recipes = {f"H1, Hamming blocks of {s:g} s": SameDrive(H1(Blocks(s, "hamming")), ("force",)) for s in (5, 9.52, 20)}
     recipes["local polynomials"] = SameDrive(LocalPolynomial(spacing=0.1), ("force",))
-    for name, way in recipes.items():
+    for name, method in recipes.items():
         found = estimate_response(
-            records, inputs=experiment.inputs, outputs=experiment.outputs, recipe=way,
+            records, inputs=experiment.inputs, outputs=experiment.outputs, recipe=method,
             baseline_damping=experiment.baseline_damping,
         )  # fmt: skip
         _mode_row(name, None, found.band(0.5, 20.0))
@@ -101,12 +101,12 @@ def _fig_4_14(case, fit) -> None:
     axes.legend()
     save(figure, "tire_force_of_twelve")
     wrong = np.array(got) - np.array(wanted)
-    print(f"\nFig 4.14: deviation RMS {np.sqrt(np.mean(wrong**2)):.2f} lbf, mean {wrong.mean():.2f}, largest "
+    print(f"\nFig 4.14: error RMS {np.sqrt(np.mean(wrong**2)):.2f} lbf, mean {wrong.mean():.2f}, largest "
           f"{np.abs(wrong).max():.2f} of {np.mean(wanted):.0f} lbf")  # fmt: skip
 
 
 def chapter_5() -> None:
-    """Figs 5.9 to 5.17."""
+    """Make Figs 5.9 to 5.17."""
     case = replace(CASES["seven_dof_800s"], duration=DURATION)
     records, experiment = records_of(case)
     fit = recipe("boggs").identify(records, experiment)
@@ -116,13 +116,13 @@ def chapter_5() -> None:
         for axes, corner in zip(row, CORNERS, strict=True):
             draw_path(axes, fit, (output, f"{corner}.force"), ideal=ideal)
     save(figure, "seven_dof_responses")
-    print("\n".join(fit.notes), f"\nidentified in {fit.seconds:.1f} s of processor")
+    print("\n".join(fit.notes), f"\nidentified in {fit.seconds:.1f} s of processor time")
     lap, setups = case.lap(), [(0, 0, 0, 0), (6, 0, 0, 0), (0, 6, 0, 0), (0, 0, 6, 0), (0, 0, 0, 6)]
     _time_and_spectrum(case, fit, lap, setups, "seven_dof_simulation")
 
 
 def _time_and_spectrum(case, fit, lap, setups, name) -> None:
-    """Time traces (Fig 5.15, 6.26), spectra (5.16), measures (5.17, 6.27, 6.28)."""
+    """Draw time traces (Figs 5.15, 6.26), spectra (5.16) and measures (5.17, 6.27, 6.28), and print the measures."""
     car, shocks = case.car, case.shocks()
     motions = simulate_setups(car, lap, [tuple(shocks[i] for i in s) for s in setups])
     true = [truth_of(car, m) for m in motions]

@@ -1,6 +1,7 @@
-"""Section 4.5 of docs/identification.md: a quarter-car rig with one actuator, whose shock forces are modelled.
+"""Make section 4.5 of docs/identification.md: a quarter-car rig with one actuator and modelled shock forces.
 
-Figs 4.18 to 4.21: the car of Table 4.1 with the physical dampers of Table 4.5, 120 s of Table 4.3, noise of 1 %.
+This makes Figs 4.18 to 4.21 for the car of Table 4.1 with the physical dampers of Table 4.5, 120 s of Table 4.3, noise
+of 1 %.
 """
 
 from dataclasses import replace
@@ -20,29 +21,29 @@ from eightpost.rig import configuration
 from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, quarter_random, quarter_truth, run_test
 from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 
-#: Table 4.5's three builds at 1 and 14 clicks and 50 psi: their numbers in Table 3.1.
+#: Numbers in Table 3.1 of the configurations of Table 4.5: three builds at 1 and 14 clicks and 50 psi.
 CONFIGURATIONS = (1, 2, 5, 6, 9, 10)
-#: 4.5.2: identified from the first and the fifth; Fig 4.20 shows the third.
+#: Indices of the baseline and the alternate configuration (4.5.2), and of that in Fig 4.20.
 BASELINE, ALTERNATE, SHOWN = 0, 4, 2
-#: 4.5.2 and Fig 4.21: what is identified and what is compared, with units.
+#: Outputs that are identified (4.5.2) and compared (Fig 4.21), with units.
 MEASURES = (
     ("velocity", INCH, "in/s"), ("chassis_position", INCH, "in"), ("chassis_acceleration", GRAVITY, "g"),
     ("wheel_position", INCH, "in"), ("tire_force", POUND, "lbf"),
 )  # fmt: skip
-#: 4.5.2: 50 blocks, fits of fourth order from 0.5 to 15 Hz.
+#: Settings of 4.5.2: 50 blocks, fits of fourth order from 0.5 to 15 Hz.
 CHAPTER = replace(CHAPTER_4, blocks=50, roads=BandWeights(((0.5, 15.0, 1.0),)))
 DRIVE_SEED = 3
 
 
 def main() -> None:
-    """Make pictures and tables."""
+    """Make plots and tables."""
     measured, drive = rig_records()
     estimated = [with_modelled_force(r, twelve()[n - 1]) for r, n in zip(measured, CONFIGURATIONS, strict=True)]
     fit = identified(estimated)
     print("\n".join(fit.notes))
     print(f"C-bar {fit.vehicle.baseline_damping[''] / (POUND / INCH):.2f} lbf/(in/s)")
     wrong = [np.std(e["force"] - m["force"]) / np.std(m["force"]) for e, m in zip(estimated, measured, strict=True)]
-    print("modelled shock force, error of its std [%]:", np.round(100.0 * np.array(wrong), 1))
+    print("modelled shock force, error relative to its standard deviation [%]:", np.round(100.0 * np.array(wrong), 1))
     _draw_responses(fit)
     found = simulated(fit, drive)
     _draw_prediction(measured, found)
@@ -56,7 +57,7 @@ def main() -> None:
 
 
 def _ideal(fit):
-    """Return the fit with Table 4.1's car around the same damping in the place of the identified one."""
+    """Return the fit with the identified vehicle replaced by the car of Table 4.1 around the same damping."""
     car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), fit.vehicle.baseline_damping)
     known = fit.vehicle.state_space
     return replace(
@@ -72,7 +73,7 @@ def _fourth_order(fit):
 
 
 def rig_records():
-    """Return the six records at 125 Hz, with the string potentiometers' channels, and what the actuator does."""
+    """Return the six records at 125 Hz with the string potentiometers' channels, and the motion of the actuator."""
     car, command = quarter_truth(), quarter_random(DRIVE_SEED)
     sensors = RigSensors.perfect(relative=0.01)
     tests = [
@@ -82,14 +83,14 @@ def rig_records():
 
 
 def _with_positions(record):
-    """Add what 4.5.1 measures by string potentiometers: the heights of both masses."""
+    """Add the positions of both masses, which 4.5.1 measures with string potentiometers."""
     chassis = record["ride_height"] + record["road"]
     with_chassis = record.with_channel("chassis_position", "m", chassis)
     return with_chassis.with_channel("wheel_position", "m", chassis + record["displacement"])
 
 
 def with_modelled_force(record, law):
-    """Return the record with the force of the shock's model at the measured velocity instead of the measured one."""
+    """Return the record with the measured force replaced by that of the shock law at the measured velocity."""
     v, dt = record["velocity"], 1.0 / record.sample_rate
     lagged, force = 0.0, np.zeros(len(record))
     for k in range(1, len(record)):
@@ -99,7 +100,7 @@ def with_modelled_force(record, law):
 
 
 def identified(records):
-    """Return the fit of the chain to the baseline and the alternate record (4.5.2)."""
+    """Return the boggs fit to the baseline and the alternate record (4.5.2)."""
     pair = [records[BASELINE], records[ALTERNATE]]
     damping = find_baseline(pair, ("",), test=0).damping
     experiment = replace(
@@ -111,7 +112,7 @@ def identified(records):
 
 
 def simulated(fit, drive):
-    """Return name to row (N,) for each configuration: the identified rig with the shock models."""
+    """Return the outputs (N,) by name of the identified rig with each configuration's shock law."""
     laws = [twelve()[n - 1] for n in CONFIGURATIONS]
     outputs = ManySetups(fit.vehicle, laws, drive.select(["road"]), 10).run([[k] for k in range(len(laws))])
     return [dict(zip(fit.vehicle.state_space.output_names, y, strict=True)) for y in outputs]
@@ -159,11 +160,11 @@ def _table(measured, found) -> str:
 
 
 def _errors(measured, found) -> str:
-    said = []
+    ranges = []
     for name, _, _ in MEASURES:
         wrong = [100.0 * (_rms(f[name]) / _rms(m[name]) - 1.0) for m, f in zip(measured, found, strict=True)]
-        said.append(f"{name} {min(wrong):+.1f} to {max(wrong):+.1f} %")
-    return ", ".join(said)
+        ranges.append(f"{name} {min(wrong):+.1f} to {max(wrong):+.1f} %")
+    return ", ".join(ranges)
 
 
 def _rms(values) -> float:

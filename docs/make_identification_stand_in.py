@@ -1,6 +1,6 @@
-"""Chapter 6 of docs/identification.md on the 8-post stand-in: Figs 6.19 to 6.31, Tables 6.5 and 6.6.
+"""Make the plots and tables of chapter 6 of docs/identification.md: Figs 6.19 to 6.31, Tables 6.5 and 6.6.
 
-The static loading of 6.4.4 is in docs/make_identification_static.py.
+The car is the 8-post stand-in. docs/make_identification_static.py makes the static loading of 6.4.4.
 """
 
 from dataclasses import replace
@@ -19,29 +19,29 @@ from eightpost.rig.post import Actuators, bump_drive, simulate_setups, sine_driv
 from eightpost.rig.post.drive import RATE
 from eightpost.rig.post.drivefiles import HEAVE_SINES
 
-#: Of each rig test here [s]; the dissertation's 800 s are the benchmark's.
+#: Duration of each rig test [s]; the benchmark uses the dissertation's 800 s.
 DURATION = 200.0
-#: Model outputs are kept at every fifth sample of 1250 Hz.
+#: Interval of the model's output samples, in samples of 1250 Hz.
 EVERY = 5
-#: The baseline everywhere, then another shock at lf, rf, lr, rr (6.1.5).
+#: Setups: the baseline shock at all corners, then another shock at lf, rf, lr, rr (6.1.5).
 SETUPS = [(0, 0, 0, 0), (6, 0, 0, 0), (0, 6, 0, 0), (0, 0, 6, 0), (0, 0, 0, 6)]
-#: Figs 6.26 to 6.28 and 6.29 to 6.31.
+#: Outputs of Figs 6.26 to 6.28, and of Figs 6.29 to 6.31.
 TRENDS = (("lr.velocity", INCH, "in/s"), ("total_tire_force", POUND, "lbf"), ("front.ride_height", INCH, "in"),
           ("lr.hub_acceleration", GRAVITY, "g"))  # fmt: skip
 SIGNALS = (("lf.velocity", INCH, "in/s"), ("lf.tire_force", POUND, "lbf"), ("front.ride_height", INCH, "in"),
            ("lf.hub_acceleration", GRAVITY, "g"))  # fmt: skip
-#: Shock of the sine and bump tests, one of the bank.
+#: Bank index of the shock of the sine and bump tests.
 SINE_SHOCK = 3
-#: A path with less than this part of its output's largest path in energy, over frequency, may be zeroed [1]: -20 dB.
+#: Energy of a path, relative to the largest path of its output, below which it may be zeroed [1]: -20 dB.
 LOW = 0.01
 
 
 def main() -> None:
-    """Make pictures and tables."""
+    """Make plots and tables."""
     case = replace(CASES["eight_post_known"], duration=DURATION)
     records, experiment = records_of(case)
     fit = Boggs().identify(records, experiment)
-    print("\n".join(fit.notes), f"\nidentified in {fit.seconds:.1f} s of processor")
+    print("\n".join(fit.notes), f"\nidentified in {fit.seconds:.1f} s of processor time")
     _draw_responses(fit)
     zeroed = zeroed_paths(fit)
     print(zeroed_tables(fit, zeroed))
@@ -66,9 +66,9 @@ def _draw_responses(fit) -> None:
 
 
 def zeroed_paths(fit):
-    """Return the paths (output, input) that Table 6.5 would have here: of low response (6.3.2, 6.2).
+    """Return the paths (output, input) of low response, which Table 6.5 would list (6.3.2, 6.2).
 
-    The response is compared among inputs of a kind, whose drives are alike, from 0.5 to 15 Hz.
+    The responses from 0.5 to 15 Hz are compared among inputs of the same kind, whose drives are similar.
     """
     response = fit.response.band(0.5, 15.0)
     energy = np.mean(np.abs(response.H) ** 2, axis=2)
@@ -100,19 +100,19 @@ def zeroed_tables(fit, zeroed) -> str:
 
 
 def _lap(case, fit, without) -> None:
-    """Figs 6.26 to 6.28: traces, spectra, trends and correlation of RMS levels."""
+    """Make Figs 6.26 to 6.28: traces, spectra, trends and correlation of RMS levels."""
     lap, car, shocks = case.lap(), case.car, case.shocks()
     true = [truth_of(car, m) for m in simulate_setups(car, lap, [tuple(shocks[i] for i in s) for s in SETUPS])]
     names = fit.vehicle.state_space.output_names
     found = ManySetups(fit.vehicle, case.laws(), lap, EVERY).run(SETUPS)
     zeroed = ManySetups(without.vehicle, case.laws(), lap, EVERY).run(SETUPS)
     _draw_traces(true[0], names, found[0])
-    wanted = [measures_of(*t, RATE) for t in true]
-    got, less = ([measures_of(names, y, RATE / EVERY) for y in run] for run in (found, zeroed))
+    expected = [measures_of(*t, RATE) for t in true]
+    identified, conditioned = ([measures_of(names, y, RATE / EVERY) for y in run] for run in (found, zeroed))
     print("\n| RMS over a lap | truth | identified | with the low paths zeroed |\n|---|---|---|---|")
     figure, grid = figure_of(2, 4, (14.0, 6.2))
     for column, (channel, unit, word) in zip(grid.T, TRENDS, strict=True):
-        rows = [[m[channel] / unit for m in measures] for measures in (wanted, got, less)]
+        rows = [[m[channel] / unit for m in measures] for measures in (expected, identified, conditioned)]
         print(f"| {channel} [{word}] | {' | '.join(numbers(row) for row in rows)} |")
         column[0].plot(("all", *CORNERS), rows[0], "o-", color="0.5", label="truth")
         column[0].plot(("all", *CORNERS), rows[1], "s--", color="tab:red", label="identified")
@@ -142,7 +142,7 @@ def _draw_traces(true, names, found) -> None:
 
 
 def _sines(case, fit) -> None:
-    """Figs 6.29 and 6.30: heave sines of Table 6.2 with the third harmonics."""
+    """Make Figs 6.29 and 6.30: heave sines of Table 6.2 with the third harmonics."""
     rows = [(f, a, *_one(case, fit, sine_drive(case.car, f, a * INCH))) for f, a in HEAVE_SINES]
     _draw_sine_times([row for row in rows if row[0] in (1.0, 4.0, 8.0, 15.0)])
     print("\n| heave sine | " + " | ".join(f"{n} [{w}]" for n, _, w in SIGNALS) + " | third harmonic, tire, hub [%] |")
@@ -163,7 +163,7 @@ def _sines(case, fit) -> None:
 
 
 def _third(values, frequency) -> float:
-    """Return the third harmonic over the first, of 5 s at 250 Hz."""
+    """Return the ratio of the third harmonic to the first of 5 s at 250 Hz."""
     time = np.arange(values.size) * EVERY / RATE
     first, third = (abs(values @ np.exp(-2j * np.pi * k * frequency * time)) for k in (1, 3))
     return third / first
@@ -183,7 +183,7 @@ def _draw_sine_times(rows) -> None:
 
 
 def _bump(case, fit) -> None:
-    """Fig 6.31: an upward bump; what the rig would measure is low-passed at 60 Hz, as there."""
+    """Make Fig 6.31: an upward bump; the measured signals are low-passed at 60 Hz as in the dissertation."""
     t, y = _one(case, fit, bump_drive(case.car), cutoff=60.0)
     figure, grid = figure_of(1, 4, (14.0, 3.4))
     for axes, (name, unit, word) in zip(grid[0], SIGNALS, strict=True):
@@ -194,11 +194,11 @@ def _bump(case, fit) -> None:
         axes.set(title=name, xlabel="time [s]", ylabel=word)
     save(figure, "eight_post_bump")
     ranges = [f"{n} {np.ptp(t[n][5000:7500]) / u:.3g}, {np.ptp(y[n][5000:7500]) / u:.3g} {w}" for n, u, w in SIGNALS]
-    print("\nbump, range of truth and identified:", "; ".join(ranges))
+    print("\nbump, peak-to-peak values of truth and identified:", "; ".join(ranges))
 
 
 def _one(case, fit, drivefile, cutoff=100.0):
-    """Return the truth and the identified car on a drive, both at 250 Hz by name, without means."""
+    """Return the outputs by name of the truth and the identified car on a drive, at 250 Hz and without means."""
     lap, shocks = Actuators().follow(drivefile.series, case.car), case.shocks()
     names, rows = truth_of(case.car, next(iter(simulate_setups(case.car, lap, [(shocks[SINE_SHOCK],) * 4]))))
     low = butter(4, cutoff, fs=RATE, output="sos")

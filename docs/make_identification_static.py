@@ -1,6 +1,6 @@
-"""Static loading of docs/identification.md (6.4.4): the spring matrix of Eq 6.10 and 6.11, and what it leaves.
+"""Make the static loading of docs/identification.md (6.4.4): the spring matrix of Eq 6.10 and 6.11 and its residual.
 
-F_aero = K X_aero + F_zero over five levels up and down, by heave, pitch, roll, warp and single aeroloaders.
+F_aero = K X_aero + F_zero is fitted to five levels up and down in heave, pitch, roll, warp and of single aeroloaders.
 """
 
 from dataclasses import replace
@@ -12,18 +12,18 @@ from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, Tires, run_te
 from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.units import convert
 
-#: Period of a level: a ramp of 1 s, then 5 s held, of which the last 2 s count (6.4.4 takes the whole).
+#: Duration of a level [s], of its hold after a ramp of 1 s, and of the end of the hold that is used (6.4.4 uses all).
 PERIOD, HOLD, COUNTED = 6.0, 5.0, 2.0
 MODES = ("heave", "pitch", "roll", "warp")
 KINDS = (*MODES, *(f"{corner}.aero" for corner in CORNERS))
 LEVELS = 11
-#: Displacements in inches and degrees, forces in 1000 lbf and 1000 ft.lbf, as Eq 6.11.
+#: Units of Eq 6.11: displacements in inches and degrees, forces in 1000 lbf and 1000 ft.lbf.
 SIZES = np.array([INCH, *[np.pi / 180.0] * 3])
 FORCES = 1e3 * np.array([POUND, *[convert(1.0, "lbf.ft", "N.m")] * 3])
 
 
 def main() -> None:
-    """Print the matrix and what it leaves, as the car is and without what could bend it."""
+    """Print the matrix and its residual for the car as it is and without its nonlinear effects."""
     car = stand_in_truth()
     straight = replace(car.springs, progression=0.0 * car.springs.progression)
     _report("1000 lbf at each aeroloader", car, most=1000.0)
@@ -35,7 +35,7 @@ def main() -> None:
     _report("without bump stops", replace(car, springs=replace(car.springs, stop_rate=0.0 * car.springs.stop_rate)))
     _report("without tires that lift", _grounded(car))
     _report("without any of them", _linear(car), sensors=RigSensors.perfect())
-    print("\nlinear truth, by its own coordinates:\n", _shown(_analytic(_linear(car))))
+    print("\nlinear truth, from its stiffness matrix:\n", _shown(_analytic(_linear(car))))
 
 
 def _report(name, car, *, shown=False, **options) -> None:
@@ -43,14 +43,14 @@ def _report(name, car, *, shown=False, **options) -> None:
     K, left = fitted(x, force)
     print(f"\n{name}: unexplained of each force's deviation, heave, pitch, roll, warp [%]:", _percent(left, force))
     own = [_percent(left[:, kind == k], force)[m] for m, k in enumerate(MODES)]
-    print("  in the tests of that mode alone:", own)
+    print("  in the tests of each mode alone:", own)
     if shown:
         print(_shown(K))
         _draw(x, force, left, kind)
 
 
 def levels(car, *, most=500.0, sensors=None):
-    """Return means over every level: displacements (4, L), forces (4, L) of the modes, and which test (L,)."""
+    """Return means over every level: displacements (4, L) and forces (4, L) of the modes, and the test names (L,)."""
     rows, kind = [], []
     for test in KINDS:
         drive = static_drive(car, test, most=most * POUND)
@@ -62,11 +62,11 @@ def levels(car, *, most=500.0, sensors=None):
             kind.append(test)
     x, force = np.split(np.array(rows).T, 2)
     g = car.geometry
-    return displacement_modes(g) @ x, -force_modes(g) @ force, np.array(kind)  # up, as the displacements
+    return displacement_modes(g) @ x, -force_modes(g) @ force, np.array(kind)  # positive up, like the displacements
 
 
 def fitted(x, force):
-    """Return K (4, 4) of Eq 6.10 and what it leaves (4, L)."""
+    """Return K (4, 4) of Eq 6.10 and the residual forces (4, L)."""
     design = np.vstack([x, np.ones(x.shape[1])])
     factors = np.linalg.lstsq(design.T, force.T, rcond=None)[0].T
     return factors[:, :4], force - factors @ design
@@ -91,7 +91,7 @@ def _linear(car):
 
 
 def _analytic(car):
-    """Return K of the linear car: the inverse of its flexibility at the aeroloaders, by modes."""
+    """Return K of the linear car in modes: the inverse of its compliance at the aeroloaders."""
     stiffness = car.stiffness + car.spring.T @ (car.springs.rate * car.spring)
     stiffness = stiffness + car.wheel.T @ (car.tires.stiffness * car.wheel)
     flexibility = car.load @ np.linalg.solve(stiffness, car.load.T)
@@ -100,7 +100,7 @@ def _analytic(car):
 
 
 def _draw(x, force, left, kind) -> None:
-    """Fig 6.32: measured and estimated forces of the static heave test's four aeroloaders' modes."""
+    """Draw Fig 6.32: measured and estimated force of each mode over its displacement in the static test of the mode."""
     figure, grid = figure_of(1, 4, (14.0, 3.4))
     for k, (axes, mode) in enumerate(zip(grid[0], MODES, strict=True)):
         test = kind == mode

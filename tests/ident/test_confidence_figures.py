@@ -17,7 +17,7 @@ from eightpost.ident.vehicle.common_poles.uncertainty import (
     sampled_models,
     spread,
 )
-from eightpost.ident.vehicle.trust import FoundForce
+from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
@@ -118,8 +118,8 @@ def test_the_deviation_of_sampled_models_is_that_of_a_sample():
     [(40.1, 10.0, True), (-40.1, 10.0, True), (40.0, 10.0, False), (5.0, 0.0, True)],
 )  # fmt: skip
 def test_a_force_is_significant_above_four_deviations(value, deviation, significant):
-    assert FoundForce(value, deviation).is_significant == significant
-    assert FoundForce(12.34, 1.5).said == "12.3 +- 3.0 N"
+    assert ForceEstimate(value, deviation).is_significant == significant
+    assert ForceEstimate(12.34, 1.5).text == "12.3 +- 3.0 N"
 
 
 # ---- Coherence -----------------------------------------------------------------------------------
@@ -209,10 +209,10 @@ def test_a_tenth_beyond_the_tests_on_either_side_is_not_told_and_more_is(low, hi
     assert ranges.beyond(series(lf__velocity=sine(0.548, 2.0))) == ()
     (told,) = ranges.beyond(series(lf__velocity=sine(0.552, 2.0)))
     assert told.startswith("lf.velocity reaches 0.55")
-    assert told.endswith(" m/s, the tests reached 0.5: extrapolated.")
+    assert told.endswith(" m/s, in the tests 0.5: extrapolated.")
 
 
-@pytest.mark.parametrize(("amplitude", "told"), [(0.098, ""), (0.105, "10 % of lf.velocity (RMS) lies above 16 Hz")])
+@pytest.mark.parametrize(("amplitude", "told"), [(0.098, ""), (0.105, "10 % of lf.velocity (RMS) is above 16 Hz")])
 def test_more_than_a_tenth_above_the_fitted_frequencies_is_told(amplitude, told):
     """Of the RMS about the mean, whatever the mean; of velocities and tire forces."""
     ranges, wave = Ranges((0.2, 16.0), {}), lambda t: 5.0 + sine(1.0, 2.0)(t) + sine(amplitude, 20.0)(t)

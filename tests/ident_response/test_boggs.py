@@ -17,7 +17,7 @@ from eightpost.ident.vehicle.recipes import recipe, recipe_names
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.summary import damping_sentence, residual_table
-from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, story_path, write_fit
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
 from eightpost.vehicle import IdentifiedVehicle
 
 from .rig_tests import BASELINE, Rig
@@ -110,7 +110,7 @@ def test_an_unstable_loop_is_found_and_the_dampers_are_named(fit: VehicleFit) ->
     found = closed_loop_stability(IdentifiedVehicle("pushed", pushed, fit.vehicle.baseline_damping))
     assert not found.stable
     assert found.growth > 0.0
-    assert "UNSTABLE" in found.said()
+    assert "UNSTABLE" in found.summary()
 
 
 def test_a_fit_is_read_back_as_it_was_written(fit: VehicleFit, tmp_path: Path) -> None:
@@ -132,15 +132,15 @@ def test_a_fit_beside_another_vehicle_is_refused(fit: VehicleFit, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("change", "said"), [({"schema": 99}, "update eightpost"), ({"kind": "shock"}, "no fit of ours")]
+    ("change", "said"), [({"schema": 99}, "update eightpost"), ({"kind": "shock"}, "not a fit written by eightpost")]
 )
-def test_a_fit_that_is_newer_or_none_is_refused(
+def test_a_file_of_a_newer_schema_or_another_kind_is_refused(
     fit: VehicleFit, tmp_path: Path, change: dict[str, object], said: str
 ) -> None:
     car = tmp_path / "car.json"
     write_fit(car, fit)
-    story = json.loads(story_path(car).read_text(encoding="utf-8"))
-    story_path(car).write_text(json.dumps(story | change), encoding="utf-8")
+    content = json.loads(fit_path(car).read_text(encoding="utf-8"))
+    fit_path(car).write_text(json.dumps(content | change), encoding="utf-8")
     with pytest.raises(FileFormatError, match=said):
         read_fit(car)
 

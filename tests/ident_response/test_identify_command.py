@@ -61,8 +61,8 @@ def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
         "misfit of the",
         "the loop is stable",
         "states from",
-        "how sure",
-        "one sigma, N",
+        "uncertainty of the worst output",
+        "standard deviation, N",
     ):
         assert said in " ".join(done[0].output.split()), said
 

@@ -12,7 +12,7 @@ from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.response.preconditioning import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
-from eightpost.ident.vehicle.balanced import balanced
+from eightpost.ident.vehicle.balanced import balance
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.transfer_function import TransferFunction
 from eightpost.shock import Lpf1, Lpnl2
@@ -36,7 +36,7 @@ def _copies(count: int) -> dict[tuple[str, str], TransferFunction]:
 def test_copies_of_one_mode_are_one_mode_again() -> None:
     outputs = [Channel(f"y{k}", "m") for k in range(5)]
     model = parallel_model(_copies(5), [Channel("u", "N")], outputs)
-    found = balanced(model, np.array([1e3]), np.full(5, 1e-6))
+    found = balance(model, np.array([1e3]), np.full(5, 1e-6))
     assert len(model.A) == 10
     assert (found.hankel[2:] < 1e-6 * found.hankel[0]).all()
     frequency = np.geomspace(0.1, 50.0, 60)
@@ -56,7 +56,7 @@ def test_a_truncation_errs_by_less_than_twice_the_hankel_values_left_out() -> No
         poles, residues = (np.array([z, z.conjugate()]) for z in (pole, residue))
         paths[f"y{k}", "u"] = TransferFunction(poles, residues, 0.0)
     model = parallel_model(paths, [Channel("u", "N")], [Channel(f"y{k}", "m") for k in range(6)])
-    found = balanced(model, np.ones(1), np.ones(6))
+    found = balance(model, np.ones(1), np.ones(6))
     frequency = np.geomspace(0.01, 100.0, 400)
     for states in (2, 4, 8):
         wrong = found.truncated(states).frequency_response(frequency) - model.frequency_response(frequency)
@@ -148,7 +148,7 @@ def test_friction_adds_its_damping_where_it_is_smooth(
 def test_what_cannot_be_simulated_together_is_refused(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
-    with pytest.raises(InputError, match="names one shock for each"):
+    with pytest.raises(InputError, match="each setup needs one shock"):
         ManySetups(car, bank, drive).run([[0, 1]])
     wrong = TimeSeries.from_channels(drive.time, {"lf.road": ("m", drive["road"])})
     with pytest.raises(InputError, match=r"lf\.road"):

@@ -1,4 +1,4 @@
-"""Models of vehicles from their frequency responses, and simulation with them."""
+"""Identification of vehicle models from frequency responses, and simulation with these models."""
 
 from eightpost.ident.vehicle.closed_loop import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of

@@ -1,11 +1,11 @@
-"""Fewer states for many single paths: balanced truncation of sections side by side.
+"""Balanced truncation of a parallel model of many single paths.
 
-A chain of 154 fits of order eight has 1200 states, of which the car has 14 to 20. With the poles known, both Gramians
-are written down at once in modal coordinates,
+154 path fits of order eight have 1200 states, while the car itself has 14 to 20. As the poles are known, both Gramians
+have a closed form in modal coordinates,
 
     W_c = -b_i b_j* / (p_i + p_j*),     W_o = -c_i* c_j / (p_i* + p_j)
 
-and the states that are hardly reached or hardly seen are left out. The direct terms stay as they are.
+and the states that are weakly controllable or weakly observable are removed. The direct terms do not change.
 
 Source: B. C. Moore, "Principal component analysis in linear systems", IEEE Trans. Autom. Control 26 (1981) 17-32, doi
 10.1109/TAC.1981.1102568.
@@ -27,35 +27,35 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Eigenvalues of a Gramian below this part of the largest are rounding.
+#: Eigenvalue of a Gramian, relative to the largest, below which it is a rounding error [1].
 _ROUNDING = 1e-14
 
 
-class Balanced(NamedTuple):
+class BalancedModel(NamedTuple):
     """A model in balanced coordinates, most important state first.
 
     Attributes:
-        model: All of it that is above rounding.
-        hankel: Hankel singular values (n,) of the scaled model.
+        model: BalancedModel model, without states at the level of rounding errors.
+        hankel: Hankel singular values of the scaled model (n,).
     """
 
     model: StateSpace
     hankel: Array
 
     def truncated(self, states: int) -> StateSpace:
-        """Return the model of the first `states`; it is stable where the whole one is."""
+        """Return the model of the first `states`; it is stable if the full model is."""
         model, n = self.model, min(states, self.hankel.size)
         A, B, C = model.A[:n, :n], model.B[:n], model.C[:, :n]
         return StateSpace(A, B, C, model.D, model.inputs, model.outputs, model.dt, model.name)
 
 
-def balanced(model: StateSpace, input_sizes: Array, output_sizes: Array) -> Balanced:
-    """Balance a stable continuous model of first- and second-order sections, as `parallel_model` makes them.
+def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> BalancedModel:
+    """Balance a stable continuous model of first- and second-order sections, such as `parallel_model` returns.
 
     Args:
-        model: Its state matrix has blocks of one and of two states `((re, -im), (im, re))`.
+        model: Model whose state matrix has blocks of one state and of two states `((re, -im), (im, re))`.
         input_sizes: Typical sizes of the inputs (m,).
-        output_sizes: Of the outputs (p,); with those of the inputs they say what counts as little.
+        output_sizes: Typical sizes of the outputs (p,); both sizes scale the model before balancing.
     """
     modal = _modal_basis(model.A)
     poles = _poles(model.A)
@@ -63,7 +63,7 @@ def balanced(model: StateSpace, input_sizes: Array, output_sizes: Array) -> Bala
     B, C = modal @ (model.B * input_sizes), (model.C / output_sizes[:, None]) @ real
     reach = real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T
     sight = modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal
-    # In units in which each state alone is reached and seen alike: newtons and metres lie far apart.
+    # Scale each state to be equally controllable and observable, as newtons and metres differ by orders of magnitude.
     units = (np.diag(sight).real / np.diag(reach).real) ** 0.25
     reached = _factor(reach * np.outer(units, units)) / units[:, None]
     seen = _factor(sight / np.outer(units, units)) * units[:, None]
@@ -74,16 +74,16 @@ def balanced(model: StateSpace, input_sizes: Array, output_sizes: Array) -> Bala
     back = (seen @ (left[:, kept] * root)).T
     A = back @ (csr_array(model.A) @ to)
     found = StateSpace(A, back @ model.B, model.C @ to, model.D, model.inputs, model.outputs, None, model.name)
-    return Balanced(found, hankel[kept])
+    return BalancedModel(found, hankel[kept])
 
 
 def _pairs(A: Array) -> NDArray[np.intp]:
-    """Return the first state of every section of two states."""
+    """Return the index of the first state of every section of two states."""
     return np.flatnonzero(np.diag(A, 1))
 
 
 def _poles(A: Array) -> Complex:
-    """Return the poles (n,), those of a section of two beside each other."""
+    """Return the poles (n,); the two poles of a section of two states are adjacent."""
     poles = np.diag(A).astype(np.complex128)
     first = _pairs(A)
     imaginary = A[first + 1, first]
@@ -93,7 +93,7 @@ def _poles(A: Array) -> Complex:
 
 
 def _modal_basis(A: Array) -> csr_array:
-    """Return T (n, n): the complex modal state `xi = x_1 + i x_2` and its conjugate of every section of two."""
+    """Return T (n, n), which gives the modal state `xi = x_1 + i x_2` and its conjugate for sections of two states."""
     first = _pairs(A)
     ones = np.ones(len(A), dtype=np.complex128)
     ones[first + 1] = -1j
@@ -104,13 +104,13 @@ def _modal_basis(A: Array) -> csr_array:
 
 
 def _inverse(modal: csr_array) -> csr_array:
-    """Return the inverse of T: of a block ((1, i), (1, -i)) it is half its conjugate transpose."""
+    """Return the inverse of T; for a block ((1, i), (1, -i)) it is half the conjugate transpose."""
     sizes = np.asarray(abs(modal).sum(axis=1)).ravel()
     return csr_array(modal.conj().T.multiply(1.0 / sizes[None, :]))
 
 
 def _factor(gramian: Complex) -> Array:
-    """Return F with `F F^T` the Gramian."""
+    """Return a factor F of the Gramian `F F^T`."""
     values, vectors = eigh(0.5 * (gramian + gramian.conj().T).real)
     kept = values > _ROUNDING * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

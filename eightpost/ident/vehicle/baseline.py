@@ -1,4 +1,4 @@
-"""Which test is the baseline, and the linear damping around which a vehicle is identified (6.3.1)."""
+"""Choice of the baseline test, and the linear damping around which a vehicle is identified (6.3.1)."""
 
 from __future__ import annotations
 
@@ -18,59 +18,59 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A shock whose force strays from `c v` by more than this part of it is not near-linear [1].
+#: RMS deviation of a shock's force from `c v`, relative to `c v`, above which the shock is reported as nonlinear [1].
 _NEAR_LINEAR = 0.3
-#: An alternate shock has at least this part more or less damping than the baseline's [1].
+#: Minimum relative difference in damping between an alternate shock and the baseline shock [1].
 _OTHER = 0.1
 
 
 class Baseline(NamedTuple):
-    """The baseline test and what its shocks are.
+    """The baseline test and the damping of its shocks.
 
     Attributes:
-        test: Its position among the records.
-        damping: Slope of the best line through force over velocity [N.s/m], by port (C-bar).
-        strays: How far each shock's force strays from that line, RMS over RMS [1], by port.
-        order: Positions of all records, the baseline first, then alternate tests in the order of the ports.
+        test: Index of the baseline test among the records.
+        damping: Least-squares slope of force over velocity (C-bar) [N.s/m], by port.
+        deviations: RMS deviation of the shock's force from that line, relative to the line's RMS [1], by port.
+        order: Indices of all records: the baseline first, then alternate tests in the order of the ports.
     """
 
     test: int
     damping: Mapping[str, float]
-    strays: Mapping[str, float]
+    deviations: Mapping[str, float]
     order: tuple[int, ...]
 
     def notes(self) -> tuple[str, ...]:
-        """Return what a person should know of it."""
-        far = [f"{port or 'the port'} ({100.0 * part:.0f} %)" for port, part in self.strays.items()
+        """Return notes on the baseline for the user."""
+        far = [f"{port or 'the port'} ({100.0 * part:.0f} %)" for port, part in self.deviations.items()
                if part > _NEAR_LINEAR]  # fmt: skip
-        return (f"baseline shocks far from a straight line: {', '.join(far)}",) if far else ()
+        return (f"baseline shocks deviate from a straight line: {', '.join(far)}",) if far else ()
 
 
 def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: int | None = None) -> Baseline:
-    """Find the baseline test: the one whose shocks are those that most tests have at each corner.
+    """Find the baseline test, whose shocks are at each corner those that most tests have.
 
     Args:
-        records: With `force` and `velocity` of every port.
-        ports: "lf", ...; "" for a quarter car.
-        test: Which it is, where that is known.
+        records: Records with `force` and `velocity` of every port.
+        ports: Ports: "lf", ...; "" for a quarter car.
+        test: Index of the baseline test, if known.
 
     Raises:
-        InputError: All tests have the same shocks, so that no force can be told from what causes it.
+        InputError: All tests have the same shock at a port, so the effect of its force cannot be separated.
     """
     slopes = np.array([[_slope(record, port) for port in ports] for record in records])
-    usual = np.sort(slopes, axis=0)[len(slopes) // 2]  # of two tests, the one with more damping
+    usual = np.sort(slopes, axis=0)[len(slopes) // 2]  # with two tests, the larger damping
     chosen = int(np.argmin(np.abs(slopes / usual - 1.0).max(axis=1))) if test is None else test
     changes = np.abs(slopes / slopes[chosen] - 1.0)
     for place, port in enumerate(ports):
         if len(records) > 1 and changes[:, place].max() < _OTHER:
             raise InputError(
-                f"no test has another shock at {port or 'the port'}: its damping is {slopes[chosen, place]:.0f} N.s/m "
-                f"within {100.0 * _OTHER:.0f} % in all {len(records)}; add a test with about half of it (6.1.4)"
+                f"no test has another shock at {port or 'the port'}: the damping is {slopes[chosen, place]:.0f} N.s/m "
+                f"within {100.0 * _OTHER:.0f} % in all {len(records)} tests; add a test with about half of it (6.1.4)"
             )
-    strays = {port: _stray(records[chosen], port, slopes[chosen, i]) for i, port in enumerate(ports)}
+    deviations = {port: _deviation(records[chosen], port, slopes[chosen, i]) for i, port in enumerate(ports)}
     others = sorted((k for k in range(len(records)) if k != chosen), key=lambda k: (int(np.argmax(changes[k])), k))
     damping = {port: float(slopes[chosen, i]) for i, port in enumerate(ports)}
-    return Baseline(chosen, damping, strays, (chosen, *others))
+    return Baseline(chosen, damping, deviations, (chosen, *others))
 
 
 def _slope(record: TimeSeries, port: str) -> float:
@@ -78,7 +78,7 @@ def _slope(record: TimeSeries, port: str) -> float:
     return float(v @ force / (v @ v))
 
 
-def _stray(record: TimeSeries, port: str, slope: float) -> float:
+def _deviation(record: TimeSeries, port: str, slope: float) -> float:
     v, force = _moving(record, port)
     return float(np.std(force - slope * v) / np.std(slope * v))
 

@@ -1,11 +1,12 @@
-"""Polynomials that are orthonormal on the points of a fit, so that high orders stay well conditioned.
+"""Polynomials that are orthonormal on the points of a fit, so that high orders remain well conditioned.
 
-Powers of s are hopeless beyond order six or so. The Arnoldi iteration for multiplication by s gives polynomials p_0,
-p_1, ... with real coefficients, orthonormal in `Re sum_k w_k conj(p_i(s_k)) p_j(s_k)`, and a Hessenberg matrix with
+Powers of s are too ill conditioned above order six or so. The Arnoldi iteration for multiplication by s gives
+polynomials p_0, p_1, ... with real coefficients, orthonormal in `Re sum_k w_k conj(p_i(s_k)) p_j(s_k)`, and a
+Hessenberg matrix with
 
     s p_k = sum_{i <= k + 1} h_ik p_i
 
-from which they are evaluated anywhere and from which the zeros of any combination are eigenvalues.
+This relation evaluates the polynomials at any point and gives the zeros of any combination as eigenvalues.
 
 Source: P. D. Brubeck, Y. Nakatsukasa, L. N. Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021) 405-415, doi
 10.1137/19M130100X.
@@ -30,15 +31,15 @@ class PolynomialBasis:
     """Real polynomials of degree 0 to n.
 
     Attributes:
-        hessenberg: (n + 1, n).
-        first: p_0, a constant.
+        hessenberg: Hessenberg matrix (n + 1, n).
+        first: Constant polynomial p_0.
     """
 
     hessenberg: Array
     first: float
 
     def values(self, points: Complex) -> Complex:
-        """Return p_0 ... p_n at complex points (K,): (K, n + 1)."""
+        """Return p_0 ... p_n (K, n + 1) at complex points (K,)."""
         n = self.hessenberg.shape[1]
         values = np.empty((points.size, n + 1), dtype=np.complex128)
         values[:, 0] = self.first
@@ -48,7 +49,7 @@ class PolynomialBasis:
         return values
 
     def roots(self, coefficients: Array) -> Complex:
-        """Return the zeros of `sum_k c_k p_k` (degree,), leading coefficients that are zero left out."""
+        """Return the zeros of `sum_k c_k p_k` (degree,); leading coefficients that are zero are ignored."""
         n = coefficients.size - 1
         while n > 0 and coefficients[n] == 0.0:
             n -= 1
@@ -65,14 +66,14 @@ class PolynomialBasis:
 
 
 def orthonormal_basis(points: Complex, weight: Array, degree: int) -> PolynomialBasis:
-    """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with `weight` (K,), not negative."""
+    """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with a nonnegative `weight` (K,)."""
     root = np.sqrt(weight / weight.sum())
     Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
     hessenberg = np.zeros((degree + 1, degree))
     Q[:, 0] = 1.0
     for k in range(degree):
         moved = points * Q[:, k]
-        for _ in range(2):  # once more, for what rounding left
+        for _ in range(2):  # the second pass removes rounding errors
             share = np.real((root[:, None] * Q[:, : k + 1]).conj().T @ (root * moved))
             moved -= Q[:, : k + 1] @ share
             hessenberg[: k + 1, k] += share

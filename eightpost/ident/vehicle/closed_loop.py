@@ -1,4 +1,4 @@
-"""Simulation of an identified vehicle with shocks: the shock-force difference fed back (Figs 4.12, 5.14, 6.25)."""
+"""Simulation of an identified vehicle with feedback of the shock-force difference (Figs 4.12, 5.14, 6.25)."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_MOST_ITERATIONS = 50
-#: Two iterates this close [N] are one force.
+_MAX_ITERATIONS = 50
+#: Change of the forces [N] at which the iteration has converged.
 _CLOSE = 1e-6
 
 
 def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> TimeSeries:
-    """Simulate a vehicle as identified with shocks at its ports.
+    """Simulate an identified vehicle with shocks at its ports.
 
-    Each shock gives F at the port velocity v; the vehicle, which has the baseline damper c in it, takes F - c v and the
-    friction of its port. A
-    continuous model is stepped exactly, inputs linear between the drive's samples and the force at the end of a step
-    found by iteration; a discrete one takes the force of the sample before, as its difference equation does.
+    Each shock gives a force F at the port velocity v. As the vehicle includes the baseline damper c, its input is F - c
+    v plus the friction of the port. A continuous model is stepped exactly for inputs that are linear between the
+    samples of the drive; the force at the end of a step is found by iteration. A discrete model uses the force of the
+    previous sample, as its difference equation does.
 
     Args:
-        vehicle: As identified; ports without baseline damping take the whole force.
-        shocks: Law by port ("lf", ...; "" for a quarter car). A port without shock has none: no force at all.
-        drive: The vehicle's other inputs by name; those that are not there are zero. Its rate is the simulation's.
+        vehicle: Identified vehicle. The input of a port without baseline damping is the whole force.
+        shocks: Shock law by port ("lf", ...; "" for a quarter car). A port without a shock has no shock force.
+        drive: Other inputs of the vehicle by name; missing ones are zero. Its sample rate is that of the simulation.
 
     Returns:
-        The outputs of the vehicle, and each shock's whole force as `force` of its port, at the drive's times.
+        Outputs of the vehicle and the whole force of each shock, as `force` of its port, at the times of the drive.
 
     Raises:
-        InputError: Drive or shocks do not fit the vehicle.
-        StepError: The force of a step cannot be found: the step is too long for shocks so stiff.
+        InputError: The drive or the shocks do not match the vehicle.
+        StepError: The force of a step does not converge, as the step is too long for such stiff shocks.
     """
     loop = _Loop.of(vehicle, shocks, drive)
     outputs, forces = loop.run(drive)
@@ -73,25 +73,27 @@ class _Loop:
         ports = tuple(n.removesuffix("force").rstrip(".") for n in model.input_names if _is_port(n, model))
         for port in shocks:
             if port not in ports:
-                raise InputError(f"there is no port {port!r}; the vehicle has {', '.join(map(repr, ports)) or 'none'}")
+                raise InputError(
+                    f"there is no port {port!r}; the vehicle's ports are {', '.join(map(repr, ports)) or 'none'}"
+                )
         _check_drive(model, drive)
         forces = [model.input_names.index(_channel(port, "force")) for port in ports]
         velocities = [model.output_names.index(_channel(port, "velocity")) for port in ports]
         if np.abs(model.D[np.ix_(velocities, forces)]).any():
             raise ParameterError(
-                f"{model.name}: a shock velocity answers a shock force at once, which is a loop without delay; fit "
-                "these paths with a numerator of lower degree than the denominator"
+                f"{model.name}: a shock velocity has a direct term in a shock force, which makes an algebraic loop; "
+                "fit these paths with a numerator of lower degree than the denominator"
             )
         at = [_optional(model.output_names, _channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        rubbing = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
-        friction = np.array([law.force for law in rubbing]), np.array([law.velocity for law in rubbing])
+        laws = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
+        friction = np.array([law.force for law in laws]), np.array([law.velocity for law in laws])
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
     def _change(self, force: Array, v: Array) -> Array:
-        """Return what shocks and friction are more than the baseline dampers (ports,) [N]."""
-        rubbed = self.friction[0] * np.tanh(v / self.friction[1])
-        return np.asarray(force + rubbed - self.damping * v)
+        """Return the force of shocks and friction minus that of the baseline dampers [N] (ports,)."""
+        rubbing = self.friction[0] * np.tanh(v / self.friction[1])
+        return np.asarray(force + rubbing - self.damping * v)
 
     def run(self, drive: TimeSeries) -> tuple[Array, Array]:
         """Return the outputs (p, N) and the shock forces (ports, N)."""
@@ -104,7 +106,9 @@ class _Loop:
     def _run_discrete(self, u: Array, step: float) -> tuple[Array, Array]:
         model = self.model
         if model.dt is None or abs(step / model.dt - 1.0) > 1e-3:
-            raise InputError(f"{model.name} steps by {model.dt} s, the drive by {step:g} s; resample the drive")
+            raise InputError(
+                f"the step of {model.name} is {model.dt} s, that of the drive {step:g} s; resample the drive"
+            )
         A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
@@ -131,7 +135,7 @@ class _Loop:
             free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
             y_free = C @ free + model.D @ u[k]
             sensitivity = model.D[:, self.forces] if k == 0 else by_force
-            for _ in range(_MOST_ITERATIONS):
+            for _ in range(_MAX_ITERATIONS):
                 y = y_free + sensitivity @ change
                 following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
                 previous, change = change, self._change(force, y[self.velocities])
@@ -139,7 +143,8 @@ class _Loop:
                     break
             else:
                 raise StepError(
-                    f"the shock forces at sample {k} cannot be found by steps of {step:g} s; resample finer"
+                    f"the shock forces at sample {k} do not converge with steps of {step:g} s; resample the drive at a "
+                    "higher rate"
                 )
             state, forces[k], outputs[k], v = following, force, y, y[self.velocities]
             x = free if k == 0 else free + driven @ change
@@ -152,7 +157,7 @@ class _Loop:
 
 @dataclass(frozen=True, slots=True)
 class _Shocks:
-    """The shocks' lagged forces [N]."""
+    """State of the shocks: their lagged forces [N]."""
 
     laws: tuple[ShockLaw | None, ...]
     lagged: tuple[float, ...]
@@ -162,7 +167,7 @@ class _Shocks:
         return cls(tuple(laws), tuple(0.0 if law is None else law.static_force(0.0) for law in laws))
 
     def after(self, before: Array, now: Array, displacement: list[float], step: float) -> tuple[_Shocks, Array]:
-        """Return the shocks after a step in which their velocities go linearly, and their forces."""
+        """Return the shocks after a step with linear velocities, and their forces."""
         lagged, forces = list(self.lagged), np.zeros(len(self.laws))
         for i, law in enumerate(self.laws):
             if law is None:
@@ -191,4 +196,6 @@ def _check_drive(model: StateSpace, drive: TimeSeries) -> None:
         raise InputError("the drive is not evenly sampled; resample it")
     for name in drive.names:
         if name not in model.input_names or _is_port(name, model):
-            raise InputError(f"the drive has {name!r}, which the vehicle {model.name!r} cannot be driven by")
+            raise InputError(
+                f"the drive has the channel {name!r}, which is not an input of the vehicle {model.name!r}; leave it out"
+            )

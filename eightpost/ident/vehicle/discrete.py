@@ -1,4 +1,4 @@
-"""Exact steps of models whose states fall into many small parts, as parallel sections do."""
+"""Exact discretisation of models whose states form many independent parts, such as parallel sections."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def discretise_by_parts(A: Array, B: Array, step: float) -> kernel.Discrete:
-    """Return `kernel.discretise(A, B, step)`, part by part: a matrix exponential of 1200 states takes minutes."""
+    """Return `kernel.discretise(A, B, step)`, computed part by part, as one for 1200 states takes minutes."""
     count, part = connected_components(csr_array(A != 0.0), directed=False)
     Ad, B0, B1 = np.zeros_like(A), np.zeros_like(B), np.zeros_like(B)
     for number in range(count):

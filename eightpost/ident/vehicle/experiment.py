@@ -1,4 +1,4 @@
-"""What is identified: which channels of the rig tests are inputs, shock forces and outputs."""
+"""Definition of an identification: the channels of the rig tests that are inputs, shock forces and outputs."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """The channels of an identification and the damping around which it is made.
+    """Channels of an identification and the damping around which the model is identified.
 
     Attributes:
-        name: What the vehicle is called.
-        rig: The rig's inputs: roads, aeroloaders or forces and moments on the chassis.
-        forces: The shock forces, `force` of each port.
-        outputs: What the model shall give; the shock velocities of all ports are among them.
-        baseline_damping: C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
+        name: Name of the vehicle.
+        rig: Inputs of the rig: roads, aeroloaders or forces and moments on the chassis.
+        forces: Shock forces: `force` of each port.
+        outputs: Outputs of the model, which include the shock velocities of all ports.
+        baseline_damping: Baseline damping C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
         static: Values of the static state by output, SI, as in `IdentifiedVehicle`.
         sources: SHA-256 digests of the files, by name.
-        means: Of the first test's outputs, where its records are without means, SI: they tell tires that lift.
+        means: Means of the first test's outputs, SI, if they were removed from the records; used to detect tires that
+            lift off.
     """
 
     name: str
@@ -40,29 +41,31 @@ class Experiment:
         """Check that every port has a velocity and a damping."""
         for port in self.ports:
             if channel(port, "velocity") not in self.outputs:
-                raise ParameterError(f"{self.name}: {channel(port, 'velocity')} must be an output, or no shock fits")
+                raise ParameterError(
+                    f"{self.name}: {channel(port, 'velocity')} must be an output, as a shock law needs it"
+                )
             if port not in self.baseline_damping:
-                raise ParameterError(f"{self.name}: the port {port!r} has no baseline damping; give one [N.s/m]")
+                raise ParameterError(f"{self.name}: the port {port!r} has no baseline damping; specify one [N.s/m]")
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The rig's inputs, then the shock forces."""
+        """Inputs of the rig, then the shock forces."""
         return self.rig + self.forces
 
     @property
     def ports(self) -> tuple[str, ...]:
-        """The ports, in the order of the forces."""
+        """Ports in the order of the forces."""
         return tuple(name.removesuffix("force").rstrip(".") for name in self.forces)
 
     def of(self, *outputs: str) -> Experiment:
-        """Return the experiment with these outputs only, and the shock velocities.
+        """Return the experiment with the given outputs and the shock velocities only.
 
         Raises:
-            ParameterError: An output is not there.
+            ParameterError: The experiment has no such output.
         """
         unknown = [name for name in outputs if name not in self.outputs]
         if unknown:
-            raise ParameterError(f"no output {', '.join(unknown)}; there are {', '.join(self.outputs)}")
+            raise ParameterError(f"there is no output {', '.join(unknown)}; the outputs are {', '.join(self.outputs)}")
         kept = {channel(port, "velocity") for port in self.ports} | set(outputs)
         return replace(self, outputs=tuple(name for name in self.outputs if name in kept))
 
@@ -79,16 +82,16 @@ def experiment_of(
     name: str = "vehicle",
     sources: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Return the experiment that records with these channels make: a quarter car, a seven-DOF car or an 8-post rig.
+    """Return the experiment for records with the given channels: a quarter car, a seven-DOF car or an 8-post rig.
 
     Args:
-        names: The channels that all records have, as in docs/rig.md.
-        baseline_damping: C-bar [N.s/m] by port.
-        name: What the vehicle is called.
-        sources: Digests of the files.
+        names: Names of the channels that all records have, as in docs/rig.md.
+        baseline_damping: Baseline damping C-bar [N.s/m] by port.
+        name: Name of the vehicle.
+        sources: SHA-256 digests of the files, by name.
 
     Raises:
-        ParameterError: The channels are those of no rig.
+        ParameterError: The channels do not include the road and the force of each shock.
     """
     there = tuple(names)
     ports = ("",) if "road" in there else ("lf", "rf", "lr", "rr")
@@ -97,7 +100,9 @@ def experiment_of(
     loads = aero or tuple(n for n in _LOADS if n in there)
     if not set(roads + forces) <= set(there):
         missing = ", ".join(sorted(set(roads + forces) - set(there)))
-        raise ParameterError(f"{name}: the records lack {missing}; a rig test has the road and the force of each shock")
+        raise ParameterError(
+            f"{name}: the records lack {missing}; a rig test needs the road and the force of each shock"
+        )
     outputs = tuple(channel(port, quantity) for quantity in _CORNER_OUTPUTS for port in ports)
     outputs = tuple(n for n in (*outputs, *_CAR_OUTPUTS) if n in there)
     return Experiment(name, roads + loads, forces, outputs, baseline_damping, {}, sources or {})
@@ -105,6 +110,6 @@ def experiment_of(
 
 #: Loads on a chassis without aeroloaders.
 _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
-#: Outputs of Table 6.1 that a model is asked for, where the records have them.
+#: Outputs of Table 6.1 that the model has if the records have them.
 _CORNER_OUTPUTS = ("velocity", "displacement", "tire_force", "hub_acceleration", "chassis_acceleration")
 _CAR_OUTPUTS = ("ride_height", "front.ride_height", "rear.ride_height", "driver.acceleration")

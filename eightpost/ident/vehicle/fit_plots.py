@@ -1,4 +1,4 @@
-"""Pictures of a fit: estimate, model over it, and coherence, a panel per input (Figs 4.10, 5.13, 6.20 to 6.24)."""
+"""Plots of a fit: estimate and model with one panel per input, and coherence (Figs 4.10, 5.13, 6.20 to 6.24)."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 _COLUMNS = 4
-#: Sizes [in]: a panel with its labels, left of its axes, and the strip below all panels.
+#: Sizes [in]: width and height of a panel with its labels, left margin of its axes, height of the coherence plot.
 _WIDE, _HIGH_ROW, _MARGIN, _STRIP = 3.9, 3.0, 0.72, 2.2
-#: What the strip leaves free at its sides: its legend has twelve inputs of a car.
+#: Width [in] beside the coherence plot for its legend, which has up to twelve inputs.
 _LEGEND = 2.7
-#: What is drawn [Hz].
+#: Plotted frequency band [Hz].
 _LOW, _HIGH = 0.3, 25.0
-#: Of PNGs, 0 to 9: more takes longer and saves little.
+#: Compression level of PNGs, 0 to 9; higher levels take longer and save little.
 _COMPRESSION = 3
 
 
 def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Path]:
-    """Write a PNG for each output, of its responses to every input: estimate and model, coherence below.
+    """Write a PNG for each output with its responses to every input (estimate and model) and the coherence below.
 
     Args:
-        fit: The fit.
-        outputs: Which.
-        folder: Where the PNGs go, each named as its output; replaced whole or not at all.
+        fit: Fit of the vehicle.
+        outputs: Names of the outputs to plot.
+        folder: Folder for the PNGs, each named after its output. A file is replaced completely or not at all.
     """
     if not outputs:
         return []
@@ -57,13 +57,13 @@ def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Pat
 
 
 class _Sheet:
-    """The panels of one output, made once and filled for one after the other: making them takes as long as drawing.
+    """Figure with the panels of one output, created once and filled for one output after another to save time.
 
-    Places are reckoned, of titles too: laying out by what is drawn takes as long again.
+    Positions are computed here, as an automatic layout would double the time.
 
     Args:
-        estimate: Its inputs have a panel each.
-        recipe: For the title.
+        estimate: Estimated response; each of its inputs has a panel.
+        recipe: Name of the recipe for the title.
     """
 
     def __init__(self, estimate: FrequencyResponse, recipe: str) -> None:
@@ -83,7 +83,7 @@ class _Sheet:
         self._recipe = recipe
 
     def show(self, estimate: FrequencyResponse, model: FrequencyResponse, row: int) -> None:
-        """Fill the panels with an output."""
+        """Fill the panels with the data of an output."""
         out = estimate.outputs[row]
         for panel, source, paths in zip(
             self._panels, estimate.inputs, zip(estimate.H[row], model.H[row], strict=True), strict=True
@@ -94,7 +94,7 @@ class _Sheet:
 
 
 class _Panel:
-    """Estimate and model of one path."""
+    """Panel with estimate and model of one path."""
 
     def __init__(self, axes: Axes, frequency: Array, name: str, *, is_first: bool) -> None:
         self._axes = axes
@@ -118,7 +118,7 @@ class _Panel:
 
 
 class _Strip:
-    """Coherence with each input and with all."""
+    """Plot of the coherence with each input and with all inputs."""
 
     def __init__(self, axes: Axes, estimate: FrequencyResponse) -> None:
         empty = np.full(estimate.frequency.size, np.nan)
@@ -146,7 +146,7 @@ class _Strip:
 
 
 def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]) -> Axes:
-    """Add axes; lower left corner and size in inches."""
+    """Add axes with the given lower left corner and size [in]."""
     wide, high = figure.get_size_inches()
     return figure.add_axes((corner[0] / wide, corner[1] / high, size[0] / wide, size[1] / high))
 

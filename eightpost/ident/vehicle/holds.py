@@ -1,4 +1,4 @@
-"""Where loads that step from level to level are held."""
+"""Detection of the intervals in which stepped loads are held constant."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Loads that change by less than this part of their range over `_LOOK` [s] are held; a hold lasts `_SHORTEST` [s].
+#: Loads are held if they change by less than `_STILL` of their range within `_LOOK` [s], for at least `_SHORTEST` [s].
 _STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
 
 
 def holds(rows: Array, rate: float) -> list[slice]:
-    """Return the second half of every hold, where what rang has settled.
+    """Return the second half of every hold, when oscillations have decayed.
 
     Args:
-        rows: The loads (A, N).
-        rate: [Hz].
+        rows: Loads (A, N).
+        rate: Sample rate [Hz].
     """
     look = max(1, round(_LOOK * rate))
     change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)

@@ -1,8 +1,8 @@
-"""Many setups on one drive: an identified vehicle with every combination of shocks, side by side.
+"""Simulation of many setups of an identified vehicle on one drive.
 
-What the drive alone does is computed once; only the shock-force differences and what they do are carried per setup, in
-modal coordinates, so that a setup costs a few numbers per mode and step. `simulate_with_shocks` is the same for one
-setup and any law.
+The response to the drive alone is computed once. Per setup only the shock-force differences and their effect are
+simulated, in modal coordinates, which takes a few operations per mode and step. `simulate_with_shocks` simulates one
+setup with any law.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ Law = Polylinear | Lpf1 | Lpnl2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManySetups:
-    """A vehicle, a bank of shocks and a drive.
+    """Simulation of the setups of a vehicle with shocks from a bank, on one drive.
 
     Attributes:
-        vehicle: As identified, continuous, with the friction of its ports.
-        bank: The laws that setups are made of.
-        drive: Inputs of the rig by name, evenly sampled; missing ones are zero. Its rate is the simulation's.
-        every: Outputs are kept at every so many-th sample.
+        vehicle: Identified continuous vehicle with the friction of its ports.
+        bank: Shock laws that setups choose from.
+        drive: Evenly sampled inputs of the rig by name; missing ones are zero. Its sample rate is that of the
+            simulation.
+        every: Interval of the output samples, in samples of the drive.
     """
 
     vehicle: IdentifiedVehicle
@@ -51,29 +52,29 @@ class ManySetups:
     every: int = 1
 
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
-        """Simulate setups side by side, from rest.
+        """Simulate setups from rest.
 
         Args:
-            setups: For each the positions in the bank of its shocks, in the order of the vehicle's ports.
+            setups: Bank indices of the shocks of each setup, in the order of the vehicle's ports.
 
         Returns:
-            The vehicle's outputs (setups, p, samples kept).
+            Outputs of the vehicle (setups, p, output samples).
 
         Raises:
-            InputError: The drive or a setup does not fit the vehicle.
-            StepError: The forces of a step cannot be found: the shocks are too stiff for it.
+            InputError: The drive or a setup does not match the vehicle.
+            StepError: The forces of a step do not converge, as the shocks are too stiff for it.
         """
         plant = _Plant.of(self.vehicle, self.drive)
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
-            raise InputError(f"a setup names one shock for each of {', '.join(plant.ports) or 'one port'}")
+            raise InputError(f"each setup needs one shock for each of {', '.join(plant.ports) or 'one port'}")
         friction = [self.vehicle.friction.get(port, Friction(0.0, 1.0)) for port in plant.ports]
         return plant.march(_Shocks(self.bank, friction, plant.step), chosen, self.every)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plant:
-    """The linear model in modal coordinates: n modes driven by P forces; what the drive does is known already."""
+    """Linear model in modal coordinates: n modes driven by P forces, and the response to the drive alone."""
 
     ports: tuple[str, ...]
     damping: Array
@@ -94,7 +95,7 @@ class _Plant:
             raise ParameterError(f"{model.name}: the model is discrete; setups are simulated with a continuous one")
         unknown = [name for name in drive.names if name not in model.input_names]
         if unknown:
-            raise InputError(f"the drive has {', '.join(unknown)}, which {model.name} has not among its inputs")
+            raise InputError(f"the drive has {', '.join(unknown)}, which {model.name} does not have as inputs")
         ports = tuple(vehicle.baseline_damping)
         poles, V = np.linalg.eig(model.A)
         B, C = np.linalg.solve(V, model.B.astype(np.complex128)), model.C @ V
@@ -121,7 +122,7 @@ class _Plant:
         )
 
     def march(self, shocks: _Shocks, chosen: Whole, every: int) -> Array:
-        """Return the outputs (S, p, kept) of S setups; `chosen` (S, P) says which shock sits where."""
+        """Return the outputs (S, p, kept) of S setups; `chosen` (S, P) has the bank index of each port's shock."""
         kept = len(range(0, self.driven.shape[1], every))
         found = np.empty((len(chosen), len(self.C), kept))
         for one, places in zip(found, chosen, strict=True):
@@ -129,13 +130,14 @@ class _Plant:
             failed = compiled_march(self.modes, self.rows, self.driven, laws, shocks.friction, every, one)
             if failed >= 0:
                 raise StepError(
-                    f"the shock forces at sample {failed} cannot be found by steps of {self.step:g} s; resample finer"
+                    f"the shock forces at sample {failed} do not converge with steps of {self.step:g} s; resample the "
+                    "drive at a higher rate"
                 )
         return found
 
     @property
     def modes(self) -> tuple[Array | Complex, ...]:
-        """What the loop takes of the model."""
+        """Matrices of the model for the loop."""
         return self.decay, self.held, self.ramp, self.C, self.D, self.damping
 
     @property

@@ -1,4 +1,4 @@
-"""The loop of `many_setups`, compiled: one setup over all samples of a drive."""
+"""Compiled loop of `many_setups`, which simulates one setup over all samples of a drive."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Fastest port velocity of the tables [m/s] and their spacing [m/s].
+#: Highest port velocity of the force tables [m/s], and their spacing [m/s].
 FASTEST, SPACING = 6.0, 2.5e-4
 _MIDDLE = round(FASTEST / SPACING)
-_MOST_ITERATIONS = 60
-#: Two iterates this close [N] are one force.
+_MAX_ITERATIONS = 60
+#: Change of the forces [N] at which the iteration has converged.
 _CLOSE = 1e-3
 
 
@@ -26,7 +26,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @_compiled
 def _static(table: Any, v: float) -> Any:
-    """Return a static force [N] from its table, linear between."""
+    """Return a static force [N] by linear interpolation in its table."""
     at = min(max(v / SPACING, -float(_MIDDLE)), _MIDDLE - 1.0)
     left = math.floor(at)
     place = int(left) + _MIDDLE
@@ -34,15 +34,15 @@ def _static(table: Any, v: float) -> Any:
 
 
 @_compiled
-def _seen(C: Any, rows: Any, x: Any, y: Any) -> None:
-    """Add `Re C_i x` to y_i for the rows i asked for."""
+def _add_outputs(C: Any, rows: Any, x: Any, y: Any) -> None:
+    """Add `Re C_i x` to y_i for the given rows i."""
     for i in range(rows.size):
         for m in range(x.size):
             y[i] += (C[rows[i], m] * x[m]).real
 
 
 @_compiled
-def _pushed(x: Any, weight: Any, change: Any) -> None:
+def _add_inputs(x: Any, weight: Any, change: Any) -> None:
     """Add `weight change` to the modes."""
     for m in range(x.size):
         for j in range(change.size):
@@ -51,7 +51,7 @@ def _pushed(x: Any, weight: Any, change: Any) -> None:
 
 @_compiled
 def _lag(laws: Any, i: int, lagged: Any, old: Any, static: float) -> Any:
-    """Return the lagged force [N] of a port after a step in which its static force goes linearly."""
+    """Return the lagged force [N] of a port after a step with a linear static force."""
     late = laws[2][i] * (static - old[i])
     return static - late + (lagged[i] - old[i] + late) * laws[1][i]
 
@@ -66,17 +66,17 @@ def _force(laws: Any, friction: Any, i: int, motion: Any, lag: float, static: fl
 
 
 @_compiled
-def _found(model: Any, laws: Any, friction: Any, ports: Any, moves: bool) -> bool:
-    """Find the force differences at the end of a step by iteration; say whether they were found.
+def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, moves: bool) -> bool:
+    """Find the force differences at the end of a step by iteration; return whether they converged.
 
-    `ports` are velocities without the step's own forces, displacements, force differences (in: guess), and the lagged
-    and static forces before the step (out: after it).
+    `ports` has the velocities without the forces of the step, the displacements, the force differences (on entry: the
+    initial guess), and the lagged and static forces before the step (on return: after it).
     """
     gain, damping = model
     free, place, change, lagged, old = ports
     count = free.size
     v, force, static, lag = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
-    for iteration in range(_MOST_ITERATIONS):
+    for iteration in range(_MAX_ITERATIONS):
         wrong = 0.0
         for i in range(count):
             v[i] = free[i]
@@ -88,7 +88,7 @@ def _found(model: Any, laws: Any, friction: Any, ports: Any, moves: bool) -> boo
             force[i] = _force(laws, friction, i, (v[i], place[i]), lag[i], static[i]) - damping[i] * v[i]
         for i in range(count):
             wrong = max(wrong, abs(force[i] - change[i]))
-            change[i] = force[i] if iteration < _MOST_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
+            change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if wrong <= _CLOSE:
             lagged[:], old[:] = lag, static
             return True
@@ -102,15 +102,16 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
     Args:
         modes: Decay (n,), weights of the force at the start and the end of a step (n, P), C (p, n), D (p, P), baseline
             damping (P,).
-        rows: Where velocities (P,) and displacements (P or 0,) stand among the outputs.
-        driven: What the drive alone does (p, N).
-        laws: Of each port: table, exp(-h / tau), tau / h, both ends of the lag's fading, gas stiffness.
-        friction: F_c and v_f of each port (P, 2).
-        every: Outputs are kept at every so many-th sample.
-        out: Where they go (p, kept).
+        rows: Indices of the velocities (P,) and displacements (P or 0,) among the outputs.
+        driven: Outputs due to the drive alone (p, N).
+        laws: Parameters by port: force table, exp(-h / tau), tau / h, static forces at which the lag starts to fade and
+            has faded, gas stiffness.
+        friction: Friction force F_c and velocity v_f of each port (P, 2).
+        every: Interval of the output samples, in samples of the drive.
+        out: Array for the outputs (p, kept).
 
     Returns:
-        -1, or the sample at which the forces could not be found.
+        -1, or the index of the sample at which the forces did not converge.
     """
     decay, held, ramp, C, D, damping = modes
     velocities, displacements = rows
@@ -119,23 +120,23 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
     free, place = np.zeros(count), np.zeros(count)
     change, before, lagged, old = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     for j in range(count):
-        _seen(C, velocities, ramp[:, j].copy(), gain[:, j])
+        _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
     for k in range(driven.shape[1]):
         if k:
             x *= decay
-            _pushed(x, held, change)
+            _add_inputs(x, held, change)
         for i in range(count):
             free[i] = driven[velocities[i], k]
             place[i] = driven[displacements[i], k] if displacements.size else 0.0
             before[i], change[i] = change[i], 2.0 * change[i] - before[i]
-        _seen(C, velocities, x, free)
-        _seen(C, displacements, x, place)
-        if not _found((gain, damping), laws, friction, (free, place, change, lagged, old), k > 0):
+        _add_outputs(C, velocities, x, free)
+        _add_outputs(C, displacements, x, place)
+        if not _solve_forces((gain, damping), laws, friction, (free, place, change, lagged, old), k > 0):
             return k
         if k:
-            _pushed(x, ramp, change)
+            _add_inputs(x, ramp, change)
         if k % every == 0:
             y = driven[:, k] + D @ change
-            _seen(C, everything, x, y)
+            _add_outputs(C, everything, x, y)
             out[:, k // every] = y
     return -1

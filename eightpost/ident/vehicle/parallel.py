@@ -1,4 +1,4 @@
-"""One model from a transfer function per path: sections side by side."""
+"""Parallel model of one transfer function per path."""
 
 from __future__ import annotations
 
@@ -25,20 +25,22 @@ def parallel_model(
     *,
     name: str = "parallel",
 ) -> StateSpace:
-    """Return the linear model whose paths are the given transfer functions, every path with poles of its own.
+    """Return the linear model whose paths are the given transfer functions; each path has its own poles.
 
     Args:
-        paths: Transfer function by (output, input); paths that are not there are zero.
-        inputs: The inputs.
-        outputs: The outputs.
-        name: What the model is called.
+        paths: Transfer function by (output, input); missing paths are zero.
+        inputs: Inputs of the model.
+        outputs: Outputs of the model.
+        name: Name of the model.
 
     Raises:
-        ParameterError: No path, or continuous and discrete ones together.
+        ParameterError: There is no path, or both continuous and discrete ones are given.
     """
     rates = {path.dt for path in paths.values()}
     if len(rates) != 1:
-        raise ParameterError(f"paths must share one time base; these have {sorted(map(str, rates)) or 'none'}")
+        raise ParameterError(
+            f"all paths must have the same sample time; the given ones have {sorted(map(str, rates)) or 'none'}"
+        )
     rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
     n = sum(path.order for path in paths.values())
     A, B = np.zeros((n, n)), np.zeros((n, len(columns)))

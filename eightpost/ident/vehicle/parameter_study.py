@@ -1,4 +1,4 @@
-"""What a parameter of a structural vehicle does to its frequency responses and modes (4.1.2, 5.1.2)."""
+"""Effect of a parameter of a structural vehicle on its frequency responses and modes (4.1.2, 5.1.2)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Variant(NamedTuple):
     """A vehicle with one parameter changed."""
 
     factor: float
-    """Of the parameter's own value [1]."""
+    """Factor on the parameter's value [1]."""
     response: FrequencyResponse
     modes: tuple[Mode, ...]
 
@@ -31,16 +31,18 @@ class Variant(NamedTuple):
 def vary(
     vehicle: StructuralVehicle, parameter: str, factors: Sequence[float], frequency: NDArray[np.float64]
 ) -> tuple[Variant, ...]:
-    """Return the vehicle with its dampers, a parameter times each factor; of a corner parameter, all four corners.
+    """Return the vehicle with its dampers and one parameter multiplied by each factor.
+
+    A parameter with a value per corner is multiplied at all four corners.
 
     Args:
-        vehicle: The vehicle.
-        parameter: A field of its parameters, such as `damping` or `suspension_stiffness`.
-        factors: [1].
-        frequency: (K,) [Hz].
+        vehicle: Vehicle to vary.
+        parameter: Name of the parameter, such as `damping` or `suspension_stiffness`.
+        factors: Factors on the parameter's value [1].
+        frequency: Frequencies of the responses [Hz] (K,).
 
     Raises:
-        InputError: The vehicle has no such parameter, or not as a number.
+        InputError: The vehicle has no such parameter, or it has no value.
         ParameterError: A factor takes the parameter out of its range.
     """
     return tuple(_variant(vehicle, parameter, factor, frequency) for factor in factors)
@@ -55,10 +57,10 @@ def _variant(vehicle: StructuralVehicle, parameter: str, factor: float, frequenc
 def _scaled(parameters: QuarterCar | SevenDof, name: str, factor: float) -> QuarterCar | SevenDof:
     known = [declared.name for declared in fields(parameters)]
     if name not in known:
-        raise InputError(f"the vehicle has no parameter {name!r}; it has {', '.join(known)}")
+        raise InputError(f"the vehicle has no parameter {name!r}; its parameters are {', '.join(known)}")
     value = getattr(parameters, name)
     if value is None:
-        raise InputError(f"{name} is not given for this vehicle, so it cannot be varied")
+        raise InputError(f"{name} has no value in this vehicle, so it cannot be varied; add it to the vehicle file")
     changed: dict[str, Any] = {
         name: Corners(*(factor * part for part in value)) if isinstance(value, Corners) else factor * value
     }

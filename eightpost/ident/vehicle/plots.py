@@ -1,4 +1,4 @@
-"""Pictures of frequency responses: magnitude over frequency, a panel per input (Figs 4.2 to 4.5, 5.3 to 5.5)."""
+"""Plots of frequency responses: magnitude over frequency, one panel per input (Figs 4.2 to 4.5, 5.3 to 5.5)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
 
 _COLUMNS = 4
-#: Below this part of a panel's largest magnitude a curve is a channel that does not answer.
+#: Magnitude relative to the largest of a panel below which a curve is not drawn, as the channel does not respond [1].
 _NOTHING = 1e-9
 
 
 def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, path: str | Path) -> None:
-    """Write a PNG of `20 log10 |H|` of one output: a panel per input, a line per response (Eq 4.8).
+    """Write a PNG of `20 log10 |H|` of one output: one panel per input, one line per response (Eq 4.8).
 
     Args:
-        responses: By label, on the same channels.
-        output: The output.
-        path: Where the PNG goes; replaced whole or not at all.
+        responses: Responses with the same channels, by label.
+        output: Name of the output to plot.
+        path: Path of the PNG. The file is replaced completely or not at all.
     """
     first = next(iter(responses.values()))
     inputs = first.input_names

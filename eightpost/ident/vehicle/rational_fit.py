@@ -1,4 +1,4 @@
-"""Rational fits of one response, as MATLAB's invfreqs and invfreqz (4.3.3, 5.2.3)."""
+"""Rational fits of one frequency response, like MATLAB's invfreqs and invfreqz (4.3.3, 5.2.3)."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 _REWEIGHTINGS = 10
 _HALVINGS = 12
-#: Steps that lower the cost by less than this part of it end the search; noise leaves more than that undecided.
+#: Relative reduction of the cost by a step below which the search ends [1]; it is far below the effect of noise.
 _CONVERGED = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class RationalFit:
-    """Numerator over denominator, stable.
+    """Settings of a fit by a stable rational function B / A.
 
-    Eq 4.28 (equation error) is solved first, then again with the weights divided by |A|^2 of the solution before
-    (Sanathanan and Koerner), which leads close to the minimum of Eq 4.29 (output error); Gauss-Newton finds it. Poles
-    on the unstable side are mirrored, and steps that would bring one there are shortened.
+    Eq 4.28 (equation error) is solved first, then repeatedly with the weights divided by |A|^2 of the previous solution
+    (Sanathanan and Koerner), which leads close to the minimum of Eq 4.29 (output error). Gauss-Newton steps then find
+    the minimum. Unstable poles are mirrored, and steps that would make a pole unstable are shortened.
 
     Attributes:
         denominator: Degree of A.
-        numerator: Degree of B in s (or z): that of A where there is a direct term, one less where not.
+        numerator: Degree of B in s (or z): that of A with a direct term, one less without.
         dt: Sample time of a discrete model [s] (invfreqz), or None for a continuous one (invfreqs).
-        iterations: Gauss-Newton steps at most; 0 leaves the best of the reweighted equation-error solutions.
+        iterations: Maximum number of Gauss-Newton steps; 0 returns the best of the reweighted equation-error solutions.
     """
 
     denominator: int
@@ -48,24 +48,24 @@ class RationalFit:
         if not 0 <= self.numerator <= self.denominator or self.denominator < 1:
             raise ParameterError(
                 f"a numerator of degree {self.numerator} over a denominator of degree {self.denominator} cannot be "
-                "simulated; give 0 <= numerator <= denominator"
+                "simulated; give degrees with 0 <= numerator <= denominator"
             )
 
     def fit(self, frequency: Array, H: Complex, weight: Array) -> TransferFunction:
         """Fit a response.
 
         Args:
-            frequency: (K,) [Hz].
-            H: (K,).
-            weight: w of Eq 4.28 (K,), zero where the response does not count.
+            frequency: Frequencies [Hz] (K,).
+            H: Response (K,).
+            weight: Weight w of Eq 4.28 (K,), zero where the response is not fitted.
 
         Raises:
-            TooShortError: Fewer weighted frequencies than coefficients need.
+            TooShortError: There are too few frequencies with weight for the number of coefficients.
         """
         used = (weight > 0.0) & (frequency > 0.0)
         count = self.denominator + self.numerator + 1
         if 2 * int(used.sum()) < count:
-            raise TooShortError(f"{int(used.sum())} weighted frequencies cannot carry {count} coefficients")
+            raise TooShortError(f"{int(used.sum())} frequencies with weight are too few for {count} coefficients")
         points = plane_points(frequency[used], self.dt)
         scale = float(np.abs(points).max()) if self.dt is None else 1.0
         basis = orthonormal_basis(points / scale, weight[used], self.denominator)
@@ -74,7 +74,7 @@ class RationalFit:
 
 
 class _Ratio(NamedTuple):
-    """Coefficients in the basis; the last of `a` is 1."""
+    """Coefficients of B and A in the basis; the last coefficient of `a` is 1."""
 
     b: Array
     a: Array
@@ -102,7 +102,7 @@ class _Problem:
         return ratio
 
     def cost(self, ratio: _Ratio) -> float:
-        """Return Eq 4.29."""
+        """Return the output error (Eq 4.29)."""
         return float(np.sum(np.abs(self._misfit(ratio)) ** 2))
 
     def _misfit(self, ratio: _Ratio) -> Complex:
@@ -111,7 +111,7 @@ class _Problem:
         return np.asarray(np.where(np.isfinite(wrong), wrong, np.inf), dtype=np.complex128)
 
     def _reweighted(self) -> list[_Ratio]:
-        """Return stable equation-error solutions (Eq 4.28), each reweighted by the one before."""
+        """Return stable equation-error solutions (Eq 4.28), each reweighted with the previous one."""
         found, A = [], np.ones(self.H.size, dtype=np.complex128)
         for _ in range(_REWEIGHTINGS):
             ratio = self._stable(self._equation_error(A))
@@ -134,7 +134,7 @@ class _Problem:
             return ratio
         mirrored = -poles.conj() if self.recipe.dt is None else 1.0 / poles.conj()
         poles = np.where(outside, mirrored, poles)
-        # The basis is orthonormal on the points, so that the coefficients of any polynomial are its projections.
+        # The basis is orthonormal on the points, so the coefficients of a polynomial are its projections.
         share = self.root**2 / np.sum(self.root**2)
         product = np.prod((self._points()[:, None] - poles[None, :]), axis=1)
         a = np.real(self.P.conj().T @ (share * product))
@@ -144,7 +144,7 @@ class _Problem:
         return _Ratio(_least_squares(matrix, self.root * self.H), a)
 
     def _points(self) -> Complex:
-        """Recover s from p_1 = (s - h_00) p_0 / h_10."""
+        """Return the points s from p_1 = (s - h_00) p_0 / h_10."""
         h = self.basis.hessenberg
         return np.asarray(self.P[:, 1] / self.P[:, 0] * h[1, 0] + h[0, 0], dtype=np.complex128)
 
@@ -152,7 +152,7 @@ class _Problem:
         return np.asarray(poles.real >= 0.0 if self.recipe.dt is None else np.abs(poles) >= 1.0, dtype=np.bool_)
 
     def _improved(self, ratio: _Ratio, cost: float) -> tuple[_Ratio, float]:
-        """Take a Gauss-Newton step of Eq 4.29, halved until it helps; return where it leads, and the cost there."""
+        """Take a Gauss-Newton step of Eq 4.29, halved until the cost falls; return the new coefficients and cost."""
         A, B = self.P @ ratio.a, self.P[:, : ratio.b.size] @ ratio.b
         by_b = self.P[:, : ratio.b.size] / A[:, None]
         by_a = -self.P[:, :-1] * (B / A**2)[:, None]
@@ -167,7 +167,7 @@ class _Problem:
 
 
 def _least_squares(matrix: Complex, target: Complex) -> Array:
-    """Return the real solution (n,) of complex equations, by scaled columns."""
+    """Return the real least-squares solution (n,) of complex equations, computed with scaled columns."""
     stacked = np.vstack((matrix.real, matrix.imag))
     size = np.linalg.norm(stacked, axis=0)
     size[size == 0.0] = 1.0
@@ -176,12 +176,12 @@ def _least_squares(matrix: Complex, target: Complex) -> Array:
 
 
 def _modal(basis: PolynomialBasis, ratio: _Ratio, scale: float, dt: float | None) -> TransferFunction:
-    """Return poles and residues, `r_i = B(p_i) / A'(p_i)`."""
+    """Return the transfer function with poles p_i and residues `r_i = B(p_i) / A'(p_i)`."""
     poles = basis.roots(ratio.a)
     degree = ratio.b.size - 1
     distance = poles[:, None] - poles[None, :] + np.eye(poles.size)
     if np.abs(distance).min() < 1e-9 * np.abs(poles).max():
-        raise ParameterError("the fit has a double pole, which has no parallel form; take another order")
+        raise ParameterError("the fit has a double pole, which has no parallel form; choose another order")
     slope = basis.leading(ratio.a) * np.prod(distance, axis=1)
     values = basis.values(poles)[:, : degree + 1] @ ratio.b
     direct = float(ratio.b[-1] / ratio.a[-1]) if degree == poles.size else 0.0

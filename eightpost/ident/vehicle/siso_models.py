@@ -1,4 +1,4 @@
-"""The dissertation's models: one transfer function per input and output, with poles of its own (5.3.3, 6.3.3)."""
+"""Models of the dissertation: one transfer function with its own poles per input and output (5.3.3, 6.3.3)."""
 
 from __future__ import annotations
 
@@ -24,33 +24,34 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 
-#: Orders to fall back to where all that were asked for give artificial fits.
+#: Orders to try if all requested orders give artificial fits.
 _LAST_ORDERS = (7, 6, 5, 4, 3, 2)
 
 
-#: A higher order that leaves more than this part of the error is fitting noise.
+#: Ratio of the error to that of the next lower order above which a higher order only fits noise [1].
 _NO_BETTER = 0.9
 
 
 class PathFit(NamedTuple):
-    """What came out for one path."""
+    """Fit of one path."""
 
     model: TransferFunction
     error: float
-    """Weighted RMS of the misfit over that of the response [1]."""
+    """Weighted RMS of the misfit relative to that of the response [1]."""
     lightest: float
-    """Smallest damping ratio of its poles [1]."""
+    """Smallest damping ratio of the poles [1]."""
     excess: float
-    """Its largest response below and above the weighted band over the largest inside [1]."""
+    """Largest response outside the weighted band relative to the largest inside [1]."""
     fastest: float
-    """Its fastest pole over the end of the weighted band [1]."""
+    """Frequency of the fastest pole relative to the upper end of the weighted band [1]."""
 
 
 def has_direct_term(output: str, source: str) -> bool:
-    """Say whether an input acts on an output at once, from the channels' names (physics: Eq 4.6, 5.20 to 5.23).
+    """Return whether an input has a direct term in an output, judged by the channels' names (Eq 4.6, 5.20 to 5.23).
 
-    Tire forces answer their own road at once, ride heights every road, accelerations every force and moment; shock
-    velocities and displacements nothing. Paths that pass through the chassis first have none.
+    Tire forces have a direct term in the road of their corner, ride heights in every road, hub accelerations in the
+    road and the force of their corner, other accelerations in every force and moment; shock velocities and
+    displacements have none.
     """
     kind, place = source.rpartition(".")[2], source.rpartition(".")[0]
     if output.endswith("tire_force"):
@@ -65,9 +66,10 @@ def has_direct_term(output: str, source: str) -> bool:
 
 
 def may_have_direct_term(output: str, source: str) -> bool:
-    """Say whether an input may act on an output at once in a car of any kind: solid axles, tires with damping.
+    """Return whether an input may have a direct term in an output of any car, e.g. with solid axles and damped tires.
 
-    Shock velocities and displacements answer nothing at once; ride heights only the roads that they are measured from.
+    Shock velocities and displacements have no direct terms; ride heights have them only in the roads, from which they
+    are measured.
     """
     kind = source.rpartition(".")[2]
     if output.endswith(("velocity", "displacement")):
@@ -77,29 +79,29 @@ def may_have_direct_term(output: str, source: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SisoFits:
-    """How each path is fitted: "denominators from 4 up until acceptable, without artificial modes" (6.3.3).
+    """Settings of the path fits: "denominators from 4 up until acceptable, without artificial modes" (6.3.3).
 
-    A fit is artificial where it has a mode next to no damping, answers more outside the weighted band than inside
-    (there it was free), or has a pole so fast that it is a direct term in disguise. Such a fit is taken only where no
-    order, down to 2, has an honest one.
+    A fit is artificial if it has a mode with almost no damping, a much larger response outside the weighted band than
+    inside, or a pole so fast that it acts as a direct term. Such a fit is used only if no order down to 2 gives a
+    better one.
 
     Attributes:
-        orders: Denominator degrees to try, in this order: the first that errs by less than `tolerance` is taken, else
-            the best; no further ones once a higher order is hardly better.
+        orders: Denominator degrees to try, in this order. The first one with an error below `tolerance` is used, else
+            the best one; the search stops when a higher order is barely better.
         tolerance: Accepted error of a path [1].
-        least_damping: A fit with a mode below this damping ratio is artificial.
-        most_excess: A fit is artificial that answers so many times more outside the weighted band than inside [1].
-        most_fastest: A fit is artificial that has a pole so many times beyond the end of the weighted band [1].
+        min_damping: Damping ratio of a mode below which a fit is artificial [1].
+        max_excess: Ratio of the response outside the weighted band to that inside above which a fit is artificial [1].
+        max_pole_ratio: Ratio of a pole's frequency to the end of the weighted band above which a fit is artificial [1].
         dt: Sample time of discrete models [s] (invfreqz), or None for continuous ones (invfreqs).
-        weights: By input; inputs that are not there have `AEROLOADERS` where their name says so, else `WHEELLOADERS`.
-        direct: Says which paths (output, input) have a direct term.
+        weights: Weights by input; other inputs have `AEROLOADERS` if their name is that of a load, else `WHEELLOADERS`.
+        direct: Function that returns whether a path (output, input) has a direct term.
     """
 
     orders: tuple[int, ...] = (4, 6, 8)
     tolerance: float = 0.02
-    least_damping: float = 0.01
-    most_excess: float = 2.0
-    most_fastest: float = 10.0
+    min_damping: float = 0.01
+    max_excess: float = 2.0
+    max_pole_ratio: float = 10.0
     dt: float | None = None
     weights: Mapping[str, BandWeights] = field(default_factory=dict)
     direct: Callable[[str, str], bool] = has_direct_term
@@ -119,7 +121,9 @@ class SisoFits:
                     direct = self.direct(output, source)
                     paths[output, source] = self._fit_path(response.frequency, response.H[i, j], counted, direct)
         if not paths:
-            raise InputError("every path is zero where its weights are not; there is nothing to fit")
+            raise InputError(
+                "every path is zero in its weighted band, so there is nothing to fit; check the inputs of the tests"
+            )
         model = parallel_model(
             {k: fit.model for k, fit in paths.items()}, response.inputs, response.outputs, name="siso"
         )
@@ -133,44 +137,44 @@ class SisoFits:
         found = []
         for order in self.orders:
             found += self._fit_order(order, (frequency, H, weight), direct)
-            if found and found[-1].error <= self.tolerance and self._is_honest(found[-1]):
+            if found and found[-1].error <= self.tolerance and self._is_acceptable(found[-1]):
                 return found[-1]
-            if len(found) > 1 and self._is_honest(found[-2]) and found[-1].error > _NO_BETTER * found[-2].error:
+            if len(found) > 1 and self._is_acceptable(found[-2]) and found[-1].error > _NO_BETTER * found[-2].error:
                 break
         for order in _LAST_ORDERS:
-            if any(map(self._is_honest, found)):
+            if any(map(self._is_acceptable, found)):
                 break
             found += self._fit_order(order, (frequency, H, weight), direct)
-        honest = [fit for fit in found if self._is_honest(fit)]
+        honest = [fit for fit in found if self._is_acceptable(fit)]
         return min(honest or found, key=lambda fit: fit.error)
 
     def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
-        """Return the fit, or none where two of its poles fall together."""
+        """Return the fit in a list, which is empty if the fit has a double pole."""
         try:
             model = RationalFit(order, order if direct else order - 1, self.dt).fit(*data)
         except ParameterError:
             return []
-        return [_judged(model, *data)]
+        return [_path_fit(model, *data)]
 
-    def _is_honest(self, fit: PathFit) -> bool:
-        calm = fit.excess <= self.most_excess and fit.fastest <= self.most_fastest
-        return calm and fit.lightest >= self.least_damping
+    def _is_acceptable(self, fit: PathFit) -> bool:
+        is_bounded = fit.excess <= self.max_excess and fit.fastest <= self.max_pole_ratio
+        return is_bounded and fit.lightest >= self.min_damping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SisoModels:
-    """Fitted paths.
+    """Models of all paths.
 
     Attributes:
-        model: All of them as one linear model, with the baseline damping in it.
-        paths: What came out, by (output, input).
+        model: Linear model of all paths, including the baseline damping.
+        paths: Path fits by (output, input).
     """
 
     model: StateSpace
     paths: Mapping[tuple[str, str], PathFit]
 
     def response(self, frequency: Array) -> FrequencyResponse:
-        """Return the model's response at frequencies (K,) [Hz], path by path: as one model it has a thousand states."""
+        """Return the response at frequencies [Hz] (K,), path by path, as the whole model has a thousand states."""
         inputs, outputs = self.model.inputs, self.model.outputs
         rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
         H = np.zeros((len(rows), len(columns), frequency.size), dtype=np.complex128)
@@ -180,13 +184,13 @@ class SisoModels:
 
 
 def _known(response: FrequencyResponse, i: int, j: int) -> Array:
-    """Return 1 (K,) where the input had power, else 0; residual fits fill what lies between."""
+    """Return 1 (K,) where the input had power or the response was filled in by a residual fit, else 0."""
     if response.variance is None:
         return np.ones_like(response.frequency)
     return np.asarray(np.isfinite(response.variance[i, j]) | (np.abs(response.H[i, j]) > 0.0), dtype=np.float64)
 
 
-def _judged(model: TransferFunction, frequency: Array, H: Complex, weight: Array) -> PathFit:
+def _path_fit(model: TransferFunction, frequency: Array, H: Complex, weight: Array) -> PathFit:
     used = weight > 0.0
     wrong = np.sum(weight[used] * np.abs(model.frequency_response(frequency[used]) - H[used]) ** 2)
     whole = np.sum(weight[used] * np.abs(H[used]) ** 2)
@@ -201,7 +205,7 @@ def _judged(model: TransferFunction, frequency: Array, H: Complex, weight: Array
 
 
 def _excess(model: TransferFunction, frequency: Array, H: Complex) -> float:
-    """Return how far a fit goes beyond its data outside the band (K,) of them: down to 0 and up to four times it."""
+    """Return the largest response outside the band, from 0 to four times its end, relative to that of the data."""
     low, high = float(frequency[0]), float(frequency[-1])
     outside = np.concatenate(([0.0], np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
     if model.dt is not None:

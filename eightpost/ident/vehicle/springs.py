@@ -1,9 +1,9 @@
-"""Whether the springs at the ports are straight: a force that grows with the square of the travel.
+"""Test for nonlinear springs at the ports: estimate of a force that grows with the square of the travel.
 
     F = F_2 (s / s_rms)^2
 
-It is looked for as friction is: what of the outputs no linear response explains, and this force would. Progressive
-coils and stops leave such a part; the vehicle FMU has no such spring, so it is said and not modelled.
+The force is estimated like friction, from the part of the outputs that no linear response explains. Progressive coils
+and stops cause such a part. The vehicle FMU has no nonlinear spring, so the force is reported and not modelled.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction.bands import bands
-from eightpost.ident.vehicle.friction.projection import found_in
-from eightpost.ident.vehicle.trust import FoundForce
+from eightpost.ident.vehicle.friction.projection import solve_forces
+from eightpost.ident.vehicle.trust import ForceEstimate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SpringSearch:
-    """How bent springs are looked for.
+    """Settings of the test for nonlinear springs.
 
     Attributes:
-        seconds: How much of each record is used [s].
+        seconds: Duration of each record that is used [s].
         low: Lowest frequency [Hz].
-        high: Highest [Hz].
-        iterations: Gauss-Newton steps.
+        high: Highest frequency [Hz].
+        iterations: Number of Gauss-Newton steps.
     """
 
     seconds: float = 100.0
@@ -43,15 +43,16 @@ class SpringSearch:
     high: float = 16.0
     iterations: int = 2
 
-    def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, FoundForce]:
-        """Return F_2 by port; nothing where the records have no travel of the ports.
+    def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
+        """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
 
         Args:
-            tests: Records with the experiment's channels, friction in their forces, at one rate.
-            experiment: What is input, shock force and output.
+            tests: Records with the channels of the experiment and friction included in the forces, all at one sample
+                rate.
+            experiment: Inputs, shock forces and outputs of the tests.
 
         Raises:
-            TooShortError: The records hold too few bins.
+            TooShortError: The records have too few frequency bins.
         """
         if not all(channel(port, "displacement") in test for test in tests for port in experiment.ports):
             return {}
@@ -60,30 +61,30 @@ class SpringSearch:
         squares = [channel(port, "travel_squared") for port in experiment.ports]
         records = gather(marked, [*experiment.inputs, *squares], experiment.outputs, experiment.baseline_damping)
         count = len(experiment.inputs)
-        found = found_in(
+        found = solve_forces(
             list(bands(records, low=self.low, high=self.high, inputs=count)), count, iterations=self.iterations
         )
         deviation = np.sqrt(np.diag(found.covariance))
         return {
-            port: FoundForce(float(force), float(spread))
+            port: ForceEstimate(float(force), float(spread))
             for port, force, spread in zip(experiment.ports, found.forces, deviation, strict=True)
         }
 
 
-def bent(springs: Mapping[str, FoundForce]) -> str | None:
-    """Return a sentence on the springs that are not straight, None where none is told from noise."""
+def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate]) -> str | None:
+    """Return a sentence on the nonlinear springs, or None if no force is significant."""
     found = {port: force for port, force in springs.items() if force.is_significant}
     if not found:
         return None
-    listed = ", ".join(f"{port or 'port'} {f.said}" for port, f in found.items())
+    listed = ", ".join(f"{port or 'port'} {f.text}" for port, f in found.items())
     return (
-        "Springs or stops are not straight: a force that grows with the square of the travel, at its RMS (two sigma): "
-        f"{listed}. The model has straight springs: it holds for travel of the tests' size."
+        "Springs or stops are not linear. Forces that grow with the square of the travel, at the RMS travel (+- two "
+        f"standard deviations): {listed}. The model has linear springs; it is valid for travel as in the tests."
     )
 
 
 def _with_squares(series: TimeSeries, ports: Sequence[str], samples: int) -> TimeSeries:
-    """Return the first samples of a record with `(s / s_rms)^2` of every port, as the channel `travel_squared`."""
+    """Return the first samples of a record with `(s / s_rms)^2` of every port in the channel `travel_squared`."""
     if len(series) > samples:
         series = series.window(float(series.time[0]), float(series.time[samples]))
     for port in ports:

@@ -1,4 +1,4 @@
-"""Whether an identified vehicle settles with every damper it may meet."""
+"""Stability of an identified vehicle with linear dampers."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Dampers that are tried, as parts of the baseline's.
+#: Dampers to try, relative to the baseline damping [1].
 FACTORS = (0.25, 0.45, 0.7, 1.5, 2.0, 3.0)
 
 
 class Stability(NamedTuple):
-    """What came out.
+    """Stability with all dampers that were tried.
 
     Attributes:
-        stable: Whether the vehicle settled with all dampings that were tried.
-        worst: The damping [N.s/m] by port of the least stable loop.
-        growth: Its largest real part [1/s]; above zero it grows.
-        tried: How many there were.
+        stable: Whether the vehicle is stable with all dampers that were tried.
+        worst: Damping of the loop with the largest growth rate [N.s/m], by port.
+        growth: Largest real part of that loop's poles [1/s]; the loop is unstable if it is above zero.
+        tried: Number of sets of dampers that were tried.
     """
 
     stable: bool
@@ -39,25 +39,26 @@ class Stability(NamedTuple):
     growth: float
     tried: int
 
-    def said(self) -> str:
-        """Return it as a sentence."""
+    def summary(self) -> str:
+        """Return the result as a sentence."""
         if self.stable:
             return (
                 f"the loop is stable with all {self.tried} sets of linear dampers from {FACTORS[0]:g} to "
-                f"{FACTORS[-1]:g} times the baseline's"
+                f"{FACTORS[-1]:g} times the baseline damping"
             )
         rates = ", ".join(f"{port or 'port'} {rate:.0f}" for port, rate in self.worst.items())
-        return f"UNSTABLE: with dampers of {rates} N.s/m a motion grows by {self.growth:.2g} 1/s"
+        return f"UNSTABLE: with dampers of {rates} N.s/m a motion grows at a rate of {self.growth:.2g} 1/s"
 
 
 def closed_loop_stability(vehicle: IdentifiedVehicle, factors: Sequence[float] = FACTORS) -> Stability:
-    """Close the loop with linear dampers, all alike and each alone different, and judge the poles.
+    """Return the stability of the loop closed with linear dampers, changed all together and one at a time.
 
-    Only what lies between shock forces and shock velocities is in the loop (Fig 6.25); the rest is stable as fitted.
+    Only the states between shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as
+    fitted.
 
     Args:
-        vehicle: As identified, continuous.
-        factors: Dampers, as parts of the baseline's.
+        vehicle: Identified continuous vehicle.
+        factors: Dampers to try, relative to the baseline damping [1].
     """
     ports = tuple(vehicle.baseline_damping)
     loop = _port_model(vehicle.state_space, ports)
@@ -88,7 +89,7 @@ def _scales(ports: int, factors: Sequence[float]) -> Iterator[Array]:
 
 
 def _port_model(model: StateSpace, ports: Sequence[str]) -> _Ports:
-    """Return the states between forces and velocities: parts that are not driven, or not seen, are left out."""
+    """Return the model between shock forces and shock velocities without uncontrollable and unobservable parts."""
     chosen = model.select(
         inputs=[channel(port, "force") for port in ports], outputs=[channel(port, "velocity") for port in ports]
     )

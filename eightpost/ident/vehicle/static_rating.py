@@ -1,11 +1,11 @@
-"""The static rating of a car on an 8-post rig: its spring matrix, and what it carries without load (6.4.4).
+"""Static rating of a car on an 8-post rig: its spring matrix, and its tire forces at zero load (6.4.4).
 
     F_aero = K X_aero + F_zero          (6.10)
     K_m = T_f K T_x^-1                  (6.11)
 
-F and X are forces and positions of the aeroloaders, averaged over every level that is held, both positive down; K_m
-relates the modes' forces to their displacements. What tires carry and where the chassis stands at zero load follows
-alike, by least squares over the loads: the static state of a vehicle file.
+F and X are forces and positions of the aeroloaders, positive down and averaged over every level that is held; K_m
+relates the forces of the modes to their displacements. The tire forces and ride heights at zero load, also found by
+least squares over the loads, are the static state of a vehicle file.
 """
 
 from __future__ import annotations
@@ -31,29 +31,31 @@ if TYPE_CHECKING:
 
 _CORNERS = ("lf", "rf", "lr", "rr")
 
-#: What has a static value, as the last part of a channel's name.
+#: Quantities with a static value, by the last part of the channel name.
 _STATIC = ("tire_force", "ride_height")
 
-#: A tire that carries less than this part of the most it carries at any level has left the ground [1].
+#: Tire force, relative to the largest at any level, below which a tire has left the ground [1].
 _LIFTED = 0.01
 
-#: Loads whose smallest way of moving is below this part of the largest are not moved in all ways [1].
+#: Ratio of the smallest to the largest singular value of the loads below which a direction was not moved [1].
 _MOVED = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticRating:
-    """What static records tell.
+    """Result of static records.
 
     Attributes:
-        levels: How many levels were held with all tires on the ground.
-        lifted: How many were left out: from the first one of a record at which a tire carries nothing.
-        loads: The loads that were held.
-        zero: Tire forces and ride heights at zero load by channel, SI.
-        stiffness: K (4, 4) [N/m] by aeroloader; None where the loads were not moved in all four ways.
-        zero_force: F_zero (4,) [N]; None alike.
-        modal: K_m (4, 4) in heave, pitch, roll, warp [N/m, N/rad, N.m/m, N.m/rad]; None alike.
-        unexplained: RMS of each aeroloader's force that K leaves, over its RMS (4,) [1]; None alike.
+        levels: Number of levels that were held with all tires on the ground.
+        lifted: Number of levels that were left out: those of a record from the first one at which a tire carries no
+            load.
+        loads: Names of the loads.
+        zero: Tire forces and ride heights at zero load, SI, by channel.
+        stiffness: Spring matrix K by aeroloader [N/m] (4, 4); None if the loads were not moved in all four modes.
+        zero_force: Force F_zero [N] (4,); None like `stiffness`.
+        modal: Spring matrix K_m in heave, pitch, roll, warp [N/m, N/rad, N.m/m, N.m/rad] (4, 4); None like `stiffness`.
+        unexplained: RMS of the part of each aeroloader's force that K does not explain, relative to the RMS of the
+            force [1] (4,); None like `stiffness`.
     """
 
     levels: int
@@ -67,37 +69,40 @@ class StaticRating:
 
 
 def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> StaticRating:
-    """Rate a car by its static records.
+    """Return the static rating of a car from its static records.
 
     Args:
-        records: As measured, with their means, any rate: loads that step from level to level, roads at rest.
-        loads: The loads among their channels.
+        records: Measured records with their means, at any sample rate; loads step from level to level and roads are at
+            rest.
+        loads: Names of the load channels.
 
     Raises:
-        InputError: No record holds a level, or none has a load.
+        InputError: The records hold fewer than two levels, or have no load in common.
     """
     there = tuple(name for name in loads if all(name in record for record in records))
     if not there:
-        raise InputError(f"the static records have none of the loads {', '.join(loads)}; they move what is rated")
+        raise InputError(
+            f"the static records have none of the loads {', '.join(loads)}; give records with at least one of them"
+        )
     names = [n for n in records[0].names if all(n in r for r in records)]
     held = [_levels(record, names, there) for record in records]
     table = np.concatenate([levels[: _until_lifted(levels, names)] for levels in held])
     if len(table) < 2:
         raise InputError(
-            f"the static records hold {len(table)} levels of {', '.join(there)} with all tires on the ground; give "
-            "records that hold each for some seconds (6.1.3)"
+            f"the static records hold {len(table)} levels of {', '.join(there)} with all tires on the ground, but two "
+            "are needed; give records that hold each level for some seconds (6.1.3)"
         )
     columns = dict(zip(names, table.T, strict=True))
     force = np.stack([columns[name] for name in there])
     static = [name for name in names if name.rpartition(".")[2] in _STATIC]
-    zero = {name: _affine(force, columns[name], least=_MOVED)[-1] for name in static}
+    zero = {name: _affine(force, columns[name], cutoff=_MOVED)[-1] for name in static}
     lifted = sum(map(len, held)) - len(table)
     found = StaticRating(len(table), lifted, there, {name: float(value) for name, value in zero.items()})
     return _with_springs(found, columns)
 
 
 def _with_springs(found: StaticRating, columns: Mapping[str, Array]) -> StaticRating:
-    """Add the spring matrix, where four aeroloaders and their positions were moved in all ways."""
+    """Add the spring matrix if four aeroloaders and their positions were moved in all modes."""
     forces, positions = ([f"{corner}.{what}" for corner in _CORNERS] for what in ("aero", "aero_position"))
     if not set(forces + positions) <= set(columns):
         return found
@@ -112,7 +117,7 @@ def _with_springs(found: StaticRating, columns: Mapping[str, Array]) -> StaticRa
 
 
 def _modal(columns: Mapping[str, Array]) -> Array | None:
-    """Return K_m from the mode channels, which are the aeroloaders' by T_x and T_f (6.1, 6.2)."""
+    """Return K_m from the mode channels, which follow from the aeroloaders by T_x and T_f (6.1, 6.2)."""
     moved = [f"aero.{mode}" for mode in MODES]
     pushed = ["aero.heave_force", *(f"aero.{mode}_moment" for mode in MODES[1:])]
     if not set(moved + pushed) <= set(columns):
@@ -121,31 +126,31 @@ def _modal(columns: Mapping[str, Array]) -> Array | None:
     return np.stack([_affine(X, columns[name])[:-1] for name in pushed])
 
 
-def _affine(X: Array, y: Array, *, least: float = 1e-6) -> Array:
-    """Return a and b (n + 1,) of `y = a X + b` for X (n, H), in scaled columns.
+def _affine(X: Array, y: Array, *, cutoff: float = 1e-6) -> Array:
+    """Return a and b (n + 1,) of `y = a X + b` for X (n, H), computed with scaled columns.
 
-    A way of X that moves by less than `least` of the strongest counts as not moved [1].
+    A direction of X with a singular value below `cutoff` times the largest [1] counts as not moved.
     """
     size = np.maximum(np.abs(X).max(axis=1), 1e-300)
     design = np.vstack((X / size[:, None], np.ones(X.shape[1]))).T
-    solved = np.linalg.lstsq(design, y, rcond=least)[0]
+    solved = np.linalg.lstsq(design, y, rcond=cutoff)[0]
     return np.asarray(solved / np.append(size, 1.0))
 
 
 def _until_lifted(levels: Array, names: Sequence[str]) -> int:
-    """Return how many levels (H, channels) there are until a tire leaves the ground: it lands elsewhere.
+    """Return the number of levels (H, channels) before a tire leaves the ground, as it may land in another place.
 
-    Forces that are changes from rest, and go below zero, cannot say it.
+    Forces that become negative are changes from rest and cannot show it.
     """
     tires = levels[:, [name.rpartition(".")[2] == "tire_force" for name in names]]
-    none = _LIFTED * np.abs(tires).max(initial=0.0)
-    whole = tires[:, (tires >= -none).all(axis=0)]
-    lifted = np.flatnonzero((whole <= none).any(axis=1))
+    limit = _LIFTED * np.abs(tires).max(initial=0.0)
+    absolute = tires[:, (tires >= -limit).all(axis=0)]
+    lifted = np.flatnonzero((absolute <= limit).any(axis=1))
     return int(lifted[0]) if lifted.size else len(levels)
 
 
 def _levels(record: TimeSeries, names: Sequence[str], loads: Sequence[str]) -> Array:
-    """Return the mean of every channel over every level that is held (H, channels)."""
+    """Return the mean of every channel (columns) over every level that is held (rows)."""
     rows = np.stack([record[name] for name in loads])
     spans = holds(rows - rows.mean(axis=1, keepdims=True), record.sample_rate)
     table = [[float(record[name][span].mean()) for name in names] for span in spans]

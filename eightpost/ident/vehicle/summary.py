@@ -1,4 +1,4 @@
-"""What is said of an identified vehicle: tables for people."""
+"""Console tables on an identified vehicle."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 _CORNERS = ("lf", "rf", "lr", "rr")
 
-#: Heads of the table of trust, and what stands below; the last one only where friction was looked for.
+#: Columns of the uncertainty table and their values; the last one is shown only if friction was estimated.
 _FIGURES: tuple[tuple[str, Callable[[OutputTrust], float]], ...] = (
     ("response, %", lambda one: 100.0 * one.response),
     ("RMS of setups, %", lambda one: 100.0 * one.measure),
-    ("misfit, deviations", lambda one: one.misfit),
-    ("unexplained, % of that without friction", lambda one: 100.0 * (one.with_friction or 0.0)),
+    ("misfit, standard deviations", lambda one: one.misfit),
+    ("unexplained, % of the value without friction", lambda one: 100.0 * (one.with_friction or 0.0)),
 )
 
 
 def residual_table(fit: VehicleFit) -> Table:
-    """Return how far the model is from its response: a row per quantity, a column per corner, in percent."""
+    """Return the misfit of the model's response [%]: one row per quantity, one column per corner."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in fit.residual)
     ports = [port for port in ("", *_CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
     table = Table("output", title=f"{fit.vehicle.name}, recipe {fit.recipe}: misfit of the model's response, %")
@@ -38,10 +38,11 @@ def residual_table(fit: VehicleFit) -> Table:
 
 
 def trust_table(trust: Trust) -> Table:
-    """Return how far each quantity is to be trusted: the worst of its outputs."""
+    """Return the uncertainty of each quantity: that of its worst output."""
     table = Table(
         "quantity",
-        title=f"how sure, worst output of a quantity; one sigma from {trust.samples} models with other noise",
+        title=f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models "
+        "with resampled noise",
     )
     figures = _FIGURES if any(one.with_friction is not None for one in trust.outputs.values()) else _FIGURES[:-1]
     for head, _ in figures:
@@ -53,19 +54,19 @@ def trust_table(trust: Trust) -> Table:
 
 
 def friction_table(fit: VehicleFit, trust: Trust) -> Table:
-    """Return the friction of every port as it was found, with what the vehicle has of it."""
+    """Return the estimated friction of every port and the friction that the vehicle has."""
     table = Table("port", title="friction at the ports")
-    for head in ("found, N", "one sigma, N", "taken, N", "over, mm/s"):
+    for head in ("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s"):
         table.add_column(head, justify="right")
     for port, force in trust.friction.items():
         law = fit.vehicle.friction.get(port)
-        taken = ("none", "") if law is None else (f"{law.force:.1f}", f"{1e3 * law.velocity:.2g}")
-        table.add_row(port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *taken)
+        used = ("none", "") if law is None else (f"{law.force:.1f}", f"{1e3 * law.velocity:.2g}")
+        table.add_row(port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used)
     return table
 
 
 def damping_sentence(fit: VehicleFit) -> str:
-    """Return the baseline damping in words."""
+    """Return the baseline damping and the number of states as a sentence."""
     rates = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in fit.vehicle.baseline_damping.items())
     return f"around a baseline damping of {rates} N.s/m; {fit.states} states"
 

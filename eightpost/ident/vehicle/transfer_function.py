@@ -1,4 +1,4 @@
-"""Transfer functions of one input and one output in parallel modal form."""
+"""Transfer functions with one input and one output in parallel modal form."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 class TransferFunction:
     """`H(s) = d + sum_i r_i / (s - p_i)`, or the same in z.
 
-    A direct form of order eight overflows at 500 Hz; this one has no large coefficients.
+    The coefficients of a direct form of order eight overflow at 500 Hz; those of this form are never large.
 
     Attributes:
-        poles: p (n,) [1/s], or of z; complex ones in conjugate pairs.
-        residues: r (n,), conjugate alike.
-        direct: d.
-        dt: Sample time [s], or None for a continuous one.
+        poles: Poles p [1/s], or in z if discrete (n,); complex ones in conjugate pairs.
+        residues: Residues r (n,), in the same conjugate pairs.
+        direct: Direct term d.
+        dt: Sample time [s], or None for a continuous transfer function.
     """
 
     poles: Complex
@@ -36,13 +36,15 @@ class TransferFunction:
     dt: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that poles and residues belong together."""
+        """Check that there is one residue per pole."""
         if self.poles.shape != self.residues.shape or self.poles.ndim != 1:
-            raise ParameterError(f"{self.poles.shape} poles and {self.residues.shape} residues; give one per pole")
+            raise ParameterError(
+                f"poles have shape {self.poles.shape}, residues {self.residues.shape}; give one residue per pole"
+            )
 
     @property
     def order(self) -> int:
-        """Return the number of poles."""
+        """Number of poles."""
         return int(self.poles.size)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
@@ -52,12 +54,12 @@ class TransferFunction:
         return np.asarray(self.direct + parts.sum(axis=0), dtype=np.complex128)
 
     def modes(self) -> tuple[Mode, ...]:
-        """Return natural frequency and damping ratio of every pole pair and every real pole, slowest first."""
+        """Return the natural frequency and damping ratio of every pole pair and real pole, slowest first."""
         A, B, C, D = self.sections()
         return StateSpace(A, B, C, D, (Channel("input", "1"),), (Channel("output", "1"),), self.dt).modes()
 
     def sections(self) -> tuple[Array, Array, Array, Array]:
-        """Return A (n, n), B (n, 1), C (1, n), D (1, 1): real first- and second-order sections side by side."""
+        """Return A (n, n), B (n, 1), C (1, n), D (1, 1) of parallel real first- and second-order sections."""
         n = self.order
         A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
         at = 0

@@ -1,4 +1,4 @@
-"""How far an identified vehicle is to be trusted, in figures that its fit keeps."""
+"""Uncertainty of an identified vehicle, as stored in its fit."""
 
 from __future__ import annotations
 
@@ -8,50 +8,50 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-#: A force of fewer standard deviations than this is none.
+#: Number of standard deviations above which a force is significant [1].
 SIGNIFICANT = 4.0
 
 
-class PlacedPole(NamedTuple):
-    """One pole pair of one model: frequency [Hz], damping ratio, and whether the order before has it too."""
+class PolePair(NamedTuple):
+    """Pole pair of a model: frequency [Hz], damping ratio [1], and whether the next lower order has it too."""
 
     frequency: float
     damping: float
     steady: bool
 
 
-class TriedOrder(NamedTuple):
-    """One number of states that was tried: its singular value over the next one, and its poles."""
+class OrderCandidate(NamedTuple):
+    """Model of one order: number of states, ratio of its singular value to the next one, and its poles."""
 
     states: int
     gap: float
-    poles: tuple[PlacedPole, ...]
+    poles: tuple[PolePair, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """How the number of states was chosen.
+    """Choice of the number of states.
 
     Attributes:
-        tried: Models of rising order.
-        chosen: States of the one that was taken, lags of the roads not counted.
-        is_clear: Whether a clear gap of the singular values tells it; else the description length does.
+        tried: Models of increasing order.
+        chosen: Number of states of the chosen model, without the road lags.
+        is_clear: Whether a clear gap of the singular values gives the order; otherwise the description length does.
         high: Highest frequency of the fit [Hz].
     """
 
-    tried: tuple[TriedOrder, ...]
+    tried: tuple[OrderCandidate, ...]
     chosen: int
     is_clear: bool
     high: float
 
 
 @dataclass(frozen=True, slots=True)
-class FoundForce:
-    """A force that was found at a port.
+class ForceEstimate:
+    """Estimated force at a port.
 
     Attributes:
-        value: [N].
-        deviation: Its standard deviation [N].
+        value: Force [N].
+        deviation: Standard deviation of the force [N].
     """
 
     value: float
@@ -59,26 +59,26 @@ class FoundForce:
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is told from noise."""
+        """Whether the force is significant, i.e. not explained by noise."""
         return abs(self.value) > SIGNIFICANT * self.deviation
 
     @property
-    def said(self) -> str:
-        """The force and twice its deviation, in words."""
+    def text(self) -> str:
+        """The force and twice its standard deviation as text."""
         return f"{self.value:.1f} +- {2.0 * self.deviation:.1f} N"
 
 
 @dataclass(frozen=True, slots=True)
 class OutputTrust:
-    """What is known of one output.
+    """Uncertainty of one output.
 
     Attributes:
-        response: Standard deviation of the model's responses over the responses, RMS over inputs and frequencies [1].
-        measure: Standard deviation of the output's RMS on the tests' own drive over that RMS [1], the largest of linear
-            dampers of half, once and twice the baseline's.
-        misfit: RMS of model less estimate in deviations of the estimate; 1 where noise explains it.
-        with_friction: What no linear response explains with friction at the ports, RMS over that without [1]; None
-            where friction was not looked for.
+        response: Relative standard deviation of the model's responses, RMS over inputs and frequencies [1].
+        measure: Relative standard deviation of the output's RMS on the drive of the tests [1]; the largest value with
+            linear dampers of half, one and two times the baseline damping.
+        misfit: RMS of model minus estimate in standard deviations of the estimate; 1 if noise explains it.
+        with_friction: RMS of the part that no linear response explains, with friction at the ports relative to without
+            [1]; None if friction was not estimated.
     """
 
     response: float
@@ -89,36 +89,36 @@ class OutputTrust:
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """What a fit says of itself.
+    """Uncertainty and limits of a fit.
 
     Attributes:
-        outputs: By output.
-        friction: Sliding friction by port as it was found, significant or not; empty where it was not looked for.
-        springs: By port, the force of a spring that grows with the square of the travel, at the travel's RMS; empty
-            where it was not looked for.
-        flags: What is in the car and not in a linear model of it, a sentence each, by `friction`, `springs`,
-            `lift-off`, `misfit`, `unexplained`.
-        orders: How the number of states was chosen.
-        samples: From how many models with other noise the deviations are.
+        outputs: Uncertainty by output.
+        friction: Estimated sliding friction by port, significant or not; empty if friction was not estimated.
+        springs: Spring force that grows with the square of the travel, at the RMS travel, by port; empty if it was not
+            estimated.
+        flags: Sentences on effects in the car that a linear model does not have, by `friction`, `springs`, `lift-off`,
+            `misfit` and `unexplained`.
+        orders: Choice of the number of states.
+        samples: Number of models with resampled noise that the standard deviations come from.
     """
 
     outputs: Mapping[str, OutputTrust]
-    friction: Mapping[str, FoundForce] = field(default_factory=dict)
-    springs: Mapping[str, FoundForce] = field(default_factory=dict)
+    friction: Mapping[str, ForceEstimate] = field(default_factory=dict)
+    springs: Mapping[str, ForceEstimate] = field(default_factory=dict)
     flags: Mapping[str, str] = field(default_factory=dict)
     orders: Orders | None = None
     samples: int = 0
 
     def as_json(self) -> Any:
-        """Return it as what JSON holds."""
+        """Return the content as JSON values."""
         return _ADAPTER.dump_python(self, mode="json")
 
     @classmethod
     def of_json(cls, content: Any) -> Trust:
-        """Return what `as_json` gave.
+        """Return the object from JSON values that `as_json` returned.
 
         Raises:
-            ValueError: It is something else.
+            ValueError: The JSON values have another form.
         """
         return _ADAPTER.validate_python(content)
 

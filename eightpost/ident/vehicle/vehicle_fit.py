@@ -1,4 +1,4 @@
-"""An identified vehicle with all that a person wants to know of how it came about: what every recipe returns."""
+"""Fit of a vehicle, the result of every recipe: the vehicle with its response, misfit, notes and uncertainty."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: The newest layout of the files of fits that is understood, and the one written.
+#: Schema version of the files that are written, and the newest one that can be read.
 SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleFit:
-    """An identified vehicle and how good it is.
+    """An identified vehicle and the quality of its fit.
 
     Attributes:
-        vehicle: What `write_vehicle` writes: model, baseline damping, digests of the input files.
-        recipe: The name of the recipe.
-        response: What the model was fitted to, conditioned, around the baseline damping.
-        residual: By output, how far the model's response is from `response`, weighted by frequency as the fit was [1].
-        notes: What a person must know, a sentence each: what was dropped, replaced, reduced, is doubtful.
+        vehicle: Identified vehicle: model, baseline damping, digests of the input files.
+        recipe: Name of the recipe.
+        response: Response that the model was fitted to, preconditioned, around the baseline damping.
+        residual: Relative error of the model's response against `response`, weighted by frequency as in the fit [1], by
+            output.
+        notes: Notes for the user, one sentence each: what was dropped, replaced or reduced, and what is doubtful.
         seconds: Processor time of estimate and fit [s].
-        stable: Whether the vehicle settles with the baseline dampers and with every other damping that was tried.
-        ranges: What the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty where
-            the recipe does not say.
-        trust: What the fit says of itself: deviations, friction, flags, orders; None where the recipe does not.
+        stable: Whether the vehicle is stable with the baseline dampers and with all other dampers that were tried.
+        ranges: Ranges that the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty
+            if the recipe does not give them.
+        trust: Uncertainty, friction, flags and choice of the order; None if the recipe does not give them.
     """
 
     vehicle: IdentifiedVehicle
@@ -56,25 +57,25 @@ class VehicleFit:
 
     @property
     def states(self) -> int:
-        """The number of states of the model."""
+        """Number of states of the model."""
         return len(self.vehicle.state_space.A)
 
 
 def response_path(path: str | Path) -> Path:
-    """Return where the response of a fit lies, beside its vehicle: car.json has car.response.npz."""
+    """Return the path of a fit's response, given that of its vehicle: car.response.npz for car.json."""
     return Path(path).with_suffix(".response.npz")
 
 
-def story_path(path: str | Path) -> Path:
-    """Return where what was said of a fit lies, beside its vehicle: car.json has car.fit.json."""
+def fit_path(path: str | Path) -> Path:
+    """Return the path of a fit's report, given that of its vehicle: car.fit.json for car.json."""
     return Path(path).with_suffix(".fit.json")
 
 
 def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
-    """Write a fit: the vehicle as .json, its response and what was said of it beside it.
+    """Write a fit: the vehicle as .json and, in the same folder, its response and its report.
 
     Returns:
-        The files written.
+        Paths of the files written.
     """
     path = Path(path)
     write_vehicle(path, fit.vehicle)
@@ -92,51 +93,51 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
         "trust": None if fit.trust is None else fit.trust.as_json(),
     }
-    with atomic_path(story_path(path)) as temporary:
+    with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    return path, response_path(path), story_path(path)
+    return path, response_path(path), fit_path(path)
 
 
 def read_fit(path: str | Path) -> VehicleFit:
-    """Read a fit that `write_fit` wrote, by the path of its vehicle.
+    """Read a fit that `write_fit` wrote, given the path of its vehicle.
 
     Raises:
-        FileFormatError: A file is missing, no fit of ours, of a newer schema, or of another vehicle.
+        FileFormatError: A file is missing or not part of a fit, has a newer schema, or belongs to another vehicle.
     """
     path = Path(path)
     vehicle = read_vehicle(path)
     if not isinstance(vehicle, IdentifiedVehicle):
-        raise FileFormatError("is no identified vehicle", path=path)
-    story = _story(story_path(path))
-    if story.get("vehicle_sha256") != sha256_of(path):
-        raise FileFormatError(f"tells of another vehicle than {path} now holds; identify again", path=story_path(path))
+        raise FileFormatError("is not an identified vehicle", path=path)
+    content = _fit_content(fit_path(path))
+    if content.get("vehicle_sha256") != sha256_of(path):
+        raise FileFormatError(f"belongs to another vehicle than the one in {path}; identify again", path=fit_path(path))
     try:
         return VehicleFit(
             vehicle,
-            str(story["recipe"]),
+            str(content["recipe"]),
             read_response(response_path(path)),
-            {str(name): float(value) for name, value in story["residual"].items()},
-            tuple(_words(story["notes"])),
-            float(story["seconds"]),
-            bool(story["stable"]),
-            {str(name): (float(low), float(high)) for name, (low, high) in story.get("ranges", {}).items()},
-            None if story.get("trust") is None else Trust.of_json(story["trust"]),
+            {str(name): float(value) for name, value in content["residual"].items()},
+            tuple(_texts(content["notes"])),
+            float(content["seconds"]),
+            bool(content["stable"]),
+            {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
+            None if content.get("trust") is None else Trust.of_json(content["trust"]),
         )
     except MALFORMED as error:
-        what = f"does not hold a fit as this version writes it ({error})"
-        raise FileFormatError(what, path=story_path(path)) from error
+        what = f"is not a complete fit as this version writes it ({error}); identify again"
+        raise FileFormatError(what, path=fit_path(path)) from error
 
 
-def _words(notes: Sequence[Any]) -> list[str]:
+def _texts(notes: Sequence[Any]) -> list[str]:
     return [str(note) for note in notes]
 
 
-def _story(path: Path) -> dict[str, Any]:
-    content = json_content(path, advice="the vehicle has no fit beside it", finite=False)
+def _fit_content(path: Path) -> dict[str, Any]:
+    content = json_content(path, advice="there is no fit next to the vehicle file; identify again", finite=False)
     if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
-        raise FileFormatError("is no fit of ours: its kind says something else", path=path)
+        raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=path)
     schema = content.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:
-        what = f"it has schema {schema}, this eightpost {__version__} reads up to {SCHEMA}; update eightpost"
+        what = f"has schema {schema}; eightpost {__version__} reads schemas up to {SCHEMA}; update eightpost"
         raise FileFormatError(what, path=path)
     return content

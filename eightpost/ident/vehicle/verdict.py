@@ -1,4 +1,4 @@
-"""The verdict on an identified vehicle: how well it meets its tests, what they hint at, what ranges they cover."""
+"""Verdict on an identified vehicle: its misfit, effects that it does not model, and the ranges of its tests."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 
 ABOUT = "fit of the vehicle"
 
-#: Misfit of an output, weighted by frequency as the fit was [1].
+#: Limits of the misfit of an output, weighted by frequency as in the fit [1].
 GOOD_FIT, POOR_FIT = 0.1, 0.3
 
 UNSTABLE = Rule(
     "vehicle not stable", ABOUT, Grade.NOT_USABLE,
-    condition="the car does not settle with each linear damper that was tried",
-    why="a run with such shocks goes to infinity, or near it",
+    condition="the car is unstable with at least one of the linear dampers that were tried",
+    why="a simulation with such shocks may diverge",
     remedy="identify with more tests of other shocks, or without the channels that fit worst",
 )  # fmt: skip
 MISFIT = Rule(
     "large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
     condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
-    why="a third of the output's response is not in the model",
-    remedy="look at the plots of the fit; leave the output out (--output-channels), or repeat the tests",
+    why="the model does not reproduce a third of the output's response",
+    remedy="check the plots of the fit; leave the output out (--output-channels), or repeat the tests",
 )  # fmt: skip
 DOUBTFUL_FIT = Rule(
     "notable misfit of the vehicle", ABOUT, Grade.LIMITED,
     condition=f"misfit of an output above {100 * GOOD_FIT:g} %",
-    why="differences between setups are of this size",
+    why="differences between setups are of similar size",
     remedy="compare setups by the other outputs, and validate on other records (eightpost validate)",
 )  # fmt: skip
 GOOD = Rule(
@@ -44,20 +44,20 @@ GOOD = Rule(
 )  # fmt: skip
 FLAG = Rule(
     "flag of the identification", ABOUT, Grade.LIMITED,
-    condition="the tests show what no linear model has: friction, springs that are not straight, tires that lift off, "
-    "a misfit beyond noise, an output that no input explains",
-    why="the model is right near the tests' amplitudes only",
+    condition="the tests show effects that a linear model does not have: nonlinear springs, tires that lift off, a "
+    "misfit larger than noise, an output that no input explains",
+    why="the model is accurate only near the amplitudes of the tests",
     remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
 )  # fmt: skip
 
 RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
-#: Friction is in the model where it was found.
+#: Flags that need no reason, because the model includes the effect.
 _MODELLED = ("friction",)
 
 
 def with_validity(fit: VehicleFit) -> VehicleFit:
-    """Return a fit whose vehicle carries the verdict on it and the ranges that it covers."""
+    """Return the fit with its verdict and the covered ranges added to the vehicle."""
     validity = Validity(fit_verdict(fit), tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
     return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
 
@@ -70,20 +70,20 @@ def fit_verdict(fit: VehicleFit) -> Verdict:
 def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     origin = f"{fit.recipe} fit to {', '.join(fit.sources) or 'records in memory'}"
     if not fit.stable:
-        yield UNSTABLE.reason("the car does not settle with every damper", figure="1 damper or more", origin=origin)
+        yield UNSTABLE.reason("the car is not stable with every damper", figure="1 damper or more", origin=origin)
     worst = max(fit.residual, key=lambda name: fit.residual[name])
     value = fit.residual[worst]
     rule = GOOD if value <= GOOD_FIT else DOUBTFUL_FIT if value < POOR_FIT else MISFIT
-    said = "the model meets its tests" if rule is GOOD else "the model does not meet its tests well"
+    statement = "the model reproduces its tests" if rule is GOOD else "the model does not reproduce its tests well"
     figure = f"{worst} {100 * value:.1f} %; limits {100 * GOOD_FIT:g} and {100 * POOR_FIT:g} %"
-    yield rule.reason(said, figure=figure, origin=origin)
+    yield rule.reason(statement, figure=figure, origin=origin)
     for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
         if name not in _MODELLED:
-            yield FLAG.reason("the car is not quite linear", figure=sentence.rstrip("."), origin=origin)
+            yield FLAG.reason("the car is not fully linear", figure=sentence.rstrip("."), origin=origin)
 
 
 def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
-    """Yield the ranges of a fit that are of the model's channels, and its band for every shock velocity."""
+    """Yield the amplitude ranges of the model's channels and the fitted band for every shock velocity."""
     units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
     for name, (low, high) in ranges.items():
         if name in units:

@@ -1,4 +1,4 @@
-"""Weights over frequency (4.4.1, 5.3.3, Eq 6.9)."""
+"""Weights of fits over frequency (4.4.1, 5.3.3, Eq 6.9)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BandWeights:
-    """One weight per band of frequency, zero elsewhere.
+    """One weight per frequency band, zero elsewhere.
 
     Attributes:
-        bands: (from, to, weight) [Hz, Hz, 1]; a band holds its lower end and not its upper.
+        bands: Tuples (low, high, weight) [Hz, Hz, 1]; a band includes its lower limit but not its upper.
     """
 
     bands: tuple[tuple[float, float, float], ...]
@@ -29,7 +29,7 @@ class BandWeights:
         """Check the bands."""
         for low, high, weight in self.bands:
             if not (0.0 <= low < high and weight >= 0.0):
-                raise ParameterError(f"the band ({low:g}, {high:g}, {weight:g}) must rise, with a weight from 0")
+                raise ParameterError(f"the band ({low:g}, {high:g}, {weight:g}) needs 0 <= low < high and weight >= 0")
 
     def at(self, frequency: Array) -> Array:
         """Return the weights (K,) at frequencies (K,) [Hz]."""

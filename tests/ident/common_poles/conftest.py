@@ -29,12 +29,12 @@ def quarter_car() -> StateSpace:
 
 @pytest.fixture(scope="session")
 def seven_dof() -> StateSpace:
-    """Table 5.1 with that damper at every port."""
+    """Table 5.1 with the same damper at every port."""
     return _car("seven_dof")
 
 
 def noisy(model: StateSpace, size: float, seed: int, frequency: np.ndarray = FREQUENCY) -> FrequencyResponse:
-    """A response with independent errors of `size` of each path's RMS, which its variance says."""
+    """Return a response with independent errors of `size` times each path's RMS, and their variance."""
     exact = response_of(model, frequency)
     rms = size * np.sqrt(np.mean(np.abs(exact.H) ** 2, axis=2, keepdims=True))
     generator = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The FMU of an identified car, coupled with shock FMUs, is the library's own closed loop."""
+"""The FMU of an identified car, coupled with shock FMUs, gives the same result as the closed loop of the library."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _line(rate: float) -> StaticCurve:
 
 
 def _digressive(rate: float) -> StaticCurve:
-    """A cubic that softens to 0.4 rate at 0.04 m/s, where the road takes it, and goes on so: no kink in its slope."""
+    """Return a cubic that softens to 0.4 rate at 0.04 m/s, which the road reaches, and continues without a kink."""
     speed = 0.04
     force, soft = rate * speed, 0.4 * rate
     inner = (1.3 * force, 0.0, -0.3 * force, *[0.0] * 12)
@@ -41,7 +41,7 @@ def _digressive(rate: float) -> StaticCurve:
     return StaticCurve(inner, outer, tuple(-c for c in outer), speed, 2e-3, 5.0, 5.0, soft, soft)
 
 
-#: A shock of every law of part D, and the straight one whose closed loop is known exactly.
+#: One shock for each law, and a straight one, whose closed loop is known exactly.
 LAWS = {
     "straight": Polylinear(_line(ALTERNATE)),
     "polylinear": Polylinear(_digressive(ALTERNATE)),
@@ -53,7 +53,7 @@ LAWS = {
 
 @pytest.fixture(scope="module")
 def vehicle(quarter_car) -> IdentifiedVehicle:
-    """As identified from an estimate with 1 % noise: its poles are not those of the truth."""
+    """Vehicle identified from an estimate with 1 % noise, so its poles differ from those of the truth."""
     return IdentifiedVehicle("car", CommonPoleFit().fit(noisy(quarter_car, 0.01, 3)).model, {"": BASELINE})
 
 
@@ -68,7 +68,7 @@ def drive() -> TimeSeries:
 
 @pytest.fixture(scope="module")
 def fmus(vehicle, tmp_path_factory, one_platform):
-    """Shocks by name, the car without and with friction."""
+    """Return the FMUs by name: the shocks, and the car without and with friction."""
     folder = tmp_path_factory.mktemp("identified")
     for name, law in LAWS.items():
         write_shock(Shock(name, law), folder / f"{name}.json")
@@ -88,7 +88,7 @@ def coupled(fmus, car, shock, drive, step):
 
 
 def closed_loop(vehicle, drive):
-    """The car with the straight shock in it, stepped exactly: the road is linear between samples."""
+    """Return the outputs of the car with the straight shock, stepped exactly for a road linear between samples."""
     model = discretise(add_port_damping(vehicle.state_space, {"": ALTERNATE - BASELINE}), 1.0 / RATE, "first")
     road, x, outputs = model.input_names.index("road"), np.zeros(len(model.A)), []
     for value in drive["road"]:
@@ -98,17 +98,17 @@ def closed_loop(vehicle, drive):
 
 
 def difference(found, expected, name):
-    """RMS difference over standard deviation."""
+    """Return the RMS difference relative to the standard deviation."""
     return float(np.std(found[f"car.{name}"] - expected[name]) / np.std(expected[name]))
 
 
 def in_parts(drive, parts):
-    """The same straight pieces of road, each in some parts."""
+    """Return the same road with each straight piece divided into `parts`."""
     time = np.linspace(0.0, STOP, parts * (len(drive) - 1) + 1)
     return TimeSeries.from_channels(time, {"road": ("m", np.interp(time, drive.time, drive["road"]))})
 
 
-def test_with_a_straight_shock_the_coupled_fmus_are_the_exact_closed_loop(fmus, vehicle, drive):
+def test_with_a_straight_shock_the_coupled_fmus_equal_the_exact_closed_loop(fmus, vehicle, drive):
     found, exact = coupled(fmus, "car", "straight", drive, 2e-5), closed_loop(vehicle, drive)
     for name in JUDGED:
         assert difference(found, exact, name) < 1e-9
@@ -116,7 +116,7 @@ def test_with_a_straight_shock_the_coupled_fmus_are_the_exact_closed_loop(fmus, 
 
 @pytest.mark.parametrize("shock", LAWS)
 @pytest.mark.parametrize("car", ["car", "rubbing"])
-def test_the_librarys_loop_comes_to_the_coupled_fmus_in_second_order(fmus, vehicle, drive, car, shock):
+def test_the_loop_of_the_library_converges_to_the_coupled_fmus_with_second_order(fmus, vehicle, drive, car, shock):
     known = replace(vehicle, friction=RUBBING) if car == "rubbing" else vehicle
     reference, errors = coupled(fmus, car, shock, drive, 5e-5), []
     for parts in (8, 16):

@@ -1,4 +1,4 @@
-"""Noisy responses: what the likelihood promises is kept."""
+"""Common-pole fits to noisy responses: the errors are those that the likelihood predicts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from eightpost.vehicle import StateSpace
 
 from .conftest import FREQUENCY, noisy
 
-FIT = CommonPoleFit(order=4, high=19.9, floor=1e-5, most_states=4)
+FIT = CommonPoleFit(order=4, high=19.9, floor=1e-5, max_states=4)
 
 
 def test_the_gradient_is_that_of_the_cost() -> None:
@@ -46,7 +46,7 @@ def _moved(w: np.ndarray, zeta: np.ndarray, B: np.ndarray, k: int, step: float) 
     return Blocks(w * np.exp(moves[:2]), zeta * np.exp(moves[2:4]), B + moves[4:].reshape(B.shape))
 
 
-def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_its_start(quarter_car: StateSpace) -> None:
+def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_the_start(quarter_car: StateSpace) -> None:
     outputs = [name for name in quarter_car.output_names if name != "displacement"]
     found = FIT.fit(noisy(quarter_car.select(outputs=outputs), 0.02, 3))
     assert found.refined.converged
@@ -54,14 +54,14 @@ def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_its_sta
     assert all(0.9 < excess < 1.1 for excess in found.excess.values())
 
 
-def test_errors_follow_the_uncertainty_that_is_said(quarter_car: StateSpace) -> None:
+def test_errors_agree_with_the_reported_uncertainty(quarter_car: StateSpace) -> None:
     found = [FIT.fit(noisy(quarter_car, 0.02, seed)) for seed in range(24)]
     at = np.array([1.0, 3.0, 8.0, 16.0])
     exact = quarter_car.frequency_response(at)
     errors = np.stack([model.model.frequency_response(at) - exact for model in found])
     scatter = np.sqrt(np.mean(np.abs(errors) ** 2, axis=0))
-    said = response_deviation(sampled_models(found[0], 24, seed=9), at)
-    ratio = said / scatter
+    reported = response_deviation(sampled_models(found[0], 24, seed=9), at)
+    ratio = reported / scatter
     assert 0.8 < np.median(ratio) < 1.25
     assert ratio.min() > 0.4
     assert ratio.max() < 2.5
@@ -86,16 +86,16 @@ def test_modes_of_a_noisy_response_are_those_of_the_car(quarter_car: StateSpace)
             assert mode.damping_ratio == pytest.approx(truth.damping_ratio, abs=5e-3)
 
 
-def test_a_model_of_pure_noise_is_stable_and_says_that_no_gap_told_its_order(quarter_car: StateSpace) -> None:
+def test_a_model_of_pure_noise_is_stable_and_a_note_reports_no_clear_gap(quarter_car: StateSpace) -> None:
     empty = noisy(quarter_car, 0.02, 1)
     generator = np.random.default_rng(2)
     wild = empty.with_response(generator.standard_normal(empty.H.shape) * np.abs(empty.H).mean())
-    found = CommonPoleFit(high=19.9, most_states=8, refinement=Refinement(most_iterations=5)).fit(wild)
+    found = CommonPoleFit(high=19.9, max_states=8, refinement=Refinement(max_iterations=5)).fit(wild)
     assert (found.model.poles().real < 0.0).all()
     assert any("no clear gap" in note for note in found.notes)
 
 
-def test_neighbours_that_share_an_estimate_are_told() -> None:
+def test_the_correlation_length_of_overlapping_estimates_is_found() -> None:
     generator = np.random.default_rng(3)
     white = generator.standard_normal((4, 4, 400)) + 1j * generator.standard_normal((4, 4, 400))
     shared = np.lib.stride_tricks.sliding_window_view(white, 5, axis=2).sum(axis=3)
@@ -103,7 +103,7 @@ def test_neighbours_that_share_an_estimate_are_told() -> None:
     assert correlation_length(shared) == 5
 
 
-def test_orders_that_are_no_pairs_and_channels_without_a_value_are_refused(quarter_car: StateSpace) -> None:
+def test_odd_orders_and_channels_without_a_value_are_refused(quarter_car: StateSpace) -> None:
     with pytest.raises(ParameterError, match="pairs"):
         CommonPoleFit(order=5)
     response = response_of(quarter_car, FREQUENCY)

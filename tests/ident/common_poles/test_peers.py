@@ -1,4 +1,4 @@
-"""Other people's fits of the same response: scikit-rf's vector fitting, and pyFRF's estimate as a start."""
+"""Comparison with other packages: vector fitting of scikit-rf, and a response estimated by pyFRF."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def test_vector_fitting_finds_the_same_poles(quarter_car: StateSpace) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         peer.vector_fit(n_poles_real=0, n_poles_cmplx=2, fit_constant=True, fit_proportional=False)
-    ours = CommonPoleFit(high=19.9).fit(response).model.poles()
-    theirs = np.sort_complex(np.asarray(peer.poles))
-    np.testing.assert_allclose(np.sort_complex(ours[ours.imag > 0.0]), theirs, rtol=1e-5)
+    poles = CommonPoleFit(high=19.9).fit(response).model.poles()
+    expected = np.sort_complex(np.asarray(peer.poles))
+    np.testing.assert_allclose(np.sort_complex(poles[poles.imag > 0.0]), expected, rtol=1e-5)
 
 
-def test_a_response_that_pyfrf_estimated_has_the_modes_of_the_car(quarter_car: StateSpace) -> None:
+def test_the_fit_of_a_response_estimated_by_pyfrf_has_the_modes_of_the_car(quarter_car: StateSpace) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         pyfrf = pytest.importorskip("pyFRF", reason="pyFRF is not installed")

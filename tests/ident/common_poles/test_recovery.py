@@ -1,4 +1,4 @@
-"""Known models from their exact responses."""
+"""Recovery of known models from their exact responses."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ HIGH = 19.9
 
 
 def _close(found: StateSpace, model: StateSpace, tolerance: float) -> None:
-    """Differ by no more than a part of what inputs of like effect make of each output."""
+    """Assert that the scaled responses of two models differ by less than the tolerance."""
     points = points_of(response_of(model, FREQUENCY), floor=1e-3)
     wrong = np.abs(found.frequency_response(FREQUENCY) - model.frequency_response(FREQUENCY))
     assert (wrong * points.input_size[:, None] / points.output_size[:, None, None]).max() < tolerance
 
 
 @pytest.mark.parametrize(("name", "states"), [("quarter_car", 4), ("seven_dof", 14)])
-def test_a_car_is_recovered_to_rounding_and_its_order_is_told_by_a_clear_gap(
+def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
     name: str, states: int, request: pytest.FixtureRequest
 ) -> None:
     model = request.getfixturevalue(name)
-    found = CommonPoleFit(high=HIGH, most_states=18).fit(response_of(model, FREQUENCY))
+    found = CommonPoleFit(high=HIGH, max_states=18).fit(response_of(model, FREQUENCY))
     assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
     _close(found.model, model, 1e-8)
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
@@ -55,13 +55,15 @@ def test_any_stable_model_is_recovered(seed: int) -> None:
     assert wrong < 1e-7 * np.abs(H).max()
 
 
-def test_inputs_without_power_over_most_of_the_band_are_recovered_there_too(seven_dof: StateSpace) -> None:
+def test_paths_of_inputs_without_power_over_most_of_the_band_are_recovered_over_the_whole_band(
+    seven_dof: StateSpace,
+) -> None:
     exact = response_of(seven_dof, FREQUENCY[::2])
     loads = np.array([not n.endswith(("road", "force")) or n == "heave_force" for n in exact.input_names])
     variance = np.full(exact.H.shape, 1e-20)
     variance[:, loads, :] = np.where(exact.frequency > 5.5, np.inf, 1e-20)
     partial = replace(exact, H=np.where(np.isfinite(variance), exact.H, 0.0), variance=variance)
-    fit = CommonPoleFit(high=HIGH, most_states=18, refinement=Refinement(most_iterations=2))
+    fit = CommonPoleFit(high=HIGH, max_states=18, refinement=Refinement(max_iterations=2))
     _close(fit.fit(partial).model, seven_dof, 1e-6)
 
 
@@ -106,7 +108,7 @@ def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace)
 def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(
     quarter_car: StateSpace, tmp_path: Path
 ) -> None:
-    found = CommonPoleFit(high=HIGH, most_states=10).fit(noisy(quarter_car, 0.01, 4))
+    found = CommonPoleFit(high=HIGH, max_states=10).fit(noisy(quarter_car, 0.01, 4))
     orders = orders_of(found)
     for mode in quarter_car.modes():
         near = {

@@ -1,11 +1,11 @@
-"""Which shocks a car takes, and where its tests end."""
+"""Stability of a car with any shocks, and the ranges of its tests."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.common_poles import Ranges, swapping
+from eightpost.ident.vehicle.common_poles import Ranges, safe_slopes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
@@ -15,22 +15,22 @@ CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @pytest.mark.parametrize(("name", "ports"), [("quarter_car", ("",)), ("seven_dof", CORNERS)])
-def test_a_car_of_masses_and_springs_takes_any_shock(
+def test_a_car_of_masses_and_springs_is_stable_with_any_shock(
     name: str, ports: tuple[str, ...], request: pytest.FixtureRequest
 ) -> None:
-    found = swapping(request.getfixturevalue(name), dict.fromkeys(ports, BASELINE))
+    found = safe_slopes(request.getfixturevalue(name), dict.fromkeys(ports, BASELINE))
     assert found.softest is not None
     assert found.softest <= 0.02
-    assert "any shocks" in found.said().lower()
+    assert "any shocks" in found.summary().lower()
 
 
-def test_a_port_whose_force_pushes_the_wrong_way_is_told() -> None:
+def test_a_port_whose_force_acts_in_the_wrong_direction_is_reported() -> None:
     # v' = -v - 20 v + F / 50 around 1000 N.s/m: the damper's force drives the motion.
     model = StateSpace(np.array([[-30.0]]), np.array([[0.02]]), np.array([[1.0]]), np.zeros((1, 1)),
                        (Channel("force", "N"),), (Channel("velocity", "m/s"),))  # fmt: skip
-    found = swapping(model, {"": 1000.0})
+    found = safe_slopes(model, {"": 1000.0})
     assert found.softest is None
-    assert "not proved" in found.said()
+    assert "not proved" in found.summary()
 
 
 def _simulated(speed: float, hz: float) -> TimeSeries:
@@ -38,7 +38,7 @@ def _simulated(speed: float, hz: float) -> TimeSeries:
     return TimeSeries.from_channels(time, {"velocity": ("m/s", speed * np.sin(2.0 * np.pi * hz * time))})
 
 
-def test_faster_and_higher_than_the_tests_is_called_extrapolated() -> None:
+def test_velocities_and_frequencies_above_those_of_the_tests_are_reported() -> None:
     ranges = Ranges((0.2, 16.0), {"velocity": (-0.4, 0.5)})
     assert ranges.beyond(_simulated(0.5, 4.0)) == ()
     assert "0.9" in ranges.beyond(_simulated(0.9, 4.0))[0]

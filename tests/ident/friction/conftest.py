@@ -1,4 +1,4 @@
-"""A quarter car with friction on the virtual rig: its bristle that sticks is no law of the identification."""
+"""Quarter car on the virtual rig with bristle friction that sticks, unlike the friction law of the identification."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BASELINE, ALTERNATE = (convert(rate, "lbf/(in/s)", "N.s/m") for rate in (17.5, 8
 
 
 def rubbing_car(coulomb: float, progression: float = 0.0) -> Car:
-    """The quarter car with a bristle of a sliding force [N] and a spring of a progression [1/m]."""
+    """Return the quarter car with a bristle of a sliding force [N] and a spring of a progression [1/m]."""
     one, car = np.ones((1, 1)), quarter_truth()
     stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
     springs = replace(car.springs, progression=progression * one)
@@ -28,7 +28,7 @@ def rubbing_car(coulomb: float, progression: float = 0.0) -> Car:
 def rig_tests(
     coulomb: float, seed: int, noise: float = 0.01, *, progression: float = 0.0, noise_seed: int = 0
 ) -> list[TimeSeries]:
-    """Baseline and alternate damper, 60 s each, at 125 Hz."""
+    """Return the tests with the baseline and the alternate damper, 60 s each, at 125 Hz."""
     car = rubbing_car(coulomb, progression)
     return [
         _at_125_hz(
@@ -53,17 +53,17 @@ def _at_125_hz(series: TimeSeries) -> TimeSeries:
 
 @pytest.fixture(scope="session")
 def rubbing() -> list[TimeSeries]:
-    """With 15 lbf of friction."""
+    """Return the tests of a car with 15 lbf of friction."""
     return rig_tests(COULOMB, 20)
 
 
 @pytest.fixture(scope="session")
 def smooth() -> list[TimeSeries]:
-    """Without friction."""
+    """Return the tests of a car without friction."""
     return rig_tests(0.0, 20)
 
 
 @pytest.fixture(scope="session")
 def experiment(smooth: list[TimeSeries]) -> Experiment:
-    """The quarter car around the baseline damper."""
+    """Return the experiment of the quarter car around the baseline damper."""
     return experiment_of(smooth[0].names, {"": BASELINE})

@@ -1,4 +1,4 @@
-"""An identified car with shock laws at its ports, against the rig on another drive with other shocks."""
+"""An identified car with shock laws at its ports, compared with the rig on another drive with other shocks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FIRM = 1.5 * BASELINE
 
 
 def _law(rate: float) -> Polylinear:
-    """F = rate v."""
+    """Return the law F = rate v."""
     speed = 0.4
     outer = (rate * speed, rate * speed, 0.0, 0.0)
     inner = (rate * speed, *[0.0] * 14)
@@ -29,7 +29,7 @@ def _law(rate: float) -> Polylinear:
 
 @pytest.fixture(scope="module")
 def unseen() -> RigTest:
-    """The same car on another drive, with a firmer damper."""
+    """Return a test of the same car on another drive with a firmer damper."""
     car = rubbing_car(COULOMB)
     drive = random_drive(car, 91, duration=30.0)
     return run_test(car, drive, (LinearDamper(FIRM),), seed=91, sensors=RigSensors.perfect(), drift=NO_DRIFT)
@@ -37,12 +37,12 @@ def unseen() -> RigTest:
 
 @pytest.fixture(scope="module")
 def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
-    """Identified from the tests with friction."""
+    """Return the vehicle identified from the tests with friction."""
     search = FrictionSearch(velocities=(0.01,))
     return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
 
 
-def test_laws_at_the_ports_give_the_rigs_levels_and_friction_is_why(fit: VehicleFit, unseen: RigTest) -> None:
+def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit: VehicleFit, unseen: RigTest) -> None:
     record = record_of(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
     assert case.shocks == "shock laws, ports closed"
@@ -53,7 +53,7 @@ def test_laws_at_the_ports_give_the_rigs_levels_and_friction_is_why(fit: Vehicle
     assert max(abs(one.level) for one in case.without_friction if one.name in names) > 0.03
 
 
-def test_the_wrong_law_at_the_port_is_seen(fit: VehicleFit, unseen: RigTest) -> None:
+def test_a_wrong_law_at_the_port_gives_wrong_levels(fit: VehicleFit, unseen: RigTest) -> None:
     record = record_of(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
     assert max(abs(one.level) for one in case.judged) > 0.1

@@ -1,4 +1,4 @@
-"""Friction at the ports: its law, its size from rig tests, and what it is good for."""
+"""Friction at the ports: its law, its estimate from rig tests, and its effect on the identified car."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ def test_the_direction_of_a_slow_velocity_is_the_law_itself() -> None:
     np.testing.assert_allclose(direction(velocity, 125.0, 0.02), np.tanh(velocity / 0.02), atol=1e-3)
 
 
-def test_a_record_holds_no_harmonics_beyond_its_band_folded_back() -> None:
+def test_harmonics_above_the_band_of_a_record_do_not_alias() -> None:
     time = np.arange(1250) / 125.0
     velocity = 0.2 * np.sin(2.0 * np.pi * 15.0 * time)
     lines, amplitude = np.fft.rfftfreq(1250, 1.0 / 125.0), np.abs(np.fft.rfft(direction(velocity, 125.0, 0.01))) / 625.0
-    folded = np.argmin(np.abs(lines - 50.0))  # of the fifth harmonic, 75 Hz
+    folded = np.argmin(np.abs(lines - 50.0))  # alias of the fifth harmonic, 75 Hz
     sampled = np.abs(np.fft.rfft(np.tanh(velocity / 0.01))) / 625.0
     assert amplitude[folded] < 1e-3
     assert sampled[folded] > 0.1
 
 
-def test_friction_of_no_width_is_refused() -> None:
+def test_a_friction_velocity_of_zero_and_a_negative_force_are_refused() -> None:
     with pytest.raises(ParameterError, match="above zero"):
         direction(np.zeros(8), 100.0, 0.0)
     with pytest.raises(ParameterError, match="not below zero"):
@@ -60,24 +60,27 @@ def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
     rubbing: list[TimeSeries], experiment: Experiment
 ) -> None:
     found = FrictionSearch().find(rubbing, experiment)
-    # The law creeps where the bristle sticks: a tenth of the force is the law's, not the estimate's.
+    # The law creeps where the bristle sticks, so up to a tenth of the force is an error of the law, not of the
+    # estimate.
     assert abs(found.force[""] - COULOMB) < 0.1 * COULOMB + 3.0 * found.deviation[""]
     assert found.deviation[""] < 0.05 * COULOMB
     assert np.mean(list(found.residual.values())) < 0.6
-    assert "N" in found.said()
+    assert "N" in found.summary()
 
 
-def test_no_friction_is_told_where_there_is_none(smooth: list[TimeSeries], experiment: Experiment) -> None:
+def test_friction_is_not_significant_on_a_car_without_friction(
+    smooth: list[TimeSeries], experiment: Experiment
+) -> None:
     found = FrictionSearch().find(smooth, experiment)
     assert not found.acts
     assert abs(found.force[""]) < 4.0 * found.deviation[""]
-    assert "No friction" in found.said()
+    assert "No significant friction" in found.summary()
 
 
-def test_friction_that_follows_the_law_is_found_to_its_deviation(
+def test_friction_that_follows_the_law_is_found_within_its_deviation(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
-    law = Friction(-50.0, 0.006)  # taken out of the measured forces: then a friction of 50 N is missing in them
+    law = Friction(-50.0, 0.006)  # subtracting 50 N from the measured forces makes a friction of 50 N
     found = FrictionSearch(velocities=(0.006,)).find([with_friction(test, {"": law}) for test in smooth], experiment)
     assert found.force[""] == pytest.approx(50.0, abs=4.0 * found.deviation[""] + 0.05)
     assert found.friction[""].velocity == pytest.approx(0.006)
@@ -130,7 +133,7 @@ def test_the_file_keeps_the_friction(tmp_path: Path) -> None:
     assert again.friction == vehicle.friction
 
 
-def test_the_fit_says_what_it_found_and_keeps_it_in_its_files(
+def test_the_fit_reports_its_friction_and_stores_it_in_its_files(
     rubbing: list[TimeSeries], experiment: Experiment, tmp_path: Path
 ) -> None:
     fit = CommonPoles(friction=FrictionSearch(velocities=(0.01,))).identify(rubbing, experiment)

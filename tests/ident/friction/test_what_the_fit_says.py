@@ -1,4 +1,4 @@
-"""What a fit says of itself: bent springs, lifted tires, deviations."""
+"""Report of a fit on itself: nonlinear springs, lifted tires, standard deviations."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from eightpost.ident.vehicle.common_poles.deviations import Excitation
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle.springs import SpringSearch, bent
-from eightpost.ident.vehicle.trust import FoundForce, Trust
+from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
+from eightpost.ident.vehicle.trust import ForceEstimate, Trust
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped
 
 from .conftest import COULOMB, rig_tests
 
-#: Of the spring's rate k s (1 + p s), the part that grows with the square [1/m].
+#: Progression p of the spring force k s (1 + p s) [1/m], and its rate k [N/m].
 PROGRESSION = 2.0
 RATE = 1280.0 * 4.4482216152605 / 0.0254
 
 
 @pytest.fixture(scope="module")
-def crooked() -> list[TimeSeries]:
-    """Without friction, on a progressive spring."""
+def progressive() -> list[TimeSeries]:
+    """Return the tests of a car with a progressive spring and without friction."""
     return rig_tests(0.0, 40, progression=PROGRESSION)
 
 
-def test_a_progressive_spring_is_found_with_its_size(crooked: list[TimeSeries], experiment: Experiment) -> None:
-    found = SpringSearch().find(crooked, experiment)[""]
-    travel = crooked[0]["displacement"]
+def test_the_force_of_a_progressive_spring_is_found(progressive: list[TimeSeries], experiment: Experiment) -> None:
+    found = SpringSearch().find(progressive, experiment)[""]
+    travel = progressive[0]["displacement"]
     expected = RATE * PROGRESSION * float(np.mean(np.square(travel - travel.mean())))
     assert found.value == pytest.approx(expected, rel=0.1)
     assert found.is_significant
-    assert "not straight" in (bent({"": found}) or "")
+    assert "not linear" in (nonlinear_spring_sentence({"": found}) or "")
 
 
-def test_a_straight_spring_is_not_called_bent(smooth: list[TimeSeries], experiment: Experiment) -> None:
-    assert bent(SpringSearch().find(smooth, experiment)) is None
+def test_a_linear_spring_is_not_reported_as_nonlinear(smooth: list[TimeSeries], experiment: Experiment) -> None:
+    assert nonlinear_spring_sentence(SpringSearch().find(smooth, experiment)) is None
 
 
-def test_records_without_travel_leave_the_springs_open(smooth: list[TimeSeries], experiment: Experiment) -> None:
+def test_records_without_travel_give_no_result_on_springs(smooth: list[TimeSeries], experiment: Experiment) -> None:
     blind = [test.select(name for name in test.names if name != "displacement") for test in smooth]
     outputs = [name for name in experiment.outputs if name != "displacement"]
     assert SpringSearch().find(blind, experiment.of(*outputs)) == {}
@@ -57,11 +57,11 @@ def _explained(tests: list[TimeSeries], experiment: Experiment) -> Trust:
     return trust
 
 
-def test_tires_that_lift_are_told_by_the_mean_load_that_records_have_lost(
+def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_records(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
-    least = min(float(test["tire_force"].min()) for test in smooth)
-    for load, lifts in ((-1.02 * least, False), (-least, True)):
+    lowest = min(float(test["tire_force"].min()) for test in smooth)
+    for load, lifts in ((-1.02 * lowest, False), (-lowest, True)):
         flags = _explained(smooth, replace(experiment, means={"tire_force": load})).flags
         assert ("lift-off" in flags) is lifts
     assert "lift-off" not in _explained(smooth, experiment).flags
@@ -81,27 +81,29 @@ def test_friction_is_reported_with_its_deviation_and_what_it_explains(
     assert Trust.of_json(trust.as_json()) == trust
 
 
-def test_rms_of_setups_errs_by_what_is_said_of_it(smooth: list[TimeSeries], experiment: Experiment) -> None:
-    """Six sets of records with other noise; the truth is the exact car, so that bias counts too."""
+def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(
+    smooth: list[TimeSeries], experiment: Experiment
+) -> None:
+    """Use six sets of records with different noise; the truth is the exact car, so the errors include bias."""
     outputs = [name for name in experiment.outputs if name != "chassis_acceleration"]
     known = experiment.of(*outputs)
     drive = Excitation.of(smooth[0], known.rig, (0.2, 16.0))
     car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), known.baseline_damping)
     true = drive.rms(car.select(outputs=known.outputs), known.baseline_damping)
-    how = CommonPoles(LocalPolynomial(high=20.0), CommonPoleFit(order=4), friction=None, springs=None, samples=12)
-    said, errors = [], []
+    recipe = CommonPoles(LocalPolynomial(high=20.0), CommonPoleFit(order=4), friction=None, springs=None, samples=12)
+    reported, errors = [], []
     for seed in range(6):
-        fit = how.identify(rig_tests(0.0, 60, noise=0.02, noise_seed=seed), known)
+        fit = recipe.identify(rig_tests(0.0, 60, noise=0.02, noise_seed=seed), known)
         errors.append(drive.rms(fit.vehicle.state_space, known.baseline_damping) / true - 1.0)
         assert fit.trust is not None
-        said.append([fit.trust.outputs[name].measure for name in known.outputs])
-    ratio = np.mean(said, axis=0) / np.sqrt(np.mean(np.square(errors), axis=0)).max(axis=0)
+        reported.append([fit.trust.outputs[name].measure for name in known.outputs])
+    ratio = np.mean(reported, axis=0) / np.sqrt(np.mean(np.square(errors), axis=0)).max(axis=0)
     assert (ratio > 0.5).all()
     assert (ratio < 4.0).all()
 
 
-def test_a_drive_weighs_responses_by_its_spectrum() -> None:
-    """A sine of amplitude one on a gain of three has three times the RMS of one on a gain of one."""
+def test_a_drive_weights_responses_by_its_spectrum() -> None:
+    """Compare a sine through a gain of 3 with one through a gain of 1: its RMS is three times as large."""
     time = np.arange(2000) / 100.0
     test = TimeSeries.from_channels(time, {"road": ("m", np.sin(2.0 * np.pi * 5.0 * time))})
     drive = Excitation.of(test, ("road",), (1.0, 20.0))
@@ -113,6 +115,6 @@ def test_a_drive_weighs_responses_by_its_spectrum() -> None:
     np.testing.assert_allclose(rms[:, 1] / rms[:, 0], 3.0)
 
 
-@pytest.mark.parametrize(("deviation", "tells"), [(24.0, True), (26.0, False)])
-def test_a_force_counts_from_four_deviations_on(deviation: float, tells: bool) -> None:
-    assert FoundForce(-100.0, deviation).is_significant is tells
+@pytest.mark.parametrize(("deviation", "is_significant"), [(24.0, True), (26.0, False)])
+def test_a_force_above_four_deviations_is_significant(deviation: float, is_significant: bool) -> None:
+    assert ForceEstimate(-100.0, deviation).is_significant is is_significant

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from eightpost.ident.vehicle.trust import FoundForce, Orders, OutputTrust, PlacedPole, TriedOrder, Trust
+from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.ident.vehicle_validation import validate_vehicle, validation_verdict
 from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
 from eightpost.ident.vehicle_validation.report import write_vehicle_report
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle import VehicleFit
     from eightpost.rig.post import RigTest
 
-TRIED = (TriedOrder(2, 1.1, (PlacedPole(3.0, 0.1, False),)), TriedOrder(4, 40.0, (PlacedPole(3.0, 0.1, True),)))
+TRIED = (OrderCandidate(2, 1.1, (PolePair(3.0, 0.1, False),)), OrderCandidate(4, 40.0, (PolePair(3.0, 0.1, True),)))
 TRUST = Trust(
     {"velocity": OutputTrust(0.0123, 0.004, 1.7, 0.456), "tire_force": OutputTrust(0.01, 0.002, 1.0, None)},
-    {"": FoundForce(61.25, 1.5)},
-    {"": FoundForce(4.0, 0.25)},
+    {"": ForceEstimate(61.25, 1.5)},
+    {"": ForceEstimate(4.0, 0.25)},
     {"springs": "Springs are not straight."},
     Orders(TRIED, 4, True, 16.0),
     8,

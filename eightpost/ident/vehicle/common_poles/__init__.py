@@ -1,11 +1,11 @@
-"""Minimal vehicle models whose paths share their poles."""
+"""Minimal vehicle models in which all paths share the same poles."""
 
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel
 from eightpost.ident.vehicle.common_poles.deviations import output_trust
 from eightpost.ident.vehicle.common_poles.order import OrderStudy
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
 from eightpost.ident.vehicle.common_poles.stabilisation import orders_of, plot_stabilisation, stabilisation
-from eightpost.ident.vehicle.common_poles.swapping import Swapping, swapping
+from eightpost.ident.vehicle.common_poles.swapping import SafeSlopes, safe_slopes
 from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
 from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
 
@@ -15,15 +15,15 @@ __all__ = [
     "OrderStudy",
     "Ranges",
     "Refinement",
-    "Swapping",
+    "SafeSlopes",
     "orders_of",
     "output_trust",
     "plot_stabilisation",
     "ranges_of",
     "response_deviation",
+    "safe_slopes",
     "sampled_models",
     "spread",
     "stabilisation",
-    "swapping",
     "unmodelled",
 ]

@@ -1,4 +1,4 @@
-"""A response to one minimal linear model: every path shares the poles (section 6.6 asks for it)."""
+"""Fit of one minimal linear model to a response; all paths share the same poles, as section 6.6 asks."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from eightpost.ident.vehicle.common_poles.physics import (
     without_integrals,
 )
 from eightpost.ident.vehicle.common_poles.points import Points, points_of
-from eightpost.ident.vehicle.common_poles.refinement import Refined, Refinement, Solution
-from eightpost.ident.vehicle.common_poles.rest import brought_to_rest
+from eightpost.ident.vehicle.common_poles.refinement import Refinement, RefinementResult, Solution
+from eightpost.ident.vehicle.common_poles.rest import bring_to_rest
 from eightpost.ident.vehicle.common_poles.subspace import subspace_of
 from eightpost.vehicle.statespace import StateSpace
 
@@ -36,64 +36,67 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Channels = tuple[Channel, ...]
 
-#: A misfit of fewer deviations is noise [1].
+#: A misfit below this many standard deviations is attributed to noise [1].
 _EXPLAINED = 1.1
 
-#: Lags of the roads are this many times faster than the band.
+#: Ratio of the rate of the road lags to the upper end of the band [1].
 _FAST = 20.0
 
-#: Frequencies at which models of rising order are compared.
+#: Number of frequencies at which models of increasing order are compared.
 _STUDIED = 100
 
 
 @dataclass(frozen=True, slots=True)
 class CommonPoleFit:
-    """How a common-pole model is found: subspace for the start, maximum likelihood from there.
+    """Settings of the common-pole fit: a subspace estimate, refined by maximum likelihood.
 
     Attributes:
-        order: Number of states, even, lags of the roads not counted; None takes the suggested one.
+        order: Number of states, even, without the road lags; None uses the suggested order.
         low: Lowest frequency of the fit [Hz].
-        high: Highest [Hz]. Beyond, a rig's drive fades and the forces' noise biases the estimate.
-        floor: Deviation of a response value at least, of its output's size [1].
-        most_states: Highest order that is suggested.
-        lags: Whether roads may act through fast lags, as damped tires make them.
-        refinement: How the likelihood is maximised.
+        high: Highest frequency of the fit [Hz]. Above it the rig's drive fades and noise of the measured forces biases
+            the estimate.
+        floor: Lower limit of the standard deviation of a response value, relative to the size of its output [1].
+        max_states: Highest order that may be suggested.
+        lags: Whether roads may act through fast lags, which represent tire damping.
+        refinement: Settings of the likelihood maximisation.
     """
 
     order: int | None = None
     low: float = 0.1
     high: float = 16.0
     floor: float = 2e-3
-    most_states: int = 28
+    max_states: int = 28
     lags: bool = True
     refinement: Refinement = field(default_factory=Refinement)
 
     def __post_init__(self) -> None:
         """Check the settings."""
         if self.order is not None and (self.order < 2 or self.order % 2):
-            raise ParameterError(f"the order is {self.order}; a model is made of pairs of poles: give 2, 4, 6 ...")
-        if not (0.0 <= self.low < self.high and self.floor > 0.0 and self.most_states >= 2):
-            raise ParameterError(f"{self}: low from 0 and below high, floor above 0, most_states from 2")
+            raise ParameterError(f"the order is {self.order}; a model consists of pairs of poles; give 2, 4, 6 ...")
+        if not (0.0 <= self.low < self.high and self.floor > 0.0 and self.max_states >= 2):
+            raise ParameterError(f"{self}: low must be at least 0 and below high, floor above 0, max_states at least 2")
 
     def fit(self, response: FrequencyResponse) -> CommonPoleModel:
-        """Fit a response around a baseline damping.
+        """Fit a response estimated around a baseline damping.
 
         Raises:
             InputError: A channel has no value in the band.
-            TooShortError: Fewer values than the states need.
+            TooShortError: The response has too few values for the number of states.
         """
         joined = without_integrals(response.band(self.low, self.high))
         points = points_of(joined, floor=self.floor)
         direct = direct_terms(joined.output_names, joined.input_names)
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
-        subspace = subspace_of(points, most_states=max(self.most_states, self.order or 0))
+        subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         study = study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
         found, mirrored = start(points, subspace, self.order or study.suggested, plain)
         refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
         return _model(response, joined, points, refined, Start(study, mirrored, found.cost))
 
-    def _refined(self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]) -> Refined:
-        """Return the best model without lags where that explains the response, else with lags on the roads."""
+    def _refined(
+        self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
+    ) -> RefinementResult:
+        """Return the model without lags if it explains the response, else the better of those without and with lags."""
         refined = self.refinement.refine(points, blocks, plain)
         excess = np.sqrt(refined.solution.cost / points.known.sum())
         if not self.lags or excess < _EXPLAINED or not lagged.any():
@@ -102,17 +105,17 @@ class CommonPoleFit:
         return min(refined, other, key=lambda tried: description_length(tried.solution, points))
 
     def _orders(self) -> tuple[int, ...]:
-        return tuple(range(2, self.most_states + 1, 2))
+        return tuple(range(2, self.max_states + 1, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """What the subspace gave.
+    """Start model from the subspace method.
 
     Attributes:
-        study: Models of rising order.
-        mirrored: How many poles of the chosen one were unstable, and mirrored.
-        cost: Sum of squares of its weighted misfit.
+        study: Comparison of models of increasing order.
+        mirrored: Number of poles of the start model that were unstable and were mirrored.
+        cost: Sum of squares of the weighted misfit of the start model.
     """
 
     study: OrderStudy
@@ -122,24 +125,24 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonPoleModel:
-    """A common-pole model and how it was found.
+    """A common-pole model with details of its fit.
 
     Attributes:
-        model: Minimal and continuous, stable, on the response's channels.
-        residual: By output, RMS of the misfit over that of the response, weighted as in the fit [1].
-        excess: By output, RMS of the misfit in deviations of the estimate; 1 where noise explains all.
-        refined: The model in the fit's own scaled channels.
-        points: What was fitted.
-        inputs: The inputs of `points`.
-        fitted: The outputs of `points`.
-        start: What the subspace gave.
-        band: Lowest and highest frequency that were fitted [Hz].
+        model: Minimal, continuous and stable model with the channels of the response.
+        residual: RMS of the misfit relative to that of the response, weighted as in the fit [1], by output.
+        excess: RMS of the misfit in standard deviations of the estimate, by output; 1 if noise explains it.
+        refined: Result of the refinement, in scaled channels.
+        points: Response values that were fitted.
+        inputs: Inputs of `points`.
+        fitted: Outputs of `points`.
+        start: Start model from the subspace method.
+        band: Lowest and highest fitted frequency [Hz].
     """
 
     model: StateSpace
     residual: Mapping[str, float]
     excess: Mapping[str, float]
-    refined: Refined
+    refined: RefinementResult
     points: Points
     inputs: Channels
     fitted: Channels
@@ -148,33 +151,35 @@ class CommonPoleModel:
 
     @property
     def order(self) -> int:
-        """The number of states, lags of the roads not counted."""
+        """The number of states without the road lags."""
         return self.refined.solution.blocks.states
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person must know of the search, a sentence each."""
+        """Notes on the search for the user, one sentence each."""
         study, notes = self.start.study, []
         if not study.clear and self.order == study.suggested:
             notes.append(
-                f"The singular values have no clear gap; {self.order} states have the least description length."
+                f"The singular values have no clear gap; {self.order} states give the minimum description length."
             )
         if self.order != study.suggested:
-            notes.append(f"{self.order} states were asked for; {study.suggested} are suggested.")
+            notes.append(f"{self.order} states were requested; {study.suggested} are suggested.")
         if self.start.mirrored:
-            notes.append(f"{self.start.mirrored} poles of the start were unstable and mirrored before the refinement.")
+            notes.append(
+                f"{self.start.mirrored} unstable poles of the start model were mirrored before the refinement."
+            )
         lags = self.refined.solution.through.states
         if lags:
-            notes.append(f"The roads act through {lags} fast lags besides, as on damped tires.")
+            notes.append(f"The roads also act through {lags} fast lags, which represent tire damping.")
         if not self.refined.converged:
-            notes.append(f"The refinement had not settled after {self.refined.iterations} steps; the best is kept.")
+            notes.append(f"The refinement did not converge in {self.refined.iterations} steps; the best model is used.")
         return tuple(notes)
 
 
 def state_space(
     solution: Solution, points: Points, inputs: Channels, fitted: Channels, outputs: Channels
 ) -> StateSpace:
-    """Return a solution in the response's own units, with all `outputs`."""
+    """Return the state-space model of a solution in the units of the response, with all `outputs`."""
     u, y, rate = points.input_size, points.output_size, solution.through.rate
     lagged = solution.through.lagged
     slow = np.full(int(lagged.sum()), -rate)
@@ -189,11 +194,11 @@ def state_space(
         "common_poles",
     )
     weight = points.weight.mean(axis=1) / y[:, None]
-    return with_integrals(brought_to_rest(model, solution.blocks.states, points.s, weight), outputs)
+    return with_integrals(bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
 
 
 def _model(
-    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: Refined, begun: Start
+    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: Start
 ) -> CommonPoleModel:
     misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
     known = np.maximum(points.known.sum(axis=(1, 2)), 1)
@@ -208,12 +213,15 @@ def _model(
         points,
         joined.inputs,
         joined.outputs,
-        begun,
+        initial,
         (float(joined.frequency[1]), float(joined.frequency[-1])),
     )
 
 
 def _with_integrals(residual: dict[str, float], response: FrequencyResponse) -> dict[str, float]:
-    """Return the residuals in the response's order; a displacement, no output of the fit, has its velocity's."""
+    """Return the residuals in the order of the response's outputs.
+
+    Displacements are not fitted; each has the residual of its velocity.
+    """
     pairs = integrals(response.output_names)
     return {name: residual[pairs.get(name, name)] for name in response.output_names}

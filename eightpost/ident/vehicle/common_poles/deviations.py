@@ -1,4 +1,4 @@
-"""How far noise alone may move each output of a common-pole model: its responses, and its RMS in a setup."""
+"""Uncertainty due to noise of each output of a common-pole model: of its responses, and of its RMS in a setup."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Linear dampers with which an output's RMS is looked at, in parts of the baseline's.
+#: Linear dampers with which the RMS of an output is evaluated, relative to the baseline damping [1].
 DAMPERS = (0.5, 1.0, 2.0)
 
-#: How much of the first test is the drive [s], and at how many frequencies responses are compared.
+#: Duration of the first test that is used as the drive [s], and number of frequencies for comparing responses.
 _SECONDS, _FREQUENCIES = 60.0, 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """Spectra of what drove a test.
+    """Spectra of the inputs that drove a test.
 
     Attributes:
-        names: The rig's inputs, r of them.
-        frequency: (K,) [Hz].
-        spectra: (r, K).
+        names: Names of the r rig inputs.
+        frequency: Frequencies [Hz] (K,).
+        spectra: Spectra of the inputs (r, K).
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,7 @@ class Excitation:
 
     @classmethod
     def of(cls, test: TimeSeries, names: Sequence[str], band: tuple[float, float]) -> Excitation:
-        """Return the drive in the first minute of a record, in a band [Hz]."""
+        """Return the spectra of the first minute of a record in a band [Hz]."""
         rows = np.stack([test[name] for name in names])[:, : round(_SECONDS * test.sample_rate)]
         rows = (rows - rows.mean(axis=1, keepdims=True)) * np.hanning(rows.shape[1])
         frequency = np.fft.rfftfreq(rows.shape[1], 1.0 / test.sample_rate)
@@ -57,7 +57,7 @@ class Excitation:
         return cls(tuple(names), np.asarray(frequency[kept], dtype=np.float64), spectra)
 
     def rms(self, model: StateSpace, baseline: Mapping[str, float]) -> Array:
-        """Return what goes as the outputs' RMS with each of `DAMPERS` at all ports (3, p)."""
+        """Return values proportional to the outputs' RMS with each of `DAMPERS` at all ports (3, p)."""
         rows = []
         for part in DAMPERS:
             closed = add_port_damping(model, {port: (part - 1.0) * rate for port, rate in baseline.items()})
@@ -74,16 +74,17 @@ def output_trust(
     samples: int,
     with_friction: Mapping[str, float],
 ) -> dict[str, OutputTrust]:
-    """Return what is known of every output.
+    """Return the uncertainty of every output.
 
-    Deviations are those of noise, times the misfit where that is more than noise.
+    The standard deviations due to noise are multiplied by the misfit where it is larger than noise explains.
 
     Args:
-        found: The model.
-        tests: The records; the first one drives the setups.
-        experiment: Its inputs and baseline damping.
-        samples: How many models with other noise the deviations are told from, two or more.
-        with_friction: By output, mean square of what no linear response explains, with friction over without.
+        found: Common-pole model.
+        tests: Records of the tests; the first one drives the setups.
+        experiment: Rig inputs and baseline damping.
+        samples: Number of models with resampled noise that give the standard deviations; at least 2.
+        with_friction: Mean square of the part that no linear response explains, with friction relative to without, by
+            output.
     """
     models = sampled_models(found, samples)
     frequency = np.geomspace(*found.band, _FREQUENCIES)
@@ -105,11 +106,11 @@ def output_trust(
 
 
 def _misfit(found: CommonPoleModel, name: str) -> float:
-    """Return an output's misfit in deviations; a displacement, no output of the fit, has its velocity's."""
+    """Return an output's misfit in standard deviations; displacements are not fitted and have that of the velocity."""
     return found.excess[integrals(found.model.output_names).get(name, name)]
 
 
 def _relative(deviation: Array, size: Array) -> Array:
-    """Return the deviation of each output's responses over the responses (p,), each input counted alike."""
+    """Return the relative standard deviation of each output's responses (p,); all inputs have equal weight."""
     whole = np.maximum(np.mean(size**2, axis=2), 1e-300)
     return np.asarray(np.sqrt(np.mean(np.mean(deviation**2, axis=2) / whole, axis=1)))

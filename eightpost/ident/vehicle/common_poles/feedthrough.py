@@ -1,4 +1,4 @@
-"""What an input does to an output beside the common poles: at once, or through a fast lag."""
+"""Effects of inputs on outputs besides the common poles: direct terms and fast lags."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 class Feedthrough:
     """The terms `D_ij + E_ij / (1 + s / rate)`.
 
-    A damped tire answers the speed of the road, which no proper model has: its tire force grows with frequency, its
-    wheel's velocity has a part that follows the road at once. A lag far above the band stands for that speed, and
-    leaves shock velocities without a direct term.
+    A damped tire responds to the velocity of the road, which a proper model cannot represent: the tire force grows with
+    frequency, and a part of the wheel velocity follows the road directly. A lag far above the band approximates this
+    velocity and leaves shock velocities without a direct term.
 
     Attributes:
-        direct: Which D_ij there are (p, m).
-        lagged: Which inputs have a lag (m,); all outputs may answer it.
-        rate: Of the lag [1/s].
+        direct: Mask of the direct terms D_ij that exist (p, m).
+        lagged: Mask of the inputs that have a lag (m,); it may act on all outputs.
+        rate: Rate of the lag [1/s].
     """
 
     direct: NDArray[np.bool_]
@@ -38,17 +38,17 @@ class Feedthrough:
         return cls(direct, np.zeros(direct.shape[1], dtype=np.bool_), rate)
 
     def with_lags(self, inputs: NDArray[np.bool_]) -> Feedthrough:
-        """Return the same with a lag on the `inputs` (m,)."""
+        """Return the same terms with a lag on the `inputs`, a mask (m,)."""
         return replace(self, lagged=inputs)
 
     @property
     def states(self) -> int:
-        """How many states the lags have."""
+        """Number of states of the lags."""
         return int(self.lagged.sum())
 
     @property
     def count(self) -> int:
-        """How many numbers there are to find."""
+        """Number of unknown coefficients."""
         return int(self.direct.sum()) + len(self.direct) * self.states
 
     def lag(self, s: Complex) -> Complex:

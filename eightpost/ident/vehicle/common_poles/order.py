@@ -1,4 +1,4 @@
-"""How many states: a gap of the singular values, and what every pair of states gains."""
+"""Choice of the number of states: by a gap in the singular values, else by the description length."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: A singular value this many times the next one is a clear gap.
+#: Ratio of a singular value to the next one from which the gap is clear [1].
 CLEAR_GAP = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderStudy:
-    """Models of rising order.
+    """Comparison of models of increasing order.
 
     Attributes:
         orders: Even numbers of states (R,).
-        costs: Sum of squares of each model's weighted misfit (R,), outputs and inputs solved, poles as found (R,).
-        gaps: Singular value of the order over the next one (R,) [1].
-        poles: Of each model, as found (before unstable ones are mirrored) [1/s].
-        samples: How many real numbers were fitted.
-        parameters: How many were found (R,).
+        costs: Sum of squares of each model's weighted misfit, with optimal inputs and outputs for its poles (R,).
+        gaps: Ratio of the singular value of the order to the next one [1] (R,).
+        poles: Poles of each model before unstable ones are mirrored [1/s].
+        samples: Number of real values that were fitted.
+        parameters: Number of parameters of each model (R,).
     """
 
     orders: tuple[int, ...]
@@ -47,12 +47,12 @@ class OrderStudy:
 
     @property
     def clear(self) -> bool:
-        """Whether the singular values themselves tell the order."""
+        """Whether the singular values have a clear gap."""
         return bool(self.gaps.max() >= CLEAR_GAP)
 
     @property
     def suggested(self) -> int:
-        """The highest order with a clear gap, else that of the least description length.
+        """The highest order with a clear gap; without one, the order with the minimum description length.
 
             N log(cost / N) + parameters log N
 
@@ -67,13 +67,13 @@ class OrderStudy:
 
 
 def study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
-    """Return a model of every order, from one subspace.
+    """Compare the models of several orders that one subspace gives.
 
     Args:
-        points: The response.
-        subspace: Of the response.
-        through: What there is beside the poles.
-        orders: Even numbers of states, rising.
+        points: Response values.
+        subspace: Subspace of the response.
+        through: Direct terms and lags.
+        orders: Even numbers of states in increasing order.
     """
     values = subspace.values
     found = [start(points, subspace, order, through)[0] for order in orders]
@@ -89,13 +89,13 @@ def study_orders(points: Points, subspace: Subspace, through: Feedthrough, order
 
 
 def start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
-    """Return the subspace's model of an order, and how many of its poles were mirrored to be stable."""
+    """Return the subspace's model of an order and the number of unstable poles that were mirrored."""
     blocks, C, mirrored = subspace.blocks(order)
     return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
 
 
 def description_length(solution: Solution, points: Points) -> float:
-    """Return the description length of a model, as in `OrderStudy.suggested`."""
+    """Return the description length of a model as defined in `OrderStudy.suggested`."""
     N = 2.0 * float(points.known.sum())
     p, m = solution.through.direct.shape
     parameters = solution.blocks.states * (p + m) + solution.through.count

@@ -1,7 +1,7 @@
-"""What is known of a vehicle before anything is fitted, from its channels' names.
+"""Physical constraints on a vehicle model that follow from the names of its channels.
 
-A shock velocity and a displacement answer nothing at once and a velocity stands still in the end: they have no direct
-term and no answer at 0 Hz. A displacement is the integral of the velocity at its port. Both hold by construction.
+Shock velocities and displacements have no direct term, and a velocity has no response at 0 Hz. A displacement is the
+integral of the velocity at its port. The fit satisfies both by construction.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A velocity's answer at 0 Hz is known to be zero to this part of its largest answer.
+#: Standard deviation of a velocity's zero response at 0 Hz, relative to its largest response [1].
 _STILL = 1e-4
 
 
 def direct_terms(outputs: Sequence[str], inputs: Sequence[str]) -> NDArray[np.bool_]:
-    """Say which inputs may act on which outputs at once (p, m).
+    """Return which inputs may have a direct term in which outputs (p, m).
 
-    Accelerations answer everything at once (a solid axle and a rigid chassis join the corners, damped tires the
-    roads), tire forces and ride heights the roads; other outputs nothing.
+    Accelerations may have direct terms in all inputs (a solid axle and a rigid chassis connect the corners, damped
+    tires the roads), tire forces and ride heights in the roads, other outputs in none.
     """
     return np.array([[_direct(output, source) for source in inputs] for output in outputs])
 
@@ -41,12 +41,12 @@ def _direct(output: str, source: str) -> bool:
 
 
 def roads(inputs: Sequence[str]) -> NDArray[np.bool_]:
-    """Say which inputs are roads (m,)."""
+    """Return which inputs are roads (m,)."""
     return np.array([_ends(name, "road") for name in inputs])
 
 
 def integrals(outputs: Sequence[str]) -> dict[str, str]:
-    """Return the displacements whose velocities are there too, with these."""
+    """Return the velocity of each displacement whose velocity is an output too."""
     pairs = {name: name.removesuffix("displacement") + "velocity" for name in outputs if _ends(name, "displacement")}
     return {name: velocity for name, velocity in pairs.items() if velocity in outputs}
 
@@ -56,10 +56,11 @@ def _ends(name: str, quantity: str) -> bool:
 
 
 def without_integrals(response: FrequencyResponse) -> FrequencyResponse:
-    """Return the response with every displacement taken into its velocity, and the velocities' zero at 0 Hz.
+    """Return the response with displacements merged into their velocities and zero velocities at 0 Hz.
 
-    `s H_x` is a second estimate of `H_v`; the two are averaged by what each is worth. Both come of one potentiometer
-    where the velocity was derived, so the better variance stays as it is.
+    `s H_x` is a second estimate of `H_v`; the two are averaged, weighted by their variances. If the velocity was
+    derived from the displacement, both come from one potentiometer, so the smaller variance is not reduced by
+    averaging.
     """
     pairs = integrals(response.output_names)
     joined = response
@@ -85,7 +86,7 @@ def _joined(response: FrequencyResponse, displacement: str, velocity: str) -> Fr
 
 
 def _with_rest(response: FrequencyResponse) -> FrequencyResponse:
-    """Add 0 Hz, at which velocities are zero and other outputs not known."""
+    """Add 0 Hz, where velocities are zero and other outputs unknown."""
     if response.frequency[0] == 0.0:
         return response
     H = np.concatenate((np.zeros((*response.H.shape[:2], 1)), response.H), axis=2)
@@ -102,7 +103,7 @@ def _with_rest(response: FrequencyResponse) -> FrequencyResponse:
 
 
 def with_integrals(model: StateSpace, outputs: Sequence[Channel]) -> StateSpace:
-    """Return the model with all `outputs`: displacements are the integrals `C_v A^-1` of their velocities."""
+    """Return the model with all `outputs`; displacements are the integrals `C_v A^-1` of their velocities."""
     pairs, names = integrals([channel.name for channel in outputs]), model.output_names
     C, D = np.zeros((len(outputs), len(model.A))), np.zeros((len(outputs), len(model.inputs)))
     inverse = np.linalg.inv(model.A)

@@ -1,4 +1,4 @@
-"""What a common-pole model is fitted to: response values with a standard deviation each, in scaled channels."""
+"""Data of a common-pole fit: response values with their standard deviations, in scaled channels."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _SWEEPS = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Values of a response, in channels that are scaled to like size: `H_scaled = H u_size / y_size`.
+    """Response values in channels scaled to similar size: `H_scaled = H u_size / y_size`.
 
     Attributes:
-        s: 2 pi j f (K,) [1/s].
-        H: (p, m, K), scaled.
-        deviation: Standard deviation of H (p, m, K), scaled; infinite where a value is not known.
-        input_size: (m,) [input units].
-        output_size: (p,) [output units].
+        s: Laplace variable 2 pi j f [1/s] (K,).
+        H: Scaled response (p, m, K).
+        deviation: Standard deviation of the scaled response (p, m, K); infinite where a value is unknown.
+        input_size: Scale of the inputs [input units] (m,).
+        output_size: Scale of the outputs [output units] (p,).
     """
 
     s: Complex
@@ -40,32 +40,32 @@ class Points:
 
     @property
     def weight(self) -> Array:
-        """1 / deviation (p, m, K), 0 where a value is not known."""
+        """Inverse of the standard deviation (p, m, K); 0 where a value is unknown."""
         return np.asarray(1.0 / self.deviation, dtype=np.float64)
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which values are known (p, m, K)."""
+        """Mask of the known values (p, m, K)."""
         return np.asarray(np.isfinite(self.deviation))
 
     def thinned(self, count: int) -> Points:
-        """Return every so many-th frequency, so that about `count` of them remain."""
+        """Return evenly selected frequencies, about `count` of them."""
         step = max(1, self.s.size // count)
         chosen = slice(self.s.size % step, None, step)
         return replace(self, s=self.s[chosen], H=self.H[..., chosen], deviation=self.deviation[..., chosen])
 
 
 def points_of(response: FrequencyResponse, *, floor: float) -> Points:
-    """Return the values of a response with what they are worth.
+    """Return the values of a response with their standard deviations.
 
-    The deviation is that of the estimate; at least `floor` of the size of the output at that frequency: an estimate
-    without noise errs too, and weights without bound would fit a few values only. White noise gives weights that vary
-    over orders of magnitude for the same reason.
+    The standard deviation is that of the estimate, but at least `floor` times the size of the output at that frequency.
+    The floor is needed because an estimate without noise has errors too, and unbounded weights would fit only a few
+    values.
 
     Args:
-        response: With a variance, infinite where an input had no power; without one every value that is not zero
-            counts by the floor alone.
-        floor: [1].
+        response: Frequency response. Its variance is infinite where an input had no power. If it has no variance, all
+            nonzero values are known and the floor alone gives their standard deviation.
+        floor: Lower limit of the standard deviation, relative to the size of the output [1].
 
     Raises:
         InputError: An input or an output has no value at all.
@@ -91,11 +91,11 @@ def _check(known: NDArray[np.bool_], response: FrequencyResponse) -> None:
     for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
         for name, there in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
             if not there:
-                raise InputError(f"the {kind} {name!r} has no response in the band of the fit; leave it out")
+                raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
 
 
 def _sizes(H: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return sizes y (p,) and u (m,) with which the RMS of `H u / y` is near 1 in every row and column."""
+    """Return scales y (p,) and u (m,) for which the RMS of `H u / y` is near 1 in every row and column."""
     power, counted = np.sum(H**2, axis=2), np.maximum(known.sum(axis=2), 1)
     mean = power / counted
     y, u = np.ones(len(mean)), np.ones(mean.shape[1])

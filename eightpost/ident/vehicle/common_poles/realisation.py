@@ -1,9 +1,9 @@
-"""A common-pole model: pairs of poles that all paths share, each a real second-order block.
+"""Common-pole model made of real second-order blocks; each is a pair of poles shared by all paths.
 
     x_k' = [[0, w], [-w, -2 zeta w]] x_k + B_k u,    y = sum_k C_k x_k + D u
 
 The block's poles are the zeros of s^2 + 2 zeta w s + w^2: a complex pair or two real poles, stable for any w and zeta
-above zero. One block per pair is the minimal realisation: its residues have rank one each.
+above zero. One block per pair is the minimal realisation, as each residue has rank one.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 
-#: Damping ratio of a block that would have none.
+#: Lower limit of the damping ratio of a block [1].
 _LIGHTEST = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """The poles of N blocks and what drives them.
+    """Poles and input matrices of N blocks.
 
     Attributes:
-        w: (N,) [1/s], above zero.
-        zeta: (N,) [1], above zero.
-        B: (N, 2, m).
+        w: Natural frequencies [1/s] (N,), above zero.
+        zeta: Damping ratios [1] (N,), above zero.
+        B: Input matrices (N, 2, m).
     """
 
     w: Array
@@ -78,17 +78,17 @@ class Blocks:
         return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
 
     def normalised(self) -> Blocks:
-        """Return the same poles with every block's inputs of size 1; the outputs take up the rest."""
+        """Return the same poles with the input matrix of every block scaled to norm 1."""
         size = np.linalg.norm(self.B, axis=(1, 2), keepdims=True)
         return Blocks(self.w, self.zeta, self.B / np.where(size > 0.0, size, 1.0))
 
 
 def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
-    """Return blocks with these poles, without inputs (m = 0), and their outputs (p, 2 N).
+    """Return blocks with the given poles and without inputs (m = 0), and their output matrix (p, 2 N).
 
     Args:
-        poles: (2 N,) [1/s], stable, complex ones in conjugate pairs.
-        C: Mode shapes (p, 2 N), conjugate alike: the outputs per modal coordinate.
+        poles: Stable poles [1/s] (2 N,); complex ones in conjugate pairs.
+        C: Mode shapes (p, 2 N), in the same conjugate pairs: outputs per modal coordinate.
     """
     w, zeta, outputs = [], [], []
     for first, second in _pairs(poles):
@@ -103,7 +103,7 @@ def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
 
 
 def _pairs(poles: Complex) -> list[tuple[int, int]]:
-    """Pair complex poles with their conjugates, and real poles with the next faster one."""
+    """Pair each complex pole with its conjugate and each real pole with the next faster one."""
     upper = [int(i) for i in np.flatnonzero(poles.imag > 0.0)]
     pairs = [(i, int(np.argmin(np.abs(poles - poles[i].conj())))) for i in upper]
     real = sorted((int(i) for i in np.flatnonzero(poles.imag == 0.0)), key=lambda i: float(abs(poles[i])))

@@ -1,13 +1,14 @@
-"""Maximum likelihood: the poles and inputs that leave the least weighted misfit, outputs solved exactly within.
+"""Maximum-likelihood estimate of poles and inputs with the minimum weighted misfit; outputs are solved exactly.
 
     min over w, zeta, B of  sum_ijk |H_ij(s_k) - C_i (s_k I - A)^-1 B_j - D_ij|^2 / deviation_ijk^2
 
-For Gaussian errors of the response this is the maximum-likelihood estimate. C, D and lags are linear and follow from
-the rest (variable projection), with Kaufman's Jacobian; steps are damped (Levenberg, Marquardt). w and zeta are sought
-by their logarithms, so that every model on the way is stable.
+This is the maximum-likelihood estimate if the errors of the response are Gaussian. C, D and lags enter linearly and
+follow from the other parameters (variable projection, with Kaufman's Jacobian). Steps are damped (Levenberg-Marquardt).
+The search is over the logarithms of w and zeta, so every intermediate model is stable.
 
-The curvature is summed in Gram form: the Jacobian of a car has 10^5 rows and 200 columns, the sums a hundredth of the
-work of its factors. The gradient does not pass through it, so that the minimum is found to rounding all the same.
+The curvature is summed as a Gram matrix: the Jacobian of a car has 10^5 rows and 200 columns, and the sums take a
+hundredth of the work of factorising it. The gradient does not depend on the Gram matrix, so the minimum is still exact
+to rounding.
 
 Source: G. H. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection method and its
 applications", Inverse Problems 19 (2003) R1-R26, doi 10.1088/0266-5611/19/2/201.
@@ -33,12 +34,13 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
+#: Limits of the damping of a step [1].
+_MIN_DAMPING, _MAX_DAMPING = 1e-9, 1e8
 
-#: A mean square misfit of this many deviations is none [1].
+#: Mean square misfit, in squared standard deviations, below which the fit is exact [1].
 _EXACT = 1e-12
 
-#: A curvature below this part of the largest is none.
+#: Curvature, relative to the largest, below which a direction has no effect on the cost [1].
 _NOTHING = 1e-30
 
 
@@ -47,8 +49,8 @@ class Solution(NamedTuple):
 
     Attributes:
         blocks: Poles and inputs.
-        rows: The outputs, one after the other.
-        through: What there is beside the poles.
+        rows: Solutions of the outputs, in order.
+        through: Direct terms and lags.
         cost: Sum of the squares of the weighted misfit.
     """
 
@@ -59,7 +61,7 @@ class Solution(NamedTuple):
 
     @property
     def C(self) -> Array:  # noqa: N802  the symbol of the equation
-        """Outputs per state (p, n)."""
+        """Output matrix (p, n)."""
         return np.stack([row.c for row in self.rows])
 
     @property
@@ -69,7 +71,7 @@ class Solution(NamedTuple):
 
     @property
     def lagged(self) -> Array:
-        """Answers to the lagged inputs (p, m)."""
+        """Gains of the lagged inputs (p, m)."""
         return np.stack([row.lagged for row in self.rows])
 
     @property
@@ -78,13 +80,13 @@ class Solution(NamedTuple):
         return np.stack([row.misfit for row in self.rows])
 
 
-class Refined(NamedTuple):
-    """Where the search ended.
+class RefinementResult(NamedTuple):
+    """Result of the refinement.
 
     Attributes:
-        solution: The best model.
-        iterations: Steps taken.
-        converged: Whether no step promised or gave more than the tolerance.
+        solution: Best model.
+        iterations: Number of steps taken.
+        converged: Whether the last step lowered the cost by less than the tolerance.
     """
 
     solution: Solution
@@ -94,35 +96,35 @@ class Refined(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """How the minimum is sought.
+    """Settings of the refinement.
 
     Attributes:
-        most_iterations: Steps at most.
-        tolerance: The search ends where a step lowers the cost by less than this part of it [1].
+        max_iterations: Maximum number of steps.
+        tolerance: Relative reduction of the cost by a step below which the search ends [1].
     """
 
-    most_iterations: int = 60
+    max_iterations: int = 60
     tolerance: float = 1e-5
 
-    def refine(self, points: Points, start: Blocks, through: Feedthrough) -> Refined:
-        """Return the best model near `start` (with inputs); `through` what there is beside its poles."""
+    def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
+        """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""
         best, damping = evaluate(points, start.normalised(), through), 1e-3
-        for iteration in range(self.most_iterations):
+        for iteration in range(self.max_iterations):
             slope = curvature(points, best)
             while True:
                 tried = evaluate(points, _stepped(best.blocks, slope.step(damping)), through)
-                if tried.cost < best.cost or damping > _MOST_DAMPING:
+                if tried.cost < best.cost or damping > _MAX_DAMPING:
                     break
                 damping *= 10.0
             gained = best.cost - tried.cost
             if gained <= self.tolerance * best.cost + _EXACT * points.H.size:
-                return Refined(tried if gained > 0.0 else best, iteration, True)
-            best, damping = tried, max(damping * 0.1, _LEAST_DAMPING)
-        return Refined(best, self.most_iterations, False)
+                return RefinementResult(tried if gained > 0.0 else best, iteration, True)
+            best, damping = tried, max(damping * 0.1, _MIN_DAMPING)
+        return RefinementResult(best, self.max_iterations, False)
 
 
 def evaluate(points: Points, blocks: Blocks, through: Feedthrough) -> Solution:
-    """Return the best outputs for given poles and inputs."""
+    """Return the solution with the best outputs for the given poles and inputs."""
     X = blocks.states_response(points.s)
     rows = tuple(for_each(range(len(points.H)), lambda i: solve_row(points, i, X, through)))
     return Solution(blocks, rows, through, float(sum(np.sum(np.abs(row.misfit) ** 2) for row in rows)))
@@ -135,7 +137,7 @@ class Curvature(NamedTuple):
     matrix: Array
 
     def step(self, damping: float) -> Array:
-        """Return the damped step (t,); directions that change nothing stay at rest by the damping."""
+        """Return the damped step (t,); it is zero in directions without effect on the cost."""
         diagonal = np.maximum(np.diag(self.matrix), 0.0)
         size = np.sqrt(np.where(diagonal > _NOTHING * diagonal.max(), diagonal, 1.0))
         scaled = self.matrix / np.outer(size, size)
@@ -144,7 +146,7 @@ class Curvature(NamedTuple):
 
 
 def curvature(points: Points, solution: Solution) -> Curvature:
-    """Return gradient and curvature at a solution, summed over its outputs."""
+    """Return gradient and curvature at a solution, summed over the outputs."""
     blocks = solution.blocks
     resolvent, by_pole = blocks.resolvent(points.s), _pole_slopes(blocks, points.s)
     total = 4 * blocks.w.size // 2 + blocks.B.size
@@ -158,7 +160,7 @@ def curvature(points: Points, solution: Solution) -> Curvature:
 
 
 class _Slopes(NamedTuple):
-    """What an output changes by: with the poles (2 N, m, K), and with B_aj (2 N, K), which acts on input j only."""
+    """Derivatives of an output by the poles (2 N, m, K) and by B_aj (2 N, K), which acts on input j only."""
 
     poles: Complex
     inputs: Complex
@@ -166,7 +168,7 @@ class _Slopes(NamedTuple):
 
 
 def _pole_slopes(blocks: Blocks, s: Complex) -> Complex:
-    """Return the slopes of the states' response with log w and log zeta (2, N, 2, m, K)."""
+    """Return the derivatives of the states' response by log w and log zeta (2, N, 2, m, K)."""
     N, resolvent = blocks.w.size, blocks.resolvent(s)
     X = blocks.states_response(s).reshape(N, 2, -1, s.size)
     A = blocks.A.reshape(N, 2, N, 2)[np.arange(N), :, np.arange(N), :]
@@ -177,14 +179,14 @@ def _pole_slopes(blocks: Blocks, s: Complex) -> Complex:
 
 
 def _add_row(gradient: Array, matrix: Array, slopes: _Slopes, row: Row) -> None:
-    """Add one output's share: `J^T r` and `J^T J - (Q^T J)^T (Q^T J)`."""
+    """Add the contribution of one output: `J^T r` and `J^T J - (Q^T J)^T (Q^T J)`."""
     n, m, _ = slopes.poles.shape
     poles = _real(slopes.poles * slopes.weight).transpose(1, 2, 0)
     inputs = _real(slopes.inputs[:, None, :] * slopes.weight).transpose(1, 2, 0)
     misfit = _real(row.misfit)
     explained = np.zeros((row.Q.shape[2], len(gradient)))
     for j in range(m):
-        # B (N, 2, m) lies behind the poles: that of input j in every m-th place.
+        # The entries of B (N, 2, m) follow the poles; every m-th of them belongs to input j.
         own = slice(n + j, None, m)
         P, E, r, Q = poles[j], inputs[j], misfit[j], row.Q[j]
         gradient[:n] -= P.T @ r

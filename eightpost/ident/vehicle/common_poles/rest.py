@@ -1,8 +1,8 @@
-"""Velocities that end at zero under constant inputs, exactly.
+"""Correction of a model so that its velocities have exactly no response to constant inputs.
 
-The fit holds the responses of shock velocities at 0 Hz near zero; what is left would let a coupled car creep at rest,
-and a displacement would not be the integral of its velocity. The inputs of the slow states are moved by the least that
-brings `C_v A^-1 B` to zero, least in the weighted response:
+The fit keeps the responses of shock velocities at 0 Hz only near zero. With the remainder a coupled car would creep at
+rest, and a displacement would not be the integral of its velocity. The input matrix of the slow states is therefore
+changed so that `C_v A^-1 B` is zero, with the minimum change of the weighted response:
 
     min over dB of  sum_k |weight_ik C_i (s_k I - A)^-1 dB|^2   with   C_v A^-1 (B + dB) = 0
 """
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Frequencies at which responses are weighed; part of the largest curvature that keeps it regular [1].
+#: Number of frequencies at which the change is evaluated, and relative regularisation of its curvature [1].
 _FREQUENCIES, _REGULAR = 100, 1e-12
 
 
-def brought_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
-    """Return a model whose velocities have no response to constant inputs.
+def bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
+    """Return the model with velocities that have no response to constant inputs.
 
     Args:
-        model: Stable and continuous; velocities have no direct term.
-        slow: How many of its first states may be reached otherwise; lags of the roads behind them stay.
-        s: Where responses are weighed (K,) [1/s].
-        weight: Of the outputs' responses (p, K), 0 where they are not known.
+        model: Stable continuous model; velocities have no direct term.
+        slow: Number of leading states whose inputs may change; the road lags after them stay unchanged.
+        s: Values of s at which the change is evaluated [1/s] (K,).
+        weight: Weight of the outputs' responses (p, K); 0 where they are unknown.
     """
     velocities = [i for i, name in enumerate(model.output_names) if name.rpartition(".")[2] == "velocity"]
     if not velocities:
@@ -48,7 +48,7 @@ def brought_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> 
 
 
 def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array:
-    """Return what moving the inputs of the slow states costs (slow, slow)."""
+    """Return the cost matrix of changes of the slow states' inputs (slow, slow)."""
     A, C = model.A[:slow, :slow], model.C[:, :slow]
     total = np.zeros((slow, slow))
     for frequency, size in zip(s, weight.T, strict=True):

@@ -1,4 +1,4 @@
-"""What is linear in a common-pole model is solved exactly: inputs for given outputs, outputs for given inputs."""
+"""Exact solutions of the linear parts of a common-pole model: inputs for given outputs, outputs for given inputs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """One output, solved.
+    """Least-squares solution of one output.
 
     Attributes:
-        c: Outputs per state (n,).
-        d: Direct terms (m,), 0 where there is none.
-        lagged: Answers to the lagged inputs (m,), 0 where there is no lag.
-        misfit: Weighted (m, K), complex.
-        Q: Orthonormal basis of what the row can explain (m, 2 K, r): real parts, then imaginary ones.
+        c: Row of the output matrix (n,).
+        d: Direct terms (m,); 0 for inputs without one.
+        lagged: Gains of the lagged inputs (m,); 0 for inputs without a lag.
+        misfit: Weighted complex misfit (m, K).
+        Q: Orthonormal basis of the responses that the row can represent (m, 2 K, r): real parts, then imaginary parts.
     """
 
     c: Array
@@ -40,10 +40,10 @@ def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
     """Fit output `i` for given poles and inputs.
 
     Args:
-        points: The response.
-        i: The output.
-        X: (s I - A)^-1 B (n, m, K).
-        through: What there is beside the poles.
+        points: Response values.
+        i: Index of the output.
+        X: Response of the states (s I - A)^-1 B (n, m, K).
+        through: Direct terms and lags.
     """
     weight, (n, m, _) = points.weight[i], X.shape
     target = weight * points.H[i]
@@ -57,7 +57,7 @@ def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
 
 
 def solve_inputs(points: Points, blocks: Blocks, C: Array, through: Feedthrough) -> Blocks:
-    """Return the blocks with the inputs that fit best for given poles and outputs C (p, n)."""
+    """Return the blocks with the best inputs for given poles and output matrix C (p, n)."""
     shapes = np.einsum("pna,nabk->pnbk", C.reshape(len(C), -1, 2), blocks.resolvent(points.s))
     shapes = shapes.reshape(len(C), blocks.states, points.s.size)
     inputs = [_input(points, j, shapes, through) for j in range(points.H.shape[1])]
@@ -72,7 +72,7 @@ def _input(points: Points, j: int, shapes: Complex, through: Feedthrough) -> Arr
 
 
 def _solved(states: Complex, terms: Complex, target: Complex) -> tuple[Array, Array]:
-    """Return the real least-squares solution over (rows, K, columns) by scaled columns, and their orthonormal basis."""
+    """Return the real least-squares solution of equations (rows, K, columns), and the basis Q of the columns."""
     matrix = np.concatenate((states, terms), axis=2)
     real = np.concatenate((matrix.real, matrix.imag), axis=1).reshape(-1, matrix.shape[2])
     size = np.linalg.norm(real, axis=0)

@@ -1,4 +1,4 @@
-"""The stabilisation diagram: poles of models of rising order, and which of them stay where they are."""
+"""Stabilisation diagram: the poles of models of increasing order, and which of them are stable from order to order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from eightpost.files import atomic_path
 from eightpost.ident.vehicle.common_poles.order import CLEAR_GAP
-from eightpost.ident.vehicle.trust import Orders, PlacedPole, TriedOrder
+from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A pole that moves by less than these from one order to the next is stable, in frequency and in damping [1].
+#: Relative change of frequency and damping ratio below which a pole is stable from one order to the next [1].
 STEADY_FREQUENCY, STEADY_DAMPING = 0.01, 0.05
 
 
 def orders_of(found: CommonPoleModel) -> Orders:
-    """Return how a model's number of states was chosen, with the poles of all orders."""
+    """Return the choice of a model's number of states, with the poles of all orders."""
     study = found.start.study
     return Orders(stabilisation(study), found.order, study.clear and found.order == study.suggested, found.band[1])
 
 
-def stabilisation(study: OrderStudy) -> tuple[TriedOrder, ...]:
+def stabilisation(study: OrderStudy) -> tuple[OrderCandidate, ...]:
     """Return the pole pairs of all orders."""
-    tried: list[TriedOrder] = []
+    tried: list[OrderCandidate] = []
     before = np.zeros((0, 2))
     for order, gap, poles in zip(study.orders, study.gaps, study.poles, strict=True):
         upper = poles[poles.imag > 0.0]
         now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
-        placed = tuple(PlacedPole(float(f), float(d), _stayed(f, d, before)) for f, d in now)
-        tried.append(TriedOrder(order, float(gap), placed))
+        placed = tuple(PolePair(float(f), float(d), _stayed(f, d, before)) for f, d in now)
+        tried.append(OrderCandidate(order, float(gap), placed))
         before = now
     return tuple(tried)
 
@@ -54,15 +54,15 @@ def _stayed(frequency: float, damping: float, before: Array) -> bool:
 
 
 def plot_stabilisation(orders: Orders, path: str | Path) -> None:
-    """Write a PNG: poles over frequency and order, and the gaps of the singular values by which an order is chosen."""
+    """Write a PNG of the poles over frequency and order, and of the gaps of the singular values."""
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     poles, gaps = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
     _poles(poles, orders)
     gaps.barh([one.states for one in orders.tried], [one.gap for one in orders.tried], height=1.2)
     gaps.axhline(orders.chosen, color="tab:red", linewidth=1.0)
-    gaps.axvline(CLEAR_GAP, color="0.5", linewidth=1.0, linestyle="--", label="clear")
-    gaps.set(title="gap", xlabel="singular value over the next", xscale="log")
+    gaps.axvline(CLEAR_GAP, color="0.5", linewidth=1.0, linestyle="--", label="clear gap")
+    gaps.set(title="gap", xlabel="ratio to next singular value", xscale="log")
     gaps.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=6))
     gaps.xaxis.set_minor_locator(NullLocator())
     gaps.xaxis.set_major_formatter("{x:g}")
@@ -73,12 +73,12 @@ def plot_stabilisation(orders: Orders, path: str | Path) -> None:
 
 def _poles(axes: Axes, orders: Orders) -> None:
     placed = [(one.states, pole) for one in orders.tried for pole in one.poles if pole.frequency <= 1.2 * orders.high]
-    for steady, marker, label in ((True, "o", "as at the order before"), (False, "x", "moved")):
+    for steady, marker, label in ((True, "o", "stable"), (False, "x", "not stable")):
         chosen = [(pole.frequency, states) for states, pole in placed if pole.steady is steady]
         axes.plot([f for f, _ in chosen], [states for _, states in chosen], marker, markersize=5, label=label)
     why = "a clear gap" if orders.is_clear else "no clear gap"
     axes.axhline(orders.chosen, color="tab:red", linewidth=1.0, label=f"{orders.chosen} states, {why}")
-    top = orders.tried[-1].states + 5.0  # the legend's place
+    top = orders.tried[-1].states + 5.0  # space for the legend
     axes.set(title="stabilisation diagram", xlabel="frequency [Hz]", ylabel="states", ylim=(0.0, top))
     axes.legend(loc="upper left", ncols=3, fontsize="small")
     axes.grid(alpha=0.3)

@@ -1,11 +1,11 @@
-"""Poles and mode shapes from a response in one step: frequency-domain subspace identification.
+"""Frequency-domain subspace identification: poles and mode shapes from a response without iteration.
 
-The bilinear map `z = (alpha + s) / (alpha - s)` takes the frequencies to the unit circle, where powers are well
-conditioned, and a rational response to one of the same order: the way back is exact. For every input j and frequency k
-the column [H_j; z H_j; ... z^(q-1) H_j] is the extended observability matrix times the state, plus powers of z times
-direct terms. What is left of the columns when those powers are projected out has the observability matrix' range.
+The bilinear map `z = (alpha + s) / (alpha - s)` maps the frequencies to the unit circle, where powers are well
+conditioned, and a rational response to one of the same order; the inverse map is exact. For every input j and frequency
+k the column [H_j; z H_j; ... z^(q-1) H_j] is the extended observability matrix times the state, plus powers of z times
+direct terms. When these powers are projected out, the remaining columns span the range of the observability matrix.
 
-An input without power at a frequency gives no column there: nothing is filled in.
+Inputs without power at a frequency have no column there; missing values are not replaced.
 
 Source: T. McKelvey, H. Akcay, L. Ljung, "Subspace-based multivariable system identification from frequency response
 data", IEEE Trans. Automatic Control 41 (1996) 960-979, doi 10.1109/9.508900 (algorithm 2, any frequencies).
@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Where the bilinear map puts a right angle, as a part of the highest frequency.
+#: Frequency that the bilinear map takes to a right angle, relative to the highest frequency [1].
 _MIDDLE = 0.25
 
-#: Real poles this close to the ends of the band's map stand for none: nearer they are rounding.
+#: Limit of the ratio of a pole to alpha and of alpha to a pole [1]; poles beyond it are rounding errors.
 _FASTEST = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subspace:
-    """The range of the observability matrix, from which models of any order are read.
+    """Range of the observability matrix, which gives models of any order.
 
     Attributes:
         vectors: Left singular vectors (q p, r).
         values: Singular values (r,).
-        outputs: p.
-        alpha: Of the bilinear map [1/s].
+        outputs: Number of outputs p.
+        alpha: Parameter of the bilinear map [1/s].
     """
 
     vectors: Array
@@ -53,7 +53,7 @@ class Subspace:
     alpha: float
 
     def poles(self, order: int) -> tuple[Complex, Complex, int]:
-        """Return poles (order,) [1/s], mode shapes (p, order), and how many poles were mirrored to be stable."""
+        """Return poles [1/s] (order,), mode shapes (p, order), and the number of unstable poles that were mirrored."""
         O = self.vectors[:, :order] * np.sqrt(self.values[:order])  # noqa: E741  the symbol of the literature
         A = np.linalg.lstsq(O[: -self.outputs], O[self.outputs :], rcond=None)[0]
         z, V = np.linalg.eig(A)
@@ -63,41 +63,44 @@ class Subspace:
         return np.where(unstable, -s.conj(), s), shapes, int(unstable.sum())
 
     def blocks(self, order: int) -> tuple[Blocks, Array, int]:
-        """Return the poles as blocks without inputs, their outputs (p, order), and how many poles were mirrored."""
+        """Return blocks without inputs, their output matrix (p, order), and the number of mirrored poles."""
         poles, shapes, mirrored = self.poles(order)
         return *blocks_of(poles, shapes), mirrored
 
 
-def subspace_of(points: Points, *, most_states: int, block_rows: int | None = None) -> Subspace:
+def subspace_of(points: Points, *, max_states: int, block_rows: int | None = None) -> Subspace:
     """Return the subspace of a response.
 
     Args:
-        points: The response.
-        most_states: The highest order that will be asked for.
-        block_rows: q; None takes twice as many as `most_states` needs, 8 at least.
+        points: Response values.
+        max_states: Highest order that will be requested.
+        block_rows: Number of block rows q; None uses twice as many as `max_states` needs, at least 8.
 
     Raises:
-        TooShortError: Too few values for so many states.
+        TooShortError: The response has too few values for the number of states.
     """
     p = len(points.H)
-    q = block_rows or max(8, 2 * (-(-most_states // p) + 1))
+    q = block_rows or max(8, 2 * (-(-max_states // p) + 1))
     alpha = _MIDDLE * float(np.abs(points.s).max())
     columns = [_columns(points, j, q, alpha) for j in range(points.H.shape[1])]
     stacked = np.concatenate(columns, axis=1)
-    if stacked.shape[1] < most_states + q:
-        raise TooShortError(f"{stacked.shape[1] // 2} known response values cannot carry {most_states} states")
+    if stacked.shape[1] < max_states + q:
+        raise TooShortError(f"{stacked.shape[1] // 2} known response values are too few for {max_states} states")
     vectors, values, _ = np.linalg.svd(np.linalg.qr(stacked.T)[1].T, full_matrices=False)
     sizes = np.tile(_row_sizes(points), q)
     return Subspace(vectors * sizes[:, None], values, p, alpha)
 
 
 def _row_sizes(points: Points) -> Array:
-    """Return a typical deviation of each output (p,): the same at all frequencies, or the shift would not hold."""
+    """Return a typical standard deviation of each output (p,).
+
+    It is the same at all frequencies, which the shift structure of the subspace requires.
+    """
     return np.array([np.median(row[np.isfinite(row)]) for row in points.deviation])
 
 
 def _columns(points: Points, j: int, q: int, alpha: float) -> Array:
-    """Return the columns (q p, 2 K') of one input, whitened, what its direct terms explain taken out."""
+    """Return the whitened columns (q p, 2 K') of one input with its direct terms projected out."""
     known = points.known[:, j].all(axis=0)
     s, sizes = points.s[known], _row_sizes(points)
     spread = np.sqrt(np.mean((points.deviation[:, j][:, known] / sizes[:, None]) ** 2, axis=0))
@@ -114,7 +117,7 @@ def _real(values: Complex) -> Array:
 
 
 def _within(s: Complex, alpha: float) -> Complex:
-    """Return poles (n,) with those at infinity or zero, which are real, moved to the ends of what can be told."""
+    """Return poles (n,) with those near infinity or zero, which are real, limited to the resolvable range."""
     size = np.abs(s)
     limited = np.clip(size, alpha / _FASTEST, alpha * _FASTEST)
     return np.asarray(np.where(size > 0.0, s * (limited / np.where(size > 0.0, size, 1.0)), -limited))

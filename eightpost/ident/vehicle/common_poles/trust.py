@@ -1,4 +1,4 @@
-"""How far an identified car is to be trusted: what its tests covered, and what no linear car with friction explains."""
+"""Validity of an identified car: ranges that the tests covered, and signs of effects that the model does not have."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A misfit of so many deviations of the estimate is no noise [1].
+#: Misfit, in standard deviations of the estimate, above which it is reported as more than noise [1].
 EXCESS = 1.5
 
-#: What an output's own noise may reach of it where its coherence is fine [1].
+#: Unexplained part of an output above which it is reported, and coherence above which it is good [1].
 _NOISY, _FINE = 0.05, 0.95
 
-#: A channel may go this much beyond the tests.
+#: Ratio of a simulated amplitude to that of the tests above which it is extrapolated [1].
 _MARGIN = 1.1
 
-#: A tire at this part of its mean load or less has lifted.
+#: Tire force relative to its mean load at or below which the tire has left the ground [1].
 _LIFTED = 0.01
 
 _RANGED = ("velocity", "displacement", "force", "tire_force")
@@ -37,10 +37,10 @@ _RANGED = ("velocity", "displacement", "force", "tire_force")
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """What the tests covered.
+    """Ranges that the tests covered.
 
     Attributes:
-        frequency: Of the fit [Hz].
+        frequency: Lowest and highest frequency of the fit [Hz].
         channels: Smallest and largest value by channel, SI.
     """
 
@@ -48,16 +48,16 @@ class Ranges:
     channels: Mapping[str, tuple[float, float]]
 
     def as_mapping(self) -> dict[str, tuple[float, float]]:
-        """Return the ranges by channel, and that of the frequency, as a fit keeps them."""
+        """Return the ranges by channel and the frequency range, in the form stored in a fit."""
         return {"frequency": self.frequency, **self.channels}
 
     @classmethod
     def of_mapping(cls, ranges: Mapping[str, tuple[float, float]]) -> Ranges:
-        """Return what a fit kept."""
+        """Return the ranges stored in a fit."""
         return cls(ranges["frequency"], {name: span for name, span in ranges.items() if name != "frequency"})
 
     def beyond(self, series: TimeSeries) -> tuple[str, ...]:
-        """Return where a simulation left what the tests covered, a sentence each."""
+        """Return one sentence for each channel of a simulation that exceeds the ranges of the tests."""
         notes = []
         for name, (low, high) in self.channels.items():
             if name not in series:
@@ -65,7 +65,7 @@ class Ranges:
             largest, covered = float(np.abs(series[name]).max()), max(abs(low), abs(high))
             if largest > _MARGIN * covered:
                 notes.append(
-                    f"{name} reaches {largest:.4g} {series.unit(name)}, the tests reached {covered:.4g}: extrapolated."
+                    f"{name} reaches {largest:.4g} {series.unit(name)}, in the tests {covered:.4g}: extrapolated."
                 )
         return (*notes, *self._beyond_frequency(series))
 
@@ -78,13 +78,13 @@ class Ranges:
             power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
             share = float(np.sqrt(power[lines > self.frequency[1]].sum() / max(float(power.sum()), 1e-300)))
             if share > 0.1:
-                part = f"{100.0 * share:.0f} % of {name} (RMS) lies above {self.frequency[1]:g} Hz"
-                notes.append(f"{part}, where the model was not fitted: extrapolated.")
+                part = f"{100.0 * share:.0f} % of {name} (RMS) is above {self.frequency[1]:g} Hz"
+                notes.append(f"{part}, the highest fitted frequency: extrapolated.")
         return tuple(notes)
 
 
 def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
-    """Return what the tests covered."""
+    """Return the ranges that the tests covered."""
     names = [name for name in (*experiment.forces, *experiment.outputs) if name.rpartition(".")[2] in _RANGED]
     low = {name: min(float(test[name].min()) for test in tests) for name in names}
     high = {name: max(float(test[name].max()) for test in tests) for name in names}
@@ -94,16 +94,20 @@ def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tu
 def unmodelled(
     response: FrequencyResponse, found: CommonPoleModel, tests: Sequence[TimeSeries], means: Mapping[str, float]
 ) -> dict[str, str]:
-    """Return what hints at something that is not in the model, a sentence each, by what it is.
+    """Return one sentence for each sign of an effect that is not in the model, by kind of effect.
 
     Args:
-        response: What was fitted.
-        found: The model.
-        tests: The records, without means.
-        means: Of the tire forces, where the records had some [N].
+        response: Response that was fitted.
+        found: Common-pole model.
+        tests: Records of the tests, without means.
+        means: Mean tire forces that the original records had [N], by channel.
     """
-    said = {"misfit": _misfits(found), "lift-off": _lifted(tests, means), "unexplained": _coherence(response, found)}
-    return {what: sentence for what, sentence in said.items() if sentence}
+    sentences = {
+        "misfit": _misfits(found),
+        "lift-off": _lifted(tests, means),
+        "unexplained": _coherence(response, found),
+    }
+    return {what: sentence for what, sentence in sentences.items() if sentence}
 
 
 def _misfits(found: CommonPoleModel) -> str:
@@ -115,26 +119,32 @@ def _misfits(found: CommonPoleModel) -> str:
     if not listed:
         return ""
     return (
-        f"The misfit is more than noise (in deviations, worst of each: {listed}): what is not linear, friction that "
-        "sticks above all, or states that are missing. Deviations of responses and measures are raised by it."
+        f"The misfit is larger than noise (in standard deviations, worst of each: {listed}). Likely causes are "
+        "nonlinear effects, above all stick-slip, or too few states. The reported standard deviations are increased "
+        "accordingly."
     )
 
 
 def _lifted(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> str:
-    """Say which tires leave the ground; means near zero are changes from rest, which cannot say it."""
+    """Return a sentence on tires that leave the ground.
+
+    Channels with means near zero are changes from rest and are skipped.
+    """
     lifted = {
         name: min(float(test[name].min()) + mean for test in tests) / mean
         for name, mean in means.items()
         if name.rpartition(".")[2] == "tire_force" and name in tests[0] and mean > float(tests[0][name].std())
     }
-    names = sorted(name for name, least in lifted.items() if least <= _LIFTED)
+    names = sorted(name for name, lowest in lifted.items() if lowest <= _LIFTED)
     if not names:
         return ""
-    return f"Tires leave the ground ({', '.join(names)}): no linear car does; lower the road's peak."
+    return (
+        f"Tires leave the ground ({', '.join(names)}), which the linear model cannot represent; lower the road's peak."
+    )
 
 
 def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> str:
-    """Say it where outputs are noisy though coherent: friction and springs do that and coherence hides it."""
+    """Return a sentence on outputs that are noisy although their coherence is good: a sign of friction or springs."""
     if response.coherence is None:
         return ""
     low, high = found.band
@@ -148,6 +158,6 @@ def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> str:
     if not names:
         return ""
     return (
-        f"Not explained by any linear response, though coherence is fine: {', '.join(names)} of the output; where the "
-        "sensors are better than that, friction or springs are at work."
+        f"Not explained by any linear response although coherence is good: {', '.join(names)} of the output. If the "
+        "sensors are less noisy than that, the cause is friction or nonlinear springs."
     )

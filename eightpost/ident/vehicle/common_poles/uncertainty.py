@@ -1,7 +1,8 @@
-"""How far a common-pole model may be from the truth by noise alone: models of responses with other noise.
+"""Uncertainty of a common-pole model due to noise, from models of responses with resampled noise.
 
-Noise of the estimate's own size is added to the response and the likelihood's minimum is followed there by one step of
-its refinement. The scatter of what the models say, a response or a setup's measures, is its standard deviation.
+Noise of the size of the estimate's is added to the response, and one refinement step moves the model to the new
+optimum. The scatter of a quantity over these models, e.g. of a response or of a setup's measures, is its standard
+deviation.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Correlations below this part are none.
+#: Correlation below which values count as uncorrelated [1].
 _UNCORRELATED = 0.1
 
 
 def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) -> tuple[StateSpace, ...]:
-    """Return models as other noise would have given them.
+    """Return models of the response with resampled noise.
 
     Args:
-        found: The model.
-        count: How many.
-        seed: Of the noise.
+        found: Common-pole model.
+        count: Number of models.
+        seed: Seed of the noise generator.
     """
     generator, length = np.random.default_rng(seed), correlation_length(found.refined.solution.misfit)
     drawn = [_noise(found, generator, length) for _ in range(count)]
@@ -54,7 +55,7 @@ def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Arra
 
 
 def correlation_length(misfit: Complex) -> int:
-    """Return over how many neighbouring frequencies the misfit (p, m, K) is alike: bands of an estimate may overlap."""
+    """Return the number of frequencies over which the misfit (p, m, K) is correlated, as bands may overlap."""
     power = float(np.mean(np.abs(misfit) ** 2))
     for lag in range(1, misfit.shape[2]):
         alike = float(np.mean((misfit[..., lag:] * misfit[..., :-lag].conj()).real)) / max(power, 1e-300)
@@ -64,7 +65,7 @@ def correlation_length(misfit: Complex) -> int:
 
 
 def _noise(found: CommonPoleModel, generator: np.random.Generator, length: int) -> Complex:
-    """Return noise of one deviation (p, m, K), alike over `length` neighbouring frequencies."""
+    """Return noise of standard deviation 1 (p, m, K), correlated over `length` neighbouring frequencies."""
     points = found.points
     white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
     window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
@@ -74,5 +75,5 @@ def _noise(found: CommonPoleModel, generator: np.random.Generator, length: int) 
 def _sampled(found: CommonPoleModel, noise: Complex) -> StateSpace:
     points, solution = found.points, found.refined.solution
     noisy = replace(points, H=points.H + np.where(points.known, points.deviation, 0.0) * noise)
-    refined = Refinement(most_iterations=1).refine(noisy, solution.blocks, solution.through)
+    refined = Refinement(max_iterations=1).refine(noisy, solution.blocks, solution.through)
     return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)

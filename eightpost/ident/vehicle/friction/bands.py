@@ -1,6 +1,6 @@
-"""Narrow bands of the spectra of whole records, in which a response is a polynomial and its error is noise.
+"""Narrow bands of the spectra of whole records, in which each response is approximated by a polynomial.
 
-As the local polynomial method, but band by band without overlap, so that the bands' residuals are independent.
+This is the local polynomial method, but without overlap of the bands, so that their residuals are independent.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 _DEGREE = 2
 
-#: Equations per unknown.
+#: Minimum number of equations per unknown.
 _SPARE = 2.0
 
-#: An input of a smaller part of its largest amplitude has no power in a band.
+#: Amplitude of an input, relative to its largest, below which it has no power in a band [1].
 _POWER_FLOOR = 1e-3
 
 
@@ -34,10 +34,10 @@ class Band(NamedTuple):
     """Spectra of all tests around one frequency.
 
     Attributes:
-        frequency: Its middle [Hz].
-        U: Inputs (tests, k, m).
-        Y: Outputs (tests, k, p).
-        active: Which inputs have power (m,).
+        frequency: Centre frequency of the band [Hz].
+        U: Spectra of the inputs (tests, k, m).
+        Y: Spectra of the outputs (tests, k, p).
+        active: Mask of the inputs that have power (m,).
     """
 
     frequency: float
@@ -46,12 +46,12 @@ class Band(NamedTuple):
     active: NDArray[np.bool_]
 
     def columns(self, U: Complex) -> Complex:
-        """Return inputs (tests, k, j) times the powers of the place in the band, as columns (tests k, 3 j)."""
+        """Return inputs (tests, k, j) times powers of the position in the band, as columns (tests k, 3 j)."""
         tests, k, _ = U.shape
         return np.asarray((U[..., None, :] * _bends(k)[None, :, :, None]).reshape(tests * k, -1))
 
     def transients(self) -> Complex:
-        """Return the columns (tests k, 3 tests) of what each record's ends leave."""
+        """Return the columns (tests k, 3 tests) that represent the transients of each record."""
         tests, k, _ = self.U.shape
         columns = np.einsum("ij,ke->ikje", np.eye(tests), _bends(k)).reshape(tests * k, -1)
         return np.asarray(columns, dtype=np.complex128)
@@ -65,13 +65,13 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     """Yield the bands from `low` to `high` [Hz].
 
     Args:
-        records: The tests.
-        low: [Hz].
-        high: [Hz].
-        inputs: How many inputs are fitted at once; it makes the bands as wide as that takes.
+        records: Records of the tests.
+        low: Lowest frequency [Hz].
+        high: Highest frequency [Hz].
+        inputs: Number of inputs that are fitted at once; it determines the width of the bands.
 
     Raises:
-        TooShortError: The records hold no such band.
+        TooShortError: The records have too few frequency bins for one band.
     """
     size = min(test.u.shape[1] for test in records.tests)
     lines = np.arange(size // 2 + 1) * (records.rate / size)
@@ -81,7 +81,8 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     width = max(width, (_DEGREE + 1) * (inputs + 2))
     if kept.size < width:
         raise TooShortError(
-            f"the records have {kept.size} bins from {low:g} to {high:g} Hz; {inputs} inputs take {width}"
+            f"the records have {kept.size} frequency bins from {low:g} to {high:g} Hz, but {inputs} inputs need "
+            f"{width}; use longer records"
         )
     U, Y = (_spectra(rows, size, kept) for rows in ([t.u for t in records.tests], [t.y for t in records.tests]))
     power = np.mean(np.abs(U) ** 2, axis=0)

@@ -1,9 +1,9 @@
-"""How much friction the tests show: what leaves the least residual of the linear car around it.
+"""Estimate of the friction at the ports: the friction with which a linear car leaves the minimum residual.
 
-The response of the car is fitted band by band with the friction in its force inputs. For a wrong friction the outputs
-hold what no linear response explains. The residual is quadratic in the responses, which are eliminated (variable
-projection), and nearly so in the friction forces, which Gauss-Newton finds in a few steps; the friction velocity is
-looked for on a grid.
+The response of the car is fitted band by band with the friction included in its force inputs. With a wrong friction the
+outputs contain a part that no linear response explains. The residual is quadratic in the responses, which are
+eliminated (variable projection), and nearly quadratic in the friction forces, which Gauss-Newton finds in a few steps.
+The friction velocity is searched on a grid.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction.bands import bands
 from eightpost.ident.vehicle.friction.law import Signal, direction, with_directions
-from eightpost.ident.vehicle.friction.projection import Found, found_in
-from eightpost.ident.vehicle.trust import SIGNIFICANT, FoundForce
+from eightpost.ident.vehicle.friction.projection import ForceSolution, solve_forces
+from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.vehicle import Friction
 
 if TYPE_CHECKING:
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FrictionSearch:
-    """How friction is looked for.
+    """Settings of the friction estimate.
 
     Attributes:
-        velocities: Friction velocities v_f that are tried, all ports alike [m/s].
-        seconds: How much of each record the velocities are tried on, and how much the forces are found on [s].
+        velocities: Friction velocities v_f to try, the same at all ports [m/s].
+        seconds: Durations of each record that are used to find the velocity and to find the forces [s].
         low: Lowest frequency [Hz].
-        high: Highest [Hz].
-        iterations: Gauss-Newton steps.
-        signal: Friction of one newton from velocity, rate and width, as `direction` has it: the law of the vehicle FMU.
-            Another law tells what that one costs; the vehicle that is identified keeps the FMU's.
+        high: Highest frequency [Hz].
+        iterations: Number of Gauss-Newton steps.
+        signal: Friction of 1 N as a function of velocity, rate and friction velocity; default `direction`, the law of
+            the vehicle FMU. Another law shows the error of that one; the identified vehicle always has the FMU's law.
     """
 
     velocities: tuple[float, ...] = (0.001, 0.003, 0.006, 0.012, 0.024)
@@ -50,38 +50,39 @@ class FrictionSearch:
     signal: Signal = direction
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrictionEstimate:
-        """Find the friction of every port.
+        """Estimate the friction of every port.
 
         Args:
-            tests: Records with the experiment's channels, at one rate.
-            experiment: What is input, shock force and output.
+            tests: Records with the channels of the experiment, all at one sample rate.
+            experiment: Inputs, shock forces and outputs of the tests.
 
         Raises:
-            TooShortError: The records hold too few bins.
+            TooShortError: The records have too few frequency bins.
         """
         brief, whole = ([_first(test, most) for test in tests] for most in self.seconds)
         profile = tuple((width, self._at(brief, experiment, width).cost) for width in self.velocities)
         width = _lowest(profile)
         return _estimate(experiment, self._at(whole, experiment, width), width, profile)
 
-    def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, width: float) -> Found:
+    def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, width: float) -> ForceSolution:
         marked = [with_directions(test, experiment.ports, width, self.signal) for test in tests]
         directions = [channel(port, "friction_direction") for port in experiment.ports]
         records = gather(marked, [*experiment.inputs, *directions], experiment.outputs, experiment.baseline_damping)
         count = len(experiment.inputs)
-        return found_in(list(bands(records, low=self.low, high=self.high, inputs=count)), count, self.iterations)
+        return solve_forces(list(bands(records, low=self.low, high=self.high, inputs=count)), count, self.iterations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionEstimate:
-    """The friction that was found, and what it explains.
+    """Estimated friction and the part of the residual that it explains.
 
     Attributes:
-        friction: By port; a force that is not significant, or below zero, is zero.
-        force: By port, as found [N].
-        deviation: Standard deviation of each port's force [N], from the scatter over the bands.
-        residual: By output, mean square of what no linear response explains, with friction over without [1].
-        profile: (v_f [m/s], mean of the residual [1]) of every friction velocity that was tried.
+        friction: Friction by port; forces that are negative or not significant are set to zero.
+        force: Estimated force by port [N].
+        deviation: Standard deviation of the force by port [N], from the scatter over the bands.
+        residual: Mean square of the part that no linear response explains, with friction relative to without [1], by
+            output.
+        profile: Pairs (v_f [m/s], mean of the residual [1]) of all friction velocities that were tried.
     """
 
     friction: Mapping[str, Friction]
@@ -91,9 +92,9 @@ class FrictionEstimate:
     profile: tuple[tuple[float, float], ...]
 
     @property
-    def found(self) -> Mapping[str, FoundForce]:
-        """Every port's force with its deviation."""
-        return {port: FoundForce(force, self.deviation[port]) for port, force in self.force.items()}
+    def found(self) -> Mapping[str, ForceEstimate]:
+        """Estimated force of every port with its standard deviation."""
+        return {port: ForceEstimate(force, self.deviation[port]) for port, force in self.force.items()}
 
     @property
     def acts(self) -> bool:
@@ -101,19 +102,20 @@ class FrictionEstimate:
         return any(law.force > 0.0 for law in self.friction.values())
 
     def table(self) -> str:
-        """Return what is left of every output's residual with friction, as Markdown: RMS over that without."""
-        lines = ["| output | residual with friction over without [%] |", "|---|---|"]
+        """Return the RMS of every output's residual with friction, relative to that without, as a Markdown table."""
+        lines = ["| output | residual with friction relative to without [%] |", "|---|---|"]
         return "\n".join((*lines, *(f"| {name} | {100.0 * share**0.5:.0f} |" for name, share in self.residual.items())))
 
-    def said(self) -> str:
-        """Return the forces and what they explain as a sentence."""
+    def summary(self) -> str:
+        """Return the forces and the part of the residual that remains as a sentence."""
         if not self.acts:
-            return "No friction at the ports is told from noise."
-        forces = ", ".join(f"{port or 'port'} {force.said}" for port, force in self.found.items())
+            return "No significant friction was found at the ports."
+        forces = ", ".join(f"{port or 'port'} {force.text}" for port, force in self.found.items())
         width = 1e3 * next(iter(self.friction.values())).velocity
         left = 100.0 * float(np.mean(list(self.residual.values())))
         return (
-            f"Friction at the ports (two sigma): {forces}, over {width:.2g} mm/s; {left:.0f} % of the residual is left."
+            f"Friction at the ports (+- two standard deviations): {forces}; friction velocity {width:.2g} mm/s; "
+            f"{left:.0f} % of the residual remains."
         )
 
 
@@ -123,7 +125,7 @@ def _first(series: TimeSeries, seconds: float) -> TimeSeries:
 
 
 def _lowest(profile: Sequence[tuple[float, float]]) -> float:
-    """Return where the parabola through the lowest point and its neighbours, over log v_f, is lowest."""
+    """Return the minimum of the parabola over log v_f through the lowest point and its neighbours."""
     x, y = np.log([width for width, _ in profile]), np.array([cost for _, cost in profile])
     k = int(np.argmin(y))
     if not 0 < k < len(y) - 1:
@@ -133,7 +135,7 @@ def _lowest(profile: Sequence[tuple[float, float]]) -> float:
 
 
 def _estimate(
-    experiment: Experiment, found: Found, width: float, profile: tuple[tuple[float, float], ...]
+    experiment: Experiment, found: ForceSolution, width: float, profile: tuple[tuple[float, float], ...]
 ) -> FrictionEstimate:
     deviation = np.sqrt(np.diag(found.covariance))
     held = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)

@@ -1,8 +1,8 @@
-"""Friction at the ports of a car: the law that the vehicle FMU has, and its signal in a record.
+"""Friction at the ports of a car: the friction law of the vehicle FMU, and its signal in a record.
 
     F = F_f tanh(v / v_f)
 
-It adds to the shock's force at the port, so that the force difference which drives the linear car is
+The friction adds to the shock force at the port, so the force difference that drives the linear car is
 
     dF = F_shock + F_f tanh(v / v_f) - c v
 """
@@ -28,27 +28,27 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Friction of one newton (N,) from a velocity (N,) [m/s], its rate [Hz] and a width.
+#: Function that returns a friction of 1 N (N,) for a velocity (N,) [m/s], its sample rate [Hz] and a friction velocity.
 Signal = Callable[[Array, float, float], Array]
 
-#: Rate [Hz] at which the law is taken: a tanh has harmonics far beyond the records' band, which would fold back.
+#: Rate [Hz] at which the law is evaluated: harmonics of the tanh far above the records' band would otherwise alias.
 _RATE = 1000.0
 
 
 def direction(velocity: Array, rate: float, width: float) -> Array:
-    """Return `tanh(v / v_f)` (N,) of a record's band: taken at a finer rate, then without what the record cannot hold.
+    """Return `tanh(v / v_f)` (N,), evaluated at a higher rate and band-limited to the rate of the record.
 
     Args:
-        velocity: v (N,) [m/s], of a record's shock.
-        rate: Of the record [Hz].
-        width: v_f [m/s].
+        velocity: Shock velocity v of a record [m/s] (N,).
+        rate: Sample rate of the record [Hz].
+        width: Friction velocity v_f [m/s].
     """
     if not width > 0.0:
-        raise ParameterError(f"the friction velocity is {width!r} m/s; give one above zero")
+        raise ParameterError(f"the friction velocity is {width!r} m/s; it must be above zero")
     finer = max(1, round(_RATE / rate))
     if finer == 1:
         return np.tanh(velocity / width)
-    # A record's own length may have a large prime factor, which makes its transforms ten times as long.
+    # Padding avoids lengths with a large prime factor, whose transforms take ten times as long.
     padded = np.zeros(next_fast_len(velocity.size, real=True))
     padded[: velocity.size] = velocity
     fine = resample(padded, padded.size * finer)
@@ -56,22 +56,22 @@ def direction(velocity: Array, rate: float, width: float) -> Array:
 
 
 def with_friction(series: TimeSeries, friction: Mapping[str, Friction]) -> TimeSeries:
-    """Return a record whose shock forces hold the friction of their ports too.
+    """Return a record whose shock forces include the friction of their ports.
 
     Args:
-        series: With `force` and `velocity` of each port.
-        friction: By port: "lf", ...; "" for a quarter car.
+        series: Record with `force` and `velocity` of each port.
+        friction: Friction by port: "lf", ...; "" for a quarter car.
     """
     for port, law in friction.items():
         if law.force:
             name, velocity = channel(port, "force"), series[channel(port, "velocity")]
-            rubbed = law.force * direction(velocity, series.sample_rate, law.velocity)
-            series = series.with_channel(name, "N", series[name] + rubbed)
+            rubbing = law.force * direction(velocity, series.sample_rate, law.velocity)
+            series = series.with_channel(name, "N", series[name] + rubbing)
     return series
 
 
 def with_directions(series: TimeSeries, ports: Sequence[str], width: float, signal: Signal = direction) -> TimeSeries:
-    """Return a record with the friction of one newton at every port, as the channel `friction_direction`."""
+    """Return a record with a friction of 1 N at every port in the channel `friction_direction`."""
     for port in ports:
         values = signal(series[channel(port, "velocity")], series.sample_rate, width)
         series = series.with_channel(channel(port, "friction_direction"), "1", values)

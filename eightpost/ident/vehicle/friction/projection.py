@@ -1,10 +1,10 @@
-"""Friction forces from bands of spectra: the responses are eliminated, Gauss-Newton finds the forces.
+"""Friction forces from bands of spectra: responses are eliminated, and Gauss-Newton finds the forces.
 
     Y = (U + T diag(F) S) H + E
 
-U are the inputs without friction, T the spectra of tanh(v / v_f) at the ports, S puts them onto the force inputs, which
-are the last ones. For given F the polynomials of H are solved in every band; the slope of the residual with F is that
-of Kaufman, `-P T H`, P what the band's columns cannot explain.
+U are the inputs without friction and T the spectra of tanh(v / v_f) at the ports; S adds them to the force inputs,
+which are the last ones. For given F the polynomials of H are solved in every band. The derivative of the residual by F
+is that of Kaufman, `-P T H`, where P projects onto the complement of the band's columns.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 
-class Found(NamedTuple):
-    """What came out.
+class ForceSolution(NamedTuple):
+    """Estimated forces at the ports.
 
     Attributes:
-        forces: F (P,) [N].
-        covariance: Of the forces (P, P) [N2], from the scatter of the bands' gradients.
-        residual: By output, the mean square residual over that without friction (p,) [1].
+        forces: Forces F [N] (P,).
+        covariance: Covariance of the forces [N2] (P, P), from the scatter of the bands' gradients.
+        residual: Mean square residual of each output relative to that without the forces [1] (p,).
     """
 
     forces: Array
@@ -41,36 +41,36 @@ class Found(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """The mean of the residual over the outputs."""
+        """Mean of the residual over the outputs."""
         return float(self.residual.mean())
 
 
-def found_in(parts: Sequence[Band], inputs: int, iterations: int) -> Found:
-    """Find the forces.
+def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
+    """Estimate the forces at the ports.
 
     Args:
-        parts: Bands whose inputs are the `inputs`, force inputs last, then the ports' directions.
-        inputs: How many inputs there are without the directions.
-        iterations: Gauss-Newton steps from no friction.
+        parts: Bands with `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
+        inputs: Number of inputs without the signals of unit forces.
+        iterations: Number of Gauss-Newton steps, starting from zero forces.
     """
     ports = parts[0].U.shape[2] - inputs
     forces = np.zeros(ports)
-    noise = for_each(parts, lambda part: _Solved.of(part, inputs, forces).noise)
+    noise = for_each(parts, lambda part: _BandFit.of(part, inputs, forces).noise)
     for _ in range(iterations):
         slopes = _slopes(parts, noise, inputs, forces)
         matrix = np.sum([slope.matrix for slope in slopes], axis=0)
         gradients = np.stack([slope.gradient for slope in slopes])
         inverse = np.linalg.inv(matrix)
         forces = forces + inverse @ gradients.sum(axis=0)
-    # At the minimum the gradients of independent bands scatter about zero.
+    # At the minimum the gradients of independent bands scatter around zero.
     scatter = gradients - gradients.mean(axis=0)
-    left = np.divide(for_each(parts, lambda part: _Solved.of(part, inputs, forces).noise), noise)
-    return Found(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
+    left = np.divide(for_each(parts, lambda part: _BandFit.of(part, inputs, forces).noise), noise)
+    return ForceSolution(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
 
 
 def _slopes(parts: Sequence[Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
     weighted = zip(parts, noise, strict=True)
-    return for_each(weighted, lambda pair: _Solved.of(pair[0], inputs, forces).slopes(pair[1]))
+    return for_each(weighted, lambda pair: _BandFit.of(pair[0], inputs, forces).slopes(pair[1]))
 
 
 class _Slopes(NamedTuple):
@@ -78,8 +78,8 @@ class _Slopes(NamedTuple):
     gradient: Array
 
 
-class _Solved(NamedTuple):
-    """A band, solved for given friction forces."""
+class _BandFit(NamedTuple):
+    """Least-squares fit of a band for given forces at the ports."""
 
     band: Band
     inputs: int
@@ -89,11 +89,11 @@ class _Solved(NamedTuple):
     misfit: Complex
 
     @classmethod
-    def of(cls, band: Band, inputs: int, forces: Array) -> _Solved:
-        """Solve a band."""
+    def of(cls, band: Band, inputs: int, forces: Array) -> _BandFit:
+        """Fit a band."""
         U = band.U[..., :inputs].copy()
         U[..., inputs - forces.size :] += band.U[..., inputs:] * forces
-        # A port's friction is there wherever its force is.
+        # The force at a port is active in the same bands as the force input.
         active = band.active[:inputs]
         matrix = np.concatenate((band.columns(U[..., active]), band.transients()), axis=1)
         size = np.linalg.norm(matrix, axis=0)
@@ -106,12 +106,12 @@ class _Solved(NamedTuple):
 
     @property
     def noise(self) -> Array:
-        """The residual's RMS per free equation (p,)."""
+        """RMS of the residual per degree of freedom (p,)."""
         free = max(len(self.misfit) - self.Q.shape[1], 1)
         return np.asarray(np.sqrt(np.sum(np.abs(self.misfit) ** 2, axis=0) / free))
 
     def slopes(self, noise: Array) -> _Slopes:
-        """Return curvature (P, P) and gradient (P,) of half the weighted residual, with F growing downhill."""
+        """Return the curvature (P, P) and the negative gradient (P,) of half the weighted residual by F."""
         ports = self.band.U.shape[2] - self.inputs
         explained = np.stack([self._explained(port, ports) / noise for port in range(ports)])
         flat = explained.reshape(ports, -1)
@@ -119,7 +119,7 @@ class _Solved(NamedTuple):
         return _Slopes(np.real(flat.conj() @ flat.T), np.real(flat.conj() @ misfit))
 
     def _explained(self, port: int, ports: int) -> Complex:
-        """Return what a unit of friction at a port adds to the outputs (rows, p) that the columns cannot explain."""
+        """Return the effect of a unit force at a port on the outputs (rows, p) that the columns cannot explain."""
         place = self.inputs - ports + port
         if not self.active[place]:
             return np.zeros_like(self.misfit)

@@ -1,6 +1,7 @@
-"""Recipes: rig tests to an identified vehicle. Each file of this folder is one; its `RECIPE` goes by the file's name.
+"""Recipes that identify a vehicle from rig tests.
 
-A recipe is a frozen dataclass of its settings with `identify`; `common_poles.py` is "common-poles" everywhere else.
+Each file of this folder defines one recipe as `RECIPE`: a frozen dataclass of settings with a method `identify`. The
+name of the recipe is that of the file with hyphens: `common_poles.py` defines "common-poles".
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ if TYPE_CHECKING:
 
 
 class VehicleRecipe(Protocol):
-    """A way from rig tests to a vehicle."""
+    """Method of identifying a vehicle from rig tests."""
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle.
 
         Args:
-            tests: Records of rig tests at one rate, with the experiment's channels; any shocks in any of them, the
-                baseline first.
-            experiment: What is input, shock force and output.
+            tests: Records of rig tests with the channels of the experiment, all at one sample rate, the baseline test
+                first. Each test may have any shocks.
+            experiment: Inputs, shock forces and outputs of the tests.
 
         Raises:
-            InputError: Tests and experiment do not fit together, or do not tell the inputs apart.
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
         """
         ...
 
@@ -44,12 +45,12 @@ def recipe_names() -> tuple[str, ...]:
 
 
 def recipe(name: str) -> VehicleRecipe:
-    """Return the recipe of a name, with its default settings.
+    """Return the recipe with the given name and its default settings.
 
     Raises:
-        ParameterError: There is none of that name.
+        ParameterError: There is no recipe with this name.
     """
     if name not in recipe_names():
-        raise ParameterError(f"there is no recipe {name!r}; there are {', '.join(recipe_names())}")
+        raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(recipe_names())}")
     found: VehicleRecipe = import_module(f"{__name__}.{name.replace('-', '_')}").RECIPE
     return found

@@ -1,4 +1,4 @@
-"""The dissertation's chain: H1 responses around a linear damping, preconditioned, a transfer function for each path."""
+"""Recipe boggs, the method of the dissertation: preconditioned H1 responses and one transfer function per path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, c
 from eightpost.ident.response.power import input_power
 from eightpost.ident.response.preconditioning import Preconditioning
 from eightpost.ident.response.records import Records, gather
-from eightpost.ident.vehicle.balanced import balanced
+from eightpost.ident.vehicle.balanced import balance
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
@@ -32,28 +32,28 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Blocks that a record is cut into are not shorter than this [s] while `_FEWEST_BLOCKS` of them remain.
+#: Blocks of a record are not shorter than this [s] as long as there are `_FEWEST_BLOCKS` of them.
 _SHORTEST_BLOCK, _FEWEST_BLOCKS = 10.0, 20
-#: Numbers of states that a reduced model may have.
+#: Candidate numbers of states of a reduced model.
 _STATES = (10, 14, 20, 30, 40, 60, 80, 100, 150, 200, 300)
-#: From this misfit of an output on, it is said that its model is doubtful [1].
+#: Misfit of an output above which its model is reported as doubtful [1].
 _DOUBTFUL = 0.1
-#: From this misfit of one path on, while it carries this part of its output or more, it is named [1].
+#: A path is reported if its misfit and its share of the output both exceed these limits [1].
 _BAD_PATH, _CARRIES = 0.3, 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """What a chapter of the dissertation chose for its kind of car.
+    """Settings of a chapter of the dissertation for its kind of car.
 
     Attributes:
-        blocks: Into how many blocks, half overlapped, a record is cut.
-        orders: Denominators to try.
+        blocks: Number of half-overlapping blocks of a record.
+        orders: Denominator degrees to try.
         roads: Weights of wheelloaders and shock forces.
         loads: Weights of aeroloaders and of forces and moments on the chassis.
-        direct: Says which paths have a direct term.
-        same_drive: Whether two tests of one drive go the two-experiment way of Eq 4.24 to 4.26.
-        preconditioning: Of the responses, None for none.
+        direct: Function that returns whether a path (output, input) has a direct term.
+        same_drive: Whether two tests with the same drive use the two-experiment method of Eq 4.24 to 4.26.
+        preconditioning: Preconditioning of the responses; None skips it.
     """
 
     blocks: int
@@ -65,26 +65,26 @@ class Chapter:
     preconditioning: Preconditioning | None = field(default_factory=Preconditioning)
 
 
-#: 4.4.1: the quarter car, of fourth order; responses are not smoothed.
+#: 4.4.1: the quarter car, with fourth-order fits and without smoothing.
 CHAPTER_4 = Chapter(20, (4,), QUARTER_CAR, AEROLOADERS, same_drive=True, preconditioning=Preconditioning(width=0.0))
-#: 5.3: the seven-DOF car. White loads have its weights; the rig's, of Table 6.3, end at 5 Hz.
+#: 5.3: the seven-DOF car. Loads have the weights of Eq 6.9, as the rig's loads of Table 6.3 end at 5 Hz.
 CHAPTER_5 = Chapter(40, (4, 6, 8), SEVEN_DOF, AEROLOADERS)
-#: 6.3: the car on the 8-post rig. Solid axles and damped tires have more direct terms than Eq 5.20 to 5.23.
+#: 6.3: the car on the 8-post rig. Solid axles and damped tires cause more direct terms than Eq 5.20 to 5.23.
 CHAPTER_6 = Chapter(50, (4, 6, 8, 10), WHEELLOADERS, AEROLOADERS, direct=may_have_direct_term)
 
 
 @dataclass(frozen=True, slots=True)
 class Boggs:
-    """Any shocks in any test, all tests stacked (6.3 to 6.7), then one transfer function per path (6.3.3).
+    """Recipe that combines tests with any shocks (Eq 6.3 to 6.7) and fits one transfer function per path (6.3.3).
 
-    Chapters 5 and 6 give the models as discrete ones, by Tustin and invfreqz; here they are continuous, as an FMU takes
-    them, and as a step of any length needs them.
+    Chapters 5 and 6 use discrete models (Tustin, invfreqz). Here models are continuous, because an FMU may be stepped
+    by any length.
 
     Attributes:
-        chapter: Settings; None takes those of the kind of car.
-        tolerance: A denominator is raised while its path errs by more than this [1].
-        reduction: The paths together are reduced to a model that differs by no more than this at any output [1];
-            None keeps every path's own poles.
+        chapter: Settings; None uses those for the kind of car.
+        tolerance: Accepted error of a path [1]; higher denominator degrees are tried while the error is larger.
+        reduction: Maximum error of any output by the reduction of the number of states [1]; None keeps the poles of
+            every path.
     """
 
     chapter: Chapter | None = None
@@ -95,7 +95,8 @@ class Boggs:
         """Identify a vehicle; see `VehicleRecipe`.
 
         Raises:
-            InputError: Tests and experiment do not fit together, or no second shock tells the forces apart.
+            InputError: Tests and experiment do not match, or the effects of the shock forces cannot be separated
+                because no test has other shocks.
         """
         started = process_time()
         chapter = self.chapter or chapter_of(experiment)
@@ -111,31 +112,33 @@ class Boggs:
             experiment.name, model, experiment.baseline_damping, experiment.static, experiment.sources
         )
         residual = contribution_error(response_of(model, estimate.frequency), estimate, weight)
-        settles = closed_loop_stability(vehicle)
+        stability = closed_loop_stability(vehicle)
         return VehicleFit(
             vehicle,
             "boggs",
             estimate,
             dict(zip(estimate.output_names, residual.tolist(), strict=True)),
-            (*notes, *_path_notes(fits, estimate, weight), *more, *_doubts(estimate, residual), settles.said()),
+            (*notes, *_path_notes(fits, estimate, weight), *more, *_doubts(estimate, residual), stability.summary()),
             process_time() - started,
-            settles.stable,
+            stability.stable,
         )
 
     def _model(
         self, fits: SisoModels, estimate: FrequencyResponse, weight: Array
     ) -> tuple[StateSpace, tuple[str, ...]]:
-        whole, said = fits.model, f"{len(fits.paths)} paths with {len(fits.model.A)} states"
+        whole, size = fits.model, f"{len(fits.paths)} paths with {len(fits.model.A)} states"
         if self.reduction is None:
-            return whole, (said,)
+            return whole, (size,)
         exact = fits.response(estimate.frequency)
-        ordered = balanced(whole, *_sizes(estimate, weight))
+        ordered = balance(whole, *_sizes(estimate, weight))
         for states in _STATES:
             model = ordered.truncated(states)
             error = float(contribution_error(response_of(model, estimate.frequency), exact, weight).max())
             if error <= self.reduction:
-                return model, (f"{said}, reduced to {states} at {100.0 * error:.2g} % of the worst output",)
-        return whole, (f"{said}; no reduction to {_STATES[-1]} came within {100.0 * self.reduction:.2g} %",)
+                return model, (
+                    f"{size}, reduced to {states} with an error of {100.0 * error:.2g} % at the worst output",
+                )
+        return whole, (f"{size}, not reduced: {_STATES[-1]} states have an error above {100.0 * self.reduction:.2g} %",)
 
 
 def _sizes(estimate: FrequencyResponse, weight: Array) -> tuple[Array, Array]:
@@ -148,14 +151,14 @@ RECIPE = Boggs()
 
 
 def chapter_of(experiment: Experiment) -> Chapter:
-    """Return the settings for the kind of car that an experiment has."""
+    """Return the settings for the kind of car of an experiment."""
     if len(experiment.ports) == 1:
         return CHAPTER_4
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
 
 
 def unconditioned(chapter: Chapter) -> Chapter:
-    """Return the settings with the responses fitted as they were estimated."""
+    """Return the settings without preconditioning of the responses."""
     return replace(chapter, preconditioning=None)
 
 
@@ -169,22 +172,24 @@ def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> _E
     spacing = f"Hamming blocks of {blocks.length:.3g} s"
     if chapter.same_drive and len(records.tests) == 2:
         try:
-            way: Recipe = SameDrive(H1(blocks), experiment.forces)
-            return _Estimate(way.estimate(records), (f"two experiments of one drive (Eq 4.24 to 4.26), {spacing}",))
+            method: Recipe = SameDrive(H1(blocks), experiment.forces)
+            return _Estimate(
+                method.estimate(records), (f"two experiments with one drive (Eq 4.24 to 4.26), {spacing}",)
+            )
         except InputError:
-            pass  # other drives, or none that are linear: all tests together, which needs neither
-    said = f"{len(records.tests)} tests together (Eq 6.7), {spacing}"
-    return _Estimate(H1(blocks).estimate(records), (said,))
+            pass  # the drives differ or no shock is linear: estimating from all tests together requires neither
+    note = f"{len(records.tests)} tests together (Eq 6.7), {spacing}"
+    return _Estimate(H1(blocks).estimate(records), (note,))
 
 
 def _block_length(records: Records, blocks: int) -> float:
     shortest = min(test.u.shape[1] for test in records.tests) / records.rate
-    asked, most = (2.0 * shortest / (count + 1) for count in (blocks, _FEWEST_BLOCKS))
-    return float(max(asked, min(_SHORTEST_BLOCK, most)))
+    requested, longest = (2.0 * shortest / (count + 1) for count in (blocks, _FEWEST_BLOCKS))
+    return float(max(requested, min(_SHORTEST_BLOCK, longest)))
 
 
 def _thinned(estimate: FrequencyResponse, width: float) -> FrequencyResponse:
-    """Return what smoothing over `width` [Hz] leaves to be told: six frequencies of each width."""
+    """Return an estimate that was smoothed over `width` [Hz] at six frequencies per width, which are enough."""
     step = max(1, int(width / 6.0 / float(np.mean(np.diff(estimate.frequency)))))
     return estimate.at(slice(None, None, step))
 
@@ -199,14 +204,14 @@ def _weights(experiment: Experiment, chapter: Chapter) -> Mapping[str, BandWeigh
 
 
 def _weighted_power(records: Records, estimate: FrequencyResponse, experiment: Experiment, chapter: Chapter) -> Array:
-    """Return the inputs' power (m, K) where the fits count at all."""
+    """Return the power of the inputs (m, K) where the fits have weight, else 0."""
     weights = _weights(experiment, chapter)
     inside = np.stack([weights[name].at(estimate.frequency) > 0.0 for name in estimate.input_names])
     return np.asarray(input_power(records, estimate.frequency) * inside)
 
 
 def _path_notes(fits: SisoModels, estimate: FrequencyResponse, weight: Array) -> tuple[str, ...]:
-    """Name the fits that are bad while it matters."""
+    """Return a note on poor fits of paths that contribute to their outputs."""
     shares = np.sum(np.abs(estimate.H) ** 2 * weight, axis=2)
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-300)
     bad = []
@@ -214,11 +219,11 @@ def _path_notes(fits: SisoModels, estimate: FrequencyResponse, weight: Array) ->
         share = shares[estimate.output_names.index(output), estimate.input_names.index(source)]
         if fit.error > _BAD_PATH and share > _CARRIES**2:
             bad.append(f"{output} / {source} ({100.0 * fit.error:.0f} %)")
-    return (f"poor fits of paths that matter: {', '.join(bad)}",) if bad else ()
+    return (f"poor fits of paths that contribute to their outputs: {', '.join(bad)}",) if bad else ()
 
 
 def _doubts(estimate: FrequencyResponse, residual: Array) -> tuple[str, ...]:
     doubtful = [n for n, error in zip(estimate.output_names, residual, strict=True) if error > _DOUBTFUL]
     if not doubtful:
         return ()
-    return (f"the model is more than {100.0 * _DOUBTFUL:.0f} % from the estimate at {', '.join(doubtful)}",)
+    return (f"the model differs by more than {100.0 * _DOUBTFUL:.0f} % from the estimate at {', '.join(doubtful)}",)

@@ -1,4 +1,4 @@
-"""The way that the dissertation's last chapter asks for: one minimal model for all paths, friction at the ports."""
+"""Recipe common-poles: one minimal model for all paths, as the dissertation suggests, with friction at the ports."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from eightpost.ident.vehicle.common_poles import (
     orders_of,
     output_trust,
     ranges_of,
-    swapping,
+    safe_slopes,
     unmodelled,
 )
 from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
-from eightpost.ident.vehicle.springs import SpringSearch, bent
+from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.ident.vehicle.trust import FoundForce, OutputTrust
+    from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust
     from eightpost.signals import TimeSeries
 
 
 @dataclass(frozen=True, slots=True)
 class CommonPoles:
-    """Friction from the residual, local polynomial response around it, one common-pole model.
+    """Recipe that estimates friction at the ports, the local polynomial response around it, and a common-pole model.
 
     Attributes:
-        estimate: How the response is estimated.
-        fit: How the model is found.
-        friction: How friction is looked for; None takes the ports without any.
-        springs: How bent springs are looked for; None does not. They are said and not modelled.
-        samples: From how many models with other noise deviations are told; 0 tells none.
+        estimate: Method of estimating the response.
+        fit: Settings of the model fit.
+        friction: Settings of the friction estimate; None assumes ports without friction.
+        springs: Settings of the test for nonlinear springs, which are reported and not modelled; None skips the test.
+        samples: Number of models with resampled noise that give the standard deviations; 0 gives none.
     """
 
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
@@ -55,18 +55,18 @@ class CommonPoles:
         return self.explain(tests, experiment).vehicle_fit
 
     def explain(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Identification:
-        """Identify a vehicle and return all that was found on the way.
+        """Identify a vehicle and return all intermediate results.
 
         Raises:
-            InputError: Tests and experiment do not fit together, or do not tell the inputs apart.
-            TooShortError: The records have too few bins.
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
+            TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        rubbing = None if self.friction is None else self.friction.find(tests, experiment)
-        laws = {} if rubbing is None else {port: law for port, law in rubbing.friction.items() if law.force > 0.0}
-        rubbed = [with_friction(test, laws) for test in tests]
+        friction = None if self.friction is None else self.friction.find(tests, experiment)
+        laws = {} if friction is None else {port: law for port, law in friction.friction.items() if law.force > 0.0}
+        corrected = [with_friction(test, laws) for test in tests]
         response = estimate_response(
-            rubbed,
+            corrected,
             inputs=experiment.inputs,
             outputs=experiment.outputs,
             recipe=self.estimate,
@@ -82,16 +82,20 @@ class CommonPoles:
             laws,
         )
         ranges = ranges_of(tests, experiment, found.band)
-        settles = closed_loop_stability(vehicle)
-        springs = {} if self.springs is None else self.springs.find(rubbed, experiment)
-        flags = _flags(rubbing, springs) | unmodelled(response, found, tests, experiment.means)
+        stability = closed_loop_stability(vehicle)
+        springs = {} if self.springs is None else self.springs.find(corrected, experiment)
+        flags = _flags(friction, springs) | unmodelled(response, found, tests, experiment.means)
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
             *found.notes,
-            *(("No friction at the ports is told from noise.",) if rubbing is not None and not rubbing.acts else ()),
+            *(
+                ("No significant friction was found at the ports.",)
+                if friction is not None and not friction.acts
+                else ()
+            ),
             *flags.values(),
-            settles.said(),
-            swapping(found.model, experiment.baseline_damping).said(),
+            stability.summary(),
+            safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
         fit = VehicleFit(
             vehicle,
@@ -100,48 +104,48 @@ class CommonPoles:
             found.residual,
             notes,
             process_time() - started,
-            settles.stable,
+            stability.stable,
             ranges.as_mapping(),
             Trust(
-                self._outputs(found, tests, experiment, rubbing),
-                {} if rubbing is None else rubbing.found,
+                self._outputs(found, tests, experiment, friction),
+                {} if friction is None else friction.found,
                 springs,
                 flags,
                 orders_of(found),
                 self.samples,
             ),
         )
-        return Identification(fit, found, response, rubbing, ranges)
+        return Identification(fit, found, response, friction, ranges)
 
     def _outputs(
         self,
         found: CommonPoleModel,
         tests: Sequence[TimeSeries],
         experiment: Experiment,
-        rubbing: FrictionEstimate | None,
+        friction: FrictionEstimate | None,
     ) -> dict[str, OutputTrust]:
         if self.samples < 2:
             return {}
-        left = {} if rubbing is None else rubbing.residual
+        left = {} if friction is None else friction.residual
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
 
-def _flags(rubbing: FrictionEstimate | None, springs: Mapping[str, FoundForce]) -> dict[str, str]:
-    flags = {"friction": rubbing.said()} if rubbing is not None and rubbing.acts else {}
-    crooked = bent(springs)
-    return flags if crooked is None else flags | {"springs": crooked}
+def _flags(friction: FrictionEstimate | None, springs: Mapping[str, ForceEstimate]) -> dict[str, str]:
+    flags = {"friction": friction.summary()} if friction is not None and friction.acts else {}
+    sentence = nonlinear_spring_sentence(springs)
+    return flags if sentence is None else flags | {"springs": sentence}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """A fit with all that was found on the way.
+    """A fit with its intermediate results.
 
     Attributes:
-        vehicle_fit: What `identify` returns.
-        found: The model with the search for it.
-        response: What was fitted, around baseline damping and friction.
-        friction: What was found at the ports; None where it was not looked for.
-        ranges: What the tests covered.
+        vehicle_fit: Fit that `identify` returns.
+        found: Common-pole model with details of its fit.
+        response: Response that was fitted, around baseline damping and friction.
+        friction: Estimated friction at the ports; None if it was not estimated.
+        ranges: Ranges that the tests covered.
     """
 
     vehicle_fit: VehicleFit
