@@ -14,6 +14,7 @@ import argparse
 import csv
 import hashlib
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -60,10 +61,14 @@ def _run_commands(folder: Path) -> None:
     for law in ("polylinear", "lpf1", "lpnl2", "maxwell"):
         _command(folder, "fit", dyno, "--law", law, "-o", f"fit/{law}.json")
     _command(folder, "fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
+    shutil.copytree(examples, folder / "examples")
+    _command(folder, "fit", dyno, "--law", "lpnl2", "--gas", "included", "-o", "dist/dyno_A.json")
+    sources = ("dist/dyno_A.json", "examples/corner.toml", "examples/car.toml")
+    _command(folder, "build", *sources, "-o", "dist")
     for name in ("quarter_car", "seven_dof"):
-        _command(folder, "run", str(examples / f"{name}.toml"), "-o", f"run/{name}/")
+        _command(folder, "run", f"examples/{name}.toml", "-o", f"run/{name}/")
     step = ("--step", "1 ms", "--no-comparison")
-    _command(folder, "run", str(examples / "seven_dof.toml"), *step, "-o", "run/given/")
+    _command(folder, "run", "examples/seven_dof.toml", *step, "-o", "run/given/")
     for car, recipe in (("seven_dof", "boggs"), ("eight_post", "common-poles")):
         _command(folder, "rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
         records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))

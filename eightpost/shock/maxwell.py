@@ -37,6 +37,8 @@ _AGREEMENT = 1e-5
 _MOST_CORRECTIONS = 10
 #: The least slope of a secant that is believed.
 _LEAST_BEND = 0.2
+#: Rounding of a force, in parts of it.
+_ROUNDING = 1e-9
 #: A Newton step of so much of the whole leaves an error of its square.
 _NEAR = 1e-9
 
@@ -87,8 +89,12 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
             even = 1.0 if left < _AT_REST * tau else min(abs(end - v) / max(abs(change), _SHORTEST), 1.0)
             change += even * bow_of_curve(w, force, change, tau, left, own[0], valve)
         after = w + copysign(min(abs(change), room), change)
-        w = min(max(after, min(w, v, end)), max(w, v, end))
-        force = valve_force(valve, w)
+        after = min(max(after, min(w, v, end)), max(w, v, end))
+        change = valve_force(valve, after) - force
+        most_change = own[0] * left * far + _ROUNDING * abs(force)  # |dF/dt| is at most k far
+        if abs(change) > most_change:  # the curve falls a little here, and w crosses the dip at once
+            after = velocity_under(force + copysign(most_change, change), w, force, valve)
+        w, force = after, valve_force(valve, after)
         time = piece.step if time + left >= piece.step else time + left
     return force
 

@@ -9,8 +9,8 @@
  * is believed; where a Newton step is the last; most parts of a piece, corrections of a chord, tries of the search, looks at a
  * side of the curve: maxwell.py, law.py, curve.py. */
 static const double CHORD = 0.01, SHORTEST = 1e-9, FIRST = 1e-3, SETTLED = 1000.0, AT_REST = 40.0, FOUND = 4e-16;
-static const double AGREEMENT = 1e-5, LEAST_BEND = 0.2, NEAR = 1e-9;
-enum { MOST_PARTS = 1000, MOST_CORRECTIONS = 10, MOST_TRIES = 100, LOOKS = 256 };
+static const double AGREEMENT = 1e-5, LEAST_BEND = 0.2, NEAR = 1e-9, FORCE_ROUNDING = 1e-9;
+enum { MOST_PARTS = 1000, MOST_CORRECTIONS = 10, MOST_TRIES = 100, LOOKS = 256, TRANSITION_LOOKS = 12 };
 
 static double signed_like(double size, double sign)
 {
@@ -210,8 +210,14 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
             const double ramp = smaller(size_of(end - v) / larger(size_of(change), SHORTEST), 1.0);
             change += (left < AT_REST * tau ? 1.0 : ramp) * bow_of_curve(p, w, force, change, tau, left);
         }
-        const double after = w + signed_like(smaller(size_of(change), room), change);
-        w = smaller(larger(after, smaller(smaller(w, v), end)), larger(larger(w, v), end));
+        double after = w + signed_like(smaller(size_of(change), room), change);
+        after = smaller(larger(after, smaller(smaller(w, v), end)), larger(larger(w, v), end));
+        change = valve_force(p, after) - force;
+        const double most_change = p->series_stiffness * left * far + FORCE_ROUNDING * size_of(force); /* |dF/dt| <= k far */
+        if (size_of(change) > most_change) { /* the curve falls a little here, and w crosses the dip at once */
+            after = velocity_under(p, force + signed_like(most_change, change), w, force);
+        }
+        w = after;
         force = valve_force(p, w);
         time = time + left >= piece->step ? piece->step : time + left;
     }
@@ -241,16 +247,26 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
     return advance_force(p, lagged, piece);
 }
 
-/* Looked at on equal steps of a side: StaticCurve.falls_at. */
+static int rises_between(const Parameters *p, double side, double slow, double fast)
+{
+    return side * (curve_force(p, side * fast) - curve_force(p, side * slow)) > 0.0;
+}
+
+/* On equal steps of a side, and of its transition: StaticCurve.falls_at. */
 static int rises(const Parameters *p, double side, double speed)
 {
-    double before = 0.0;
-    for (int k = 1; k <= LOOKS; k++) {
-        const double force = curve_force(p, side * speed * ((double)k / (double)LOOKS));
-        if (!(side * (force - before) > 0.0)) {
+    for (int k = 0; k < LOOKS; k++) {
+        if (!rises_between(p, side, speed * ((double)k / (double)LOOKS), speed * ((double)(k + 1) / (double)LOOKS))) {
             return 0;
         }
-        before = force;
+    }
+    for (int k = 0; k < TRANSITION_LOOKS; k++) {
+        const double middle = p->curve_transition_speed, width = p->curve_transition_width;
+        const double slow = middle + width * ((double)k / (double)TRANSITION_LOOKS - 0.5);
+        const double fast = middle + width * ((double)(k + 1) / (double)TRANSITION_LOOKS - 0.5);
+        if (fast <= speed && !rises_between(p, side, slow, fast)) {
+            return 0;
+        }
     }
     return 1;
 }

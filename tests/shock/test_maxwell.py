@@ -1,7 +1,7 @@
 """Maxwell: a curve and a spring in series, for any step; against a stiff solver, its limits, and energy."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from math import exp
 
 import numpy as np
@@ -241,6 +241,25 @@ def test_its_core_comes_back_with_a_number_under_any_curve(inner, before, start,
     statics = (valve_force(valve, start), valve_force(valve, end))
     force = advance_core(valve_force(valve, before), Piece(start, end, *statics, step), (STIFFNESS,), valve)
     assert np.isfinite(force)
+
+
+def test_across_a_dip_too_small_to_see_the_force_goes_no_faster_than_the_spring():
+    """A fall of 0.002 N in the last hundredths of a transition: w jumps there, and the force must not."""
+    dip = curve(
+        inner=(1000.0, *[0.0] * 14), compression=(1000.0, 320.0, 0.0, 0.0), rebound=(-1000.0, -1000.0, 0.0, 0.0),
+        transition_width=0.005,
+    )  # fmt: skip
+    edge = dip.transition_speed + 0.5 * dip.transition_width
+    fine = np.array([dip.force(v) for v in np.linspace(edge - dip.transition_width, edge, 2001)])
+    assert dip.falls_at() is None
+    assert 0.0 < fine.max() - fine[-1] < 0.01
+    law, start = Maxwell(dip, 2e5), edge + 1e-4
+    for h, v in product((2e-5, 3e-6, 1e-6), (0.1, -0.03, -0.037, -0.1, -0.4)):
+        force = law.static_force(start)
+        for _ in range(100):
+            after = law.follow(force, v, v, h)
+            assert abs(after - force) <= 2e5 * h * (abs(v) + start) * 1.001
+            force = after
 
 
 def test_the_first_step_from_rest_is_that_of_a_lag():
