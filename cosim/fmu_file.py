@@ -123,7 +123,10 @@ class FmuFile:
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
         """All variables by name."""
-        return _variables(self.description)
+        try:
+            return _variables(self.description)
+        except ValueError as error:
+            raise FmuError(f"{self.path}: its modelDescription.xml: {error}") from error
 
     @cached_property
     def capabilities(self) -> Capabilities:
@@ -273,14 +276,25 @@ def _variable(
         type=v.type,
         unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
         start=v.start,
-        minimum=_limit(v, v.min),
-        maximum=_limit(v, v.max),
+        minimum=_limit(v, "min"),
+        maximum=_limit(v, "max"),
         direct=known & inputs if v.causality == "output" else frozenset(),
     )
 
 
-def _limit(v: Any, text: Any) -> float | None:
-    return float(text) if text is not None and v.type in ("Real", "Integer") else None
+def _limit(v: Any, name: str) -> float | None:
+    """Return the attribute `min` or `max` of a variable.
+
+    Raises:
+        ValueError: The attribute is not a number.
+    """
+    text = getattr(v, name)
+    if text is None or v.type not in ("Real", "Integer"):
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{v.name}: {name}={text[:40]!r} is not a number; export the FMU again") from None
 
 
 def _unit(unit: Any) -> UnitDefinition:

@@ -99,6 +99,12 @@ def test_a_model_exchange_fmu_is_refused(tmp_path, fmus):
         FmuComponent(changed(fmus["lpf1"], tmp_path / "me.fmu", **{"modelDescription.xml": xml}), "x")
 
 
+def test_a_limit_that_is_not_a_number_is_named_with_its_variable(tmp_path, fmus):
+    xml = read_archive(fmus["lpf1"])["modelDescription.xml"].replace(b' min="0"', b' min="none"', 1)
+    with pytest.raises(FmuError, match=r"bad\.fmu: its modelDescription\.xml: [\w.]+: min='none' is not a number"):
+        _ = FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{"modelDescription.xml": xml}), "x").variables
+
+
 def test_a_failing_component_names_itself_the_step_and_what_it_said(fmus):
     part = FmuComponent(fmus["lpf1"], "left front")
     part.begin(0.0, 1.0, {})
