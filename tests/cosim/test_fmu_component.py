@@ -1,5 +1,6 @@
 """What is no usable FMU is refused with the reason before anything is loaded or left on disk."""
 
+import re
 import struct
 import zipfile
 
@@ -100,7 +101,8 @@ def test_a_model_exchange_fmu_is_refused(tmp_path, fmus):
 
 
 def test_a_limit_that_is_not_a_number_is_named_with_its_variable(tmp_path, fmus):
-    xml = read_archive(fmus["lpf1"])["modelDescription.xml"].replace(b' min="0"', b' min="none"', 1)
+    xml = read_archive(fmus["lpf1"])["modelDescription.xml"]
+    xml = re.sub(rb' min="[^"]*"', b' min="none"', xml, count=1)
     with pytest.raises(FmuError, match=r"bad\.fmu: its modelDescription\.xml: [\w.]+: min='none' is not a number"):
         _ = FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{"modelDescription.xml": xml}), "x").variables
 
