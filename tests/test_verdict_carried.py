@@ -83,7 +83,7 @@ def folder(bad: Shock, one_platform, tmp_path_factory: pytest.TempPathFactory) -
     assert "Usable within limits: the car's parameters were stated" in car.output
     assert shock.exit_code == 1, shock.output
     assert shock.output.count("Not usable: ") == 1
-    assert "the force does not follow the velocity" in shock.output
+    assert "the lag of the force is not that of a shock" in shock.output
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Identification: shocks from dynamometer tests."""
+"""Identification of shocks from dynamometer tests."""
 
 from eightpost.ident.shock.curve.peak_velocity import fit_peak_velocity
 from eightpost.ident.shock.fit import fit_shock

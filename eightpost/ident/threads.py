@@ -1,4 +1,4 @@
-"""The same for many, in threads: filters, transforms and decompositions, which take the time here, let others run."""
+"""Map a function over items in threads; the filters, transforms and decompositions used here release the GIL."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Found = TypeVar("Found")
 
 
 def for_each(items: Iterable[Item], function: Callable[[Item], Found]) -> list[Found]:
-    """Return what a function makes of each item, in their order.
+    """Return the results of a function for all items, in their order.
 
-    Linear algebra stays in the thread that asks for it: several that use all processors each would wait for each other.
+    Linear algebra is limited to one thread per item, because several calls that each use all processors slow down.
 
     Args:
-        items: What there is.
-        function: What is made of it; it changes nothing that others look at.
+        items: Items to process.
+        function: Function of one item; it must not change data that other items use.
     """
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(usable_processors()) as pool:
         return list(pool.map(function, items))

@@ -1,4 +1,4 @@
-"""Shock laws (chapter 3): Polylinear, LPF1, LPNL2, Maxwell. Force from velocity, positive in compression, SI."""
+"""Shock laws (chapter 3): Polylinear, LPF1, LPNL2, Maxwell. Force over velocity, positive in compression, SI units."""
 
 from eightpost.shock.curve import CurveNumbers, StaticCurve
 from eightpost.shock.file import Shock, read_shock, write_shock

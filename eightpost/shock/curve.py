@@ -1,7 +1,7 @@
-"""The static curve F_s = f(v): what a shock would give if it had no lag (Eq 3.23, "Polylinear" of 3.1.5).
+"""The static curve F_s = f(v), the force of a shock without lag (Eq 3.23, "Polylinear" of 3.1.5).
 
-Standard library only: the FMU ships this very file. The numbers come from module-level functions of floats, tuples and
-`CurveNumbers`: a compiler such as numba takes them as they are.
+Standard library only: the FMU contains a copy of this file. The computations are module-level functions of floats,
+tuples and `CurveNumbers`, so that a compiler such as numba can compile them unchanged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ INNER_ORDER = 15
 OUTER_ORDER = 3
 
 
-#: At how many speeds of each side `falls_at` looks, and at how many of its transition.
+#: Number of speeds that `falls_at` checks on each side, and number of speeds within a transition.
 LOOKS = 256
 TRANSITION_LOOKS = 12
 
@@ -35,7 +35,7 @@ class CurveNumbers(NamedTuple):
 
 
 def polynomial(coefficients: tuple[float, ...], s: float) -> float:
-    """Return c_0 + c_1 s + c_2 s^2 + ... as four sums in powers of s^4: a processor works on all four at once."""
+    """Return c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4, which a processor can overlap."""
     square = s * s
     fourth = square * square
     low = every_fourth(coefficients, 0, fourth) + s * every_fourth(coefficients, 1, fourth)
@@ -90,14 +90,14 @@ class StaticCurve:
         rebound(v)     = sum_k rebound[k] ((-v - v_t) / v_t)^k      k = 0 .. 3
 
     The pieces are blended linearly over `transition_width` about v_t = `transition_speed`. Beyond the fitted speeds
-    the curve goes on with the given slopes: a polynomial outside its data is not to be trusted (Fig 3.5a).
+    the curve continues with the given slopes, because a polynomial is not valid outside its data (Fig 3.5a).
 
     Args:
         inner: 15 coefficients [N].
         compression: 4 coefficients [N].
         rebound: 4 coefficients [N]; the force is negative in rebound.
         transition_speed: v_t [m/s]; 15 in/s in 3.3.1.
-        transition_width: [m/s]; 0.5 in/s in 3.3.1. Less than twice `transition_speed`.
+        transition_width: Width of the transition [m/s]; 0.5 in/s in 3.3.1. Less than twice `transition_speed`.
         compression_speed: Highest fitted speed in compression [m/s], positive.
         rebound_speed: Highest fitted speed in rebound [m/s], positive.
         compression_slope: Slope beyond `compression_speed` [N.s/m], not negative.
@@ -127,7 +127,7 @@ class StaticCurve:
         if self.transition_width >= 2.0 * self.transition_speed:
             raise ValueError(
                 f"curve: transition_width {self.transition_width!r} must be less than twice transition_speed "
-                f"{self.transition_speed!r}: the curve must pass through zero at zero velocity"
+                f"{self.transition_speed!r}, because the curve must pass through zero at zero velocity"
             )
         for name in ("compression_slope", "rebound_slope"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
@@ -136,14 +136,14 @@ class StaticCurve:
     def _check_coefficients(self, name: str, count: int) -> None:
         values = getattr(self, name)
         if len(values) != count or not all(isfinite(value) for value in values):
-            raise ValueError(f"curve: {name} takes {count} finite coefficients, not {values!r}")
+            raise ValueError(f"curve: {name} must have {count} finite coefficients, not {values!r}")
 
     def force(self, velocity: float) -> float:
         """Return F_s [N] at a damper velocity [m/s], positive in compression (Eq 3.23)."""
         return curve_force(self, velocity)
 
     def is_beyond_fit(self, velocity: float) -> bool:
-        """Say whether a damper velocity [m/s] lies outside the fitted range."""
+        """Return whether a damper velocity [m/s] is outside the fitted range."""
         return velocity > self.compression_speed or velocity < -self.rebound_speed
 
     def numbers(self) -> CurveNumbers:
@@ -151,10 +151,10 @@ class StaticCurve:
         return CurveNumbers(*(getattr(self, name) for name in CurveNumbers._fields))
 
     def falls_at(self) -> float | None:
-        """Return the slowest damper velocity [m/s] of a side at which the force does not rise; None: it rises all over.
+        """Return the lowest damper velocity [m/s] of a side at which the force does not rise; None if it always rises.
 
-        Looked at on `LOOKS` equal steps of each side, on `TRANSITION_LOOKS` of its transition, which may be narrower
-        than one of those, and on the slopes beyond.
+        The force is checked at `LOOKS` equal steps of each side, at `TRANSITION_LOOKS` steps of its transition, which
+        may be narrower than one of those, and the slopes beyond the fitted range are checked too.
         """
         for side, speed in ((1.0, self.compression_speed), (-1.0, self.rebound_speed)):
             even = [speed * (k / LOOKS) for k in range(LOOKS + 1)]

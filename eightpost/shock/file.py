@@ -1,4 +1,4 @@
-"""The shock file (shock.json): one law with its parameters, the conditions it was measured at, where it comes from."""
+"""The shock file (shock.json): one law with its parameters, the conditions of its measurement, and its origin."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class Shock:
-    """A shock: a law, and what is known about where it came from.
+    """A shock: a law, and what is known about its origin.
 
     Args:
-        name: Of the build, as people say it.
-        law: With its parameters, SI.
-        conditions: Of the measurement: build, clicks and how they count, gas pressure, temperature range, offset,
-            fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
-        fit: What the fit said: RMS, bounds, recipe. Free-form, JSON values.
-        inputs: The files it was made from: name and SHA-256 each.
-        validity: The verdict on the fit and the ranges that it covers; None where nobody stated them.
+        name: Display name of the build.
+        law: Law with its parameters, in SI units.
+        conditions: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range,
+            offset, fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
+        fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values.
+        inputs: Name and SHA-256 of each file that the shock was made from.
+        validity: Verdict on the fit and the ranges that it covers; None if not stated.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Shock:
 
 
 def write_shock(shock: Shock, path: str | Path) -> None:
-    """Write a shock file; an existing good one is replaced only by a whole new one."""
+    """Write a shock file; an existing file is replaced only when the new one is complete."""
     document = {
         "schema": SCHEMA,
         "kind": "shock",
@@ -73,7 +73,7 @@ def read_shock(path: str | Path) -> Shock:
     """Read a shock file.
 
     Raises:
-        FileFormatError: Not a shock file, or of a newer schema than this version knows.
+        FileFormatError: The file is not a shock file, or its schema is newer than this version supports.
         ParameterError: A parameter is missing, unknown or out of range; the message names file and parameter.
     """
     document = _read_document(Path(path))
@@ -111,7 +111,7 @@ def _inputs(document: dict[str, Any], path: Path) -> tuple[Mapping[str, str], ..
         isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in found
     ):
         raise FileFormatError(
-            "inputs must be a list of objects of texts: the files that the shock was made from", path=path
+            "inputs must be a list of objects with text values: the files that the shock was made from", path=path
         )
     return tuple(found)
 
@@ -122,7 +122,7 @@ def _read_document(path: Path) -> dict[str, Any]:
         raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
     if document.get("schema") != SCHEMA:
         raise FileFormatError(
-            f"has schema {document.get('schema')!r}, this version reads {SCHEMA}; update eightpost", path=path
+            f"has schema {document.get('schema')!r}, but this version reads {SCHEMA}; update eightpost", path=path
         )
     return document
 

@@ -1,6 +1,6 @@
 """The first-order lag tau dF_lag/dt = F_s - F_lag (Eq 3.24), exact over any step.
 
-Standard library only: the FMU ships this very file.
+Standard library only: the FMU contains a copy of this file.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from math import expm1
 
 
 def advance(lagged: float, static_start: float, static_end: float, time_constant: float, step: float) -> float:
-    """Return F_lag [N] after a step in which F_s goes linearly from `static_start` to `static_end` [N].
+    """Return F_lag [N] after a step in which F_s changes linearly from `static_start` to `static_end` [N].
 
         F_lag(h) = F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h),   e = exp(-h / tau)
 

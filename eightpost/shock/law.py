@@ -1,14 +1,14 @@
-"""What every shock law has in common: a static curve, a lagged force, an output weight, a port.
+"""The base of all shock laws: a static curve, a lagged force, an output weight, a port.
 
-Standard library only: the FMU ships this very file. A law says two things: how its lagged force follows the velocity
-and the static force (`advance_lag`, `advance_piece`) and how much of the lagged force the shock gives (`lag_weight`).
+Standard library only: the FMU contains a copy of this file. A law defines how its lagged force follows the velocity
+and the static force (`advance_lag`, `advance_piece`) and the weight of the lagged force in the output (`lag_weight`).
 
-A law's file is all that the library needs of it (docs/add_a_law.md). Beside its class it has, at module level:
+A law is a single file (docs/add_a_law.md). Besides its class, the file has at module level:
 
-- `weight_core(static_force, own) -> alpha` and `advance_core(lagged, piece, own, valve) -> F_lag`: its numbers, as
-  functions of floats and the tuples below. The class calls them, and a fit compiles the very same ones. `own` are the
+- `weight_core(static_force, own) -> alpha` and `advance_core(lagged, piece, own, valve) -> F_lag`: its equations, as
+  functions of floats and the tuples below. The class calls them, and a fit compiles the same functions. `own` are the
   law's own parameters, in the order of its fields.
-- `FIT_PARAMETERS`: a `FitParameter` for each of those.
+- `FIT_PARAMETERS`: a `FitParameter` for each of these parameters.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from typing import NamedTuple
 from .curve import CurveNumbers, StaticCurve, curve_force
 from .port import Port
 
-#: Largest change of damper velocity [m/s] over which `follow` takes F_s as a straight line, and its most pieces.
+#: Largest change of damper velocity [m/s] over which `follow` treats F_s as linear, and its maximum number of pieces.
 STRAIGHT = 0.01
 MOST_PIECES = 1000
 
 
 class FitParameter(NamedTuple):
-    """How a law's own parameter is fitted where the record does not say better."""
+    """Defaults for fitting one of a law's own parameters, used unless the record gives better ones."""
 
     name: str
-    """Of the field."""
+    """Name of the field."""
     unit: str
     low: float
     start: float
     high: float
-    """The bounds and the first guess, in `unit`."""
+    """Bounds and starting value, in `unit`."""
     scale: str
-    """"logarithmic" or "linear": in what the search takes its steps."""
+    """"logarithmic" or "linear": scale of the steps of the search."""
     above: str = ""
-    """The name of the parameter that must stay below this one, if there is one, ..."""
+    """Name of the parameter that must stay below this one; empty if there is none."""
     gap: float = 0.0
-    """... by at least this much, in `unit`."""
+    """Minimum distance to the parameter named by `above`, in `unit`."""
 
 
 class Valve(NamedTuple):
-    """The static force over damper velocity, scales included: what a law's core may ask for."""
+    """The static force over damper velocity, including scales, as passed to `advance_core`."""
 
     curve: CurveNumbers | StaticCurve
     compression_scale: float
@@ -53,16 +53,16 @@ class Valve(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A short stretch of time in which velocity and static force go linearly from start to end."""
+    """A short piece of time in which velocity and static force change linearly from start to end."""
 
     velocity_start: float
     velocity_end: float
-    """Of the damper [m/s]."""
+    """Damper velocity at the end [m/s]."""
     static_start: float
     static_end: float
-    """F_s there [N]."""
+    """F_s at the end [N]."""
     step: float
-    """[s]."""
+    """Duration [s]."""
 
 
 def valve_force(valve: Valve, velocity: float) -> float:
@@ -75,7 +75,7 @@ class Response(NamedTuple):
     """A shock's outputs at one instant; the names are those of docs/ports.md."""
 
     force: float
-    """At the port [N], positive in compression."""
+    """Force at the port [N], positive in compression."""
     static_force: float
     """F_s [N]."""
     lagged_force: float
@@ -101,15 +101,15 @@ class ShockLaw(ABC):
 
     @abstractmethod
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s] in which F_s goes linearly from start to end [N]."""
+        """Return F_lag [N] after `step` [s] in which F_s changes linearly from start to end [N]."""
 
     def advance_piece(self, lagged: float, piece: Piece) -> float:
-        """Return F_lag [N] after a piece; for a law that asks for velocities too."""
+        """Return F_lag [N] after a piece; override it in a law that needs velocities."""
         return self.advance_lag(lagged, piece.static_start, piece.static_end, piece.step)
 
     @property
     def valve(self) -> Valve:
-        """The static force over damper velocity, as a core takes it."""
+        """The static force over damper velocity, in the form that `advance_core` takes."""
         return Valve(self.curve, self.port.compression_scale, self.port.rebound_scale)
 
     def static_force(self, velocity: float) -> float:
@@ -118,16 +118,16 @@ class ShockLaw(ABC):
         return self.port.scale(damper_velocity) * self.curve.force(damper_velocity)
 
     def advance(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s]; F_s goes linearly between its values at the two port velocities [m/s]."""
+        """Return F_lag [N] after `step` [s]; F_s changes linearly between its values at the port velocities [m/s]."""
         static_end = self.static_force(velocity_end)
         static_start = static_end if velocity_start == velocity_end else self.static_force(velocity_start)
         return self.advance_piece(lagged, self._piece(velocity_start, velocity_end, static_start, static_end, step))
 
     def follow(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s] in which the port velocity [m/s] goes linearly from start to end.
+        """Return F_lag [N] after `step` [s] in which the port velocity [m/s] changes linearly from start to end.
 
-        F_s is a chain of straight lines, each over at most `STRAIGHT` of damper velocity; a velocity that is held
-        takes one, and is exact.
+        F_s is approximated by straight lines, each over at most `STRAIGHT` of damper velocity; a held velocity takes
+        one line and is exact.
         """
         count = self._pieces(velocity_start, velocity_end)
         here, before = velocity_start, self.static_force(velocity_start)
@@ -165,6 +165,6 @@ class ShockLaw(ABC):
 
 
 def check_time_constant(time_constant: float) -> None:
-    """Refuse a time constant [s] that is not positive and finite."""
+    """Raise ValueError if a time constant [s] is not positive and finite."""
     if not (isfinite(time_constant) and time_constant > 0.0):
         raise ValueError(f"time_constant must be positive, not {time_constant!r}; for no lag use the Polylinear law")

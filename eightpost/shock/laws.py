@@ -1,4 +1,4 @@
-"""Every law there is: each file of this folder with a class of `ShockLaw` is one, under the file's name."""
+"""Registry of the laws: each file of this folder that defines a subclass of `ShockLaw` is a law of the file's name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import ModuleType
 
 from eightpost.shock.law import FitParameter, ShockLaw
 
-#: Files that are not laws; all that import this one are among them.
+#: Files that are not laws, among them all files that import this one.
 _OTHERS = ("curve", "file", "lag", "law", "laws", "port")
 
 
@@ -38,7 +38,7 @@ def fit_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
 
 
 def _found() -> dict[str, type[ShockLaw]]:
-    """Laws of few parameters come first."""
+    """Return the laws by name, those with few parameters first."""
     laws: dict[str, type[ShockLaw]] = {}
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if module.name not in _OTHERS:
@@ -51,5 +51,5 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
 
-#: Every law by the name that files and the command line use.
+#: All laws by the name used in files and on the command line.
 LAWS: Mapping[str, type[ShockLaw]] = _found()

@@ -1,6 +1,6 @@
 """LPF1: tau dF/dt = F_s - F, a curve behind a first-order lag (Eq 3.24).
 
-Standard library only: the FMU ships this very file.
+Standard library only: the FMU contains a copy of this file.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ FIT_PARAMETERS = (FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=
 
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
-    """alpha = 1: all of the lagged force is given."""
+    """Return alpha = 1: the force is the lagged force."""
     return 1.0
 
 
 def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
-    """Eq 3.24; own = (tau,)."""
+    """Solve Eq 3.24 over a piece; own = (tau,)."""
     return advance(lagged, piece.static_start, piece.static_end, own[0], piece.step)
 
 
@@ -38,9 +38,9 @@ class Lpf1(ShockLaw):
         check_time_constant(self.time_constant)
 
     def lag_weight(self, static_force: float) -> float:
-        """alpha = 1: all of the lagged force is given."""
+        """Return alpha = 1: the force is the lagged force."""
         return weight_core(static_force, (self.time_constant,))
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
-        """Eq 3.24."""
+        """Solve Eq 3.24 over a piece."""
         return advance(lagged, static_start, static_end, self.time_constant, step)

@@ -1,4 +1,4 @@
-"""LPNL2: lag at low force, none at high force (Eq 3.25). Standard library only: the FMU ships this very file."""
+"""LPNL2: lag at low force, none at high force (Eq 3.25). Standard library only: the FMU contains a copy of the file."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ FIT_PARAMETERS = (
 
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
-    """alpha = 1 up to F_1, 0 from F_2, linear between; own = (tau, F_1, F_2)."""
+    """Return alpha: 1 up to F_1, 0 from F_2, linear between; own = (tau, F_1, F_2)."""
     share = (own[2] - abs(static_force)) / (own[2] - own[1])
     return min(max(share, 0.0), 1.0)
 
 
 def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
-    """Eq 3.25, first line."""
+    """Solve the first line of Eq 3.25 over a piece."""
     return advance(lagged, piece.static_start, piece.static_end, own[0], piece.step)
 
 
@@ -54,13 +54,13 @@ class Lpnl2(ShockLaw):
         if not 0.0 <= self.lag_full_force < self.lag_zero_force < float("inf"):
             raise ValueError(
                 f"lag_zero_force ({self.lag_zero_force!r} N) must be greater than lag_full_force "
-                f"({self.lag_full_force!r} N), and neither negative"
+                f"({self.lag_full_force!r} N), and neither may be negative"
             )
 
     def lag_weight(self, static_force: float) -> float:
-        """alpha = 1 up to `lag_full_force`, 0 from `lag_zero_force`, linear between."""
+        """Return alpha: 1 up to `lag_full_force`, 0 from `lag_zero_force`, linear between."""
         return weight_core(static_force, (self.time_constant, self.lag_full_force, self.lag_zero_force))
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
-        """Eq 3.25, first line."""
+        """Solve the first line of Eq 3.25 over a piece."""
         return advance(lagged, static_start, static_end, self.time_constant, step)

@@ -1,12 +1,12 @@
-"""Maxwell: the static curve and a stiffness in series. Standard library only: the FMU ships this very file.
+"""Maxwell: the static curve and a stiffness in series. Standard library only: the FMU contains a copy of this file.
 
-The oil and the hoses give way before the valves open: the piston moves with v, the oil through the valves with w, and
+The oil and the hoses compress before the valves open: the piston moves with v, the oil through the valves with w, and
 the difference strains the spring,
 
     dF/dt = k (v - w),   F = f(w),   so that   (f'(w) / k) dw/dt = v - w
 
-with f the static force over velocity. Where the curve is straight this is LPF1 with tau = f'/k; where it is flat, w = v
-at once; for k without bound it is Polylinear.
+with f the static force over velocity. Where the curve is straight the law is LPF1 with tau = f'/k; where it is flat,
+w = v at once; for infinite k it is Polylinear.
 """
 
 from __future__ import annotations
@@ -17,44 +17,44 @@ from math import copysign, inf, isfinite
 from .lag import advance
 from .law import STRAIGHT, FitParameter, Piece, ShockLaw, Valve, valve_force
 
-#: From rubber-soft to a hundred times an oil column's.
+#: From as soft as rubber to a hundred times as stiff as an oil column.
 FIT_PARAMETERS = (FitParameter("series_stiffness", "N/m", low=1e5, start=3e6, high=1e9, scale="logarithmic"),)
 
-#: The shortest chord, and the first of the search for a velocity [m/s].
+#: Shortest chord, and first step of the search for a velocity [m/s].
 _SHORTEST = 1e-9
 _FIRST = 1e-3
-#: Most pieces of a piece, and most steps of the search for a velocity; far more than any curve takes.
+#: Maximum number of parts of a piece and of steps of the search for a velocity; far more than any curve needs.
 _MOST_PARTS = 1000
 _MOST_TRIES = 100
-#: From so many time constants on, nothing is left of where a lag began: exp(-1000) = 0.
+#: Number of time constants after which the start of a lag has no effect: exp(-1000) = 0.
 _SETTLED = 1000.0
-#: From so many on, next to nothing: exp(-40) = 4e-18.
+#: Number of time constants after which the start of a lag has almost no effect: exp(-40) = 4e-18.
 _AT_REST = 40.0
-#: Where the force is known to so many of itself, it is found.
+#: Relative accuracy at which the search for a force stops.
 _FOUND = 4e-16
-#: A chord is found where its time constant is that of where it leads, to so much of itself; the most corrections.
+#: Relative agreement between a chord's time constant and that at its end, and the maximum number of corrections.
 _AGREEMENT = 1e-5
 _MOST_CORRECTIONS = 10
-#: The least slope of a secant that is believed.
+#: Smallest slope of a secant that is used.
 _LEAST_BEND = 0.2
-#: Rounding of a force, in parts of it.
+#: Relative rounding error of a force.
 _ROUNDING = 1e-9
-#: A Newton step of so much of the whole leaves an error of its square.
+#: A Newton step smaller than this share of the whole ends the search, because its error is of second order.
 _NEAR = 1e-9
 
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
-    """alpha = 1: all of the valves' force goes through the spring."""
+    """Return alpha = 1: the spring transmits the whole force of the valves."""
     return 1.0
 
 
 def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:
     """Return F [N] after a piece; own = (k,).
 
-    The piece is gone through in parts in which w moves by at most `STRAIGHT`, and no farther than the next kink.
-    In each the curve is its chord, under which the equation is a first-order lag and is solved exactly; the curve's bow
-    over the chord is added as a correction. So the step is of second order, across kinks too, and exact for a straight
-    curve, and w never leaves the velocities that it lies between, for any step.
+    The piece is divided into parts in which w changes by at most `STRAIGHT` and does not pass a kink. In each part the
+    curve is replaced by its chord, for which the equation is a first-order lag and is solved exactly; a correction
+    accounts for the deviation of the curve from the chord. So the step is of second order, across kinks too, and exact
+    for a straight curve, and for any step w stays between its bounding velocities.
     """
     w = velocity_under(lagged, piece.velocity_start, piece.static_start, valve)
     force, time = lagged, 0.0
@@ -64,13 +64,13 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
         gap, last = v - w, piece.velocity_end - w
         if (gap == 0.0 and last == 0.0) or left <= 0.0:
             return force
-        if gap * last < 0.0 and abs(gap) > _SHORTEST:  # w will turn: first to where v is at w
+        if gap * last < 0.0 and abs(gap) > _SHORTEST:  # w will turn: first advance to where v = w
             left, last = left * (gap / (gap - last)), 0.0
         towards = gap if abs(gap) >= abs(last) else last
         far, room = abs(towards), room_before_kink(w, towards, valve)
         tau = time_constant(w, force, copysign(min(far, most, room), towards), own[0], valve)
         if far > most and part < _MOST_PARTS - 1:
-            if tau == 0.0:  # flat: w is across it at once
+            if tau == 0.0:  # the curve is flat, so w crosses it at once
                 w += copysign(min(most, room), towards)
                 force = valve_force(valve, w)
                 continue
@@ -85,7 +85,7 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
             gained = bow_of_curve(w, force, change, tau, left, own[0], valve)
             left = min(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole)
         else:
-            # Where w has long come to rest behind the velocity, only the velocity's ramp is gone through evenly.
+            # Once w follows the velocity at a constant distance, only the velocity's ramp changes w at an even rate.
             even = 1.0 if left < _AT_REST * tau else min(abs(end - v) / max(abs(change), _SHORTEST), 1.0)
             change += even * bow_of_curve(w, force, change, tau, left, own[0], valve)
         after = w + copysign(min(abs(change), room), change)
@@ -105,7 +105,7 @@ def velocity_at(piece: Piece, time: float) -> float:
 
 
 def reach(w: float, v: float, end: float) -> float:
-    """Return how far w [m/s] may go while the velocity goes from v to end [m/s]."""
+    """Return the largest distance of w [m/s] from the velocity while that changes linearly from v to end [m/s]."""
     return max(abs(v - w), abs(end - w))
 
 
@@ -116,7 +116,7 @@ def time_constant(w: float, force: float, change: float, stiffness: float, valve
 
 
 def room_before_kink(w: float, towards: float, valve: Valve) -> float:
-    """Return how far [m/s] the next kink of the curve is from w [m/s], in a direction; infinite where there is none."""
+    """Return the distance [m/s] from w [m/s] to the next kink of the curve in a direction; infinite if none follows."""
     side = copysign(1.0, towards)
     curve, half = valve.curve, 0.5 * valve.curve.transition_width
     inside, outside = curve.transition_speed - half, curve.transition_speed + half
@@ -131,9 +131,9 @@ def room_before_kink(w: float, towards: float, valve: Valve) -> float:
 def chord_time_constant(
     w: float, force: float, tau: float, v: float, end: float, step: float, room: float, stiffness: float, valve: Valve
 ) -> float:
-    """Return tau [s] of the chord from w [m/s] to where w is after `step` [s], or to the kink `room` [m/s] away.
+    """Return tau [s] of the chord from w [m/s] to its value after `step` [s], or to the kink `room` [m/s] away.
 
-    The velocity goes from v to end [m/s]. It begins with a tau nearby and goes on by secants.
+    The velocity changes from v to end [m/s]. The search starts from the given tau and continues by secants.
     """
     before, miss_before = tau, 0.0
     for tries in range(_MOST_CORRECTIONS):
@@ -153,19 +153,19 @@ def chord_time_constant(
 def bow_of_curve(
     w: float, force: float, change: float, tau: float, step: float, stiffness: float, valve: Valve
 ) -> float:
-    """Return what the bow of the curve over its chord adds [m/s] to a change of w [m/s] in `step` [s].
+    """Return the correction [m/s] to a change of w [m/s] in `step` [s] for the curve's deviation from its chord.
 
-    The bow is taken as a parabola that w goes through evenly in time. With z = step / tau its factor is that of the
-    exact integral for small z, z / 6 - z^2 / 12 + ..., and for large z, 1 / z.
+    The deviation is modelled as a parabola, with w changing at an even rate. With z = step / tau its factor is that of
+    the exact integral for small z, z / 6 - z^2 / 12 + ..., and for large z, 1 / z.
     """
     bow = valve_force(valve, w + 0.5 * change) - (force + 0.5 * stiffness * tau * change)
     return 4.0 * bow * step / (stiffness * (6.0 * tau * tau + 3.0 * tau * step + step * step))
 
 
 def time_across(room: float, change: float, w: float, v: float, end: float, tau: float, step: float) -> float:
-    """Return the time [s] after which w [m/s] has moved by `room` [m/s]; after `step` [s] it has by `change` [m/s].
+    """Return the time [s] after which w [m/s] has moved by `room`; after `step` [s] it has moved by `change` [m/s].
 
-    By Newton's method inside a bracket: w goes one way, and ever slower or ever faster.
+    Newton's method inside a bracket is used: w is monotonic and either convex or concave in time.
     """
     low, high, time = 0.0, step, step * (room / change)
     for _ in range(_MOST_TRIES):
@@ -188,27 +188,27 @@ def time_across(room: float, change: float, w: float, v: float, end: float, tau:
 
 
 def time_less_bow(time: float, gained: float, tau: float, gap: float) -> float:
-    """Return the time [s] of a crossing at which w is ahead by `gained` [m/s] and changes by gap / tau.
+    """Return the time [s] of a crossing at which w is ahead by `gained` [m/s] and changes at the rate gap / tau.
 
-    Not by more than half: where w hardly changes, this line says nothing.
+    The time is not reduced by more than half: where w barely changes, this linear estimate is not valid.
     """
     earlier = gained * tau
     return time - earlier / gap if abs(earlier) < 0.5 * abs(gap) * time else time
 
 
 def followed(w: float, v: float, end: float, tau: float, step: float) -> float:
-    """Return w [m/s] after `step` [s] of tau dw/dt = v(t) - w, v linear to end [m/s]; tau may be 0."""
+    """Return w [m/s] after `step` [s] of tau dw/dt = v(t) - w, with v linear in time up to end [m/s]; tau may be 0."""
     if step >= _SETTLED * tau:
         return end - (end - v) * (tau / step)
     return advance(w, v, end, tau, step)
 
 
 def velocity_under(force: float, guess: float, guess_force: float, valve: Valve) -> float:
-    """Return w [m/s] with f(w) = `force` [N], by secants inside a bracket; a guess [m/s] and its force [N] begin."""
+    """Return w [m/s] with f(w) = `force` [N], by secants inside a bracket, from a guess [m/s] with its force [N]."""
     before, before_miss = guess, guess_force - force
     if before_miss == 0.0:
         return guess
-    # A bound is of use once there is one on each side.
+    # The bounds are used once there is one on each side.
     low, high, bounds = guess, guess, 0
     slope = (valve_force(valve, guess + _FIRST) - guess_force) / _FIRST
     change = -before_miss / slope if slope > 0.0 else copysign(STRAIGHT, -before_miss)
@@ -237,10 +237,10 @@ class Maxwell(ShockLaw):
     """F = f(w) with dF/dt = k (v - w).
 
     Args:
-        series_stiffness: k [N/m] at the damper. With the curve's slope c it gives the lag c / k.
+        series_stiffness: k [N/m] at the damper. With the slope c of the curve the lag is c / k.
 
     Raises:
-        ValueError: A parameter is out of range, or the curve does not rise all over: w would not follow from F.
+        ValueError: A parameter is out of range, or the curve is not strictly rising, so that w does not follow from F.
     """
 
     series_stiffness: float
@@ -248,28 +248,28 @@ class Maxwell(ShockLaw):
     def __post_init__(self) -> None:
         if not (isfinite(self.series_stiffness) and self.series_stiffness > 0.0):
             raise ValueError(
-                f"series_stiffness must be positive, not {self.series_stiffness!r}; for a rigid one use Polylinear"
+                f"series_stiffness must be positive, not {self.series_stiffness!r}; for a rigid series use Polylinear"
             )
         for name in ("compression_scale", "rebound_scale"):
             if getattr(self.port, name) <= 0.0:
-                raise ValueError(f"port: {name} must be positive under a Maxwell law: its curve must rise all over")
+                raise ValueError(f"port: {name} must be positive for a Maxwell law, whose curve must rise everywhere")
         falls = self.curve.falls_at()
         if falls is not None:
             raise ValueError(
                 f"curve: the force does not rise with velocity at {falls:.4g} m/s ({self.curve.force(falls):.4g} N), "
-                "and a Maxwell law needs a curve that rises all over; fit a monotone curve, or use LPF1 or LPNL2"
+                "and a Maxwell law needs a curve that rises everywhere; fit a monotone curve, or use LPF1 or LPNL2"
             )
 
     def lag_weight(self, static_force: float) -> float:
-        """alpha = 1: all of the lagged force is given."""
+        """Return alpha = 1: the force is the lagged force."""
         return weight_core(static_force, (self.series_stiffness,))
 
     def advance_piece(self, lagged: float, piece: Piece) -> float:
-        """dF/dt = k (v - w)."""
+        """Solve dF/dt = k (v - w) over a piece."""
         return advance_core(lagged, piece, (self.series_stiffness,), self.valve)
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
-        """The same where only static forces are known: the velocities are those at which the curve gives them."""
+        """Return F_lag [N] if only static forces are known: the velocities are those at which the curve has them."""
         start = velocity_under(static_start, 0.0, 0.0, self.valve)
         end = start if static_end == static_start else velocity_under(static_end, start, static_start, self.valve)
         return self.advance_piece(lagged, Piece(start, end, static_start, static_end, step))

@@ -1,6 +1,6 @@
-"""What lies between the valves and the port: motion ratio, scales, gas spring, seal drag (docs/ports.md).
+"""The elements between the valves and the port: motion ratio, scales, gas spring, seal friction (docs/ports.md).
 
-Standard library only: the FMU ships this very file.
+Standard library only: the FMU contains a copy of this file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from math import isfinite, tanh
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """The shock's parameters that every law shares.
+    """The parameters that all shock laws share.
 
     Args:
         motion_ratio: Damper travel per port travel [1]: damper velocity = motion_ratio * velocity, port force =
@@ -21,7 +21,7 @@ class Port:
         gas_stiffness: Parallel gas spring at the damper [N/m] (K of Eq 3.14).
         gas_preload: Gas force at zero displacement [N] (F_0 of Eq 3.14).
         seal_friction: Coulomb drag [N] (3.4.3), smoothed as tanh(v / friction_velocity).
-        friction_velocity: Width of that smoothing [m/s].
+        friction_velocity: Width of the smoothing [m/s].
 
     Raises:
         ValueError: A value is not finite or outside its range; the message names it.

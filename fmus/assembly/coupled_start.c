@@ -1,14 +1,14 @@
-/* The coupled start: forces that the shocks give at what the vehicle does under them, by Newton's method. */
+/* The coupled start: shock forces consistent with the vehicle's state under them, found by Newton's method. */
 #include <string.h>
 
 #include "machine.h"
 #include "part_kinds.h"
 
-/* A coupled start agrees to this share of each force; one with springs alone takes a Newton step, and one for rounding. */
+/* Relative accuracy of the forces of a coupled start. With springs alone two steps suffice: a Newton step, and one for rounding. */
 static const double AGREEMENT = 1e-13;
 enum { MOST_NEWTON_STEPS = 20 };
 
-/* Starts every part, the vehicle under the forces `taken`; `missed` is what the shocks then give, less that. */
+/* Starts every part, the vehicle with the forces `taken`; `missed` is the shocks' forces minus these. */
 static int start_all(Machine *m, const double *outside, const double *taken, double *missed, Message *why)
 {
     double from[MOST_INPUTS];
@@ -42,12 +42,12 @@ static int agrees(const double *taken, const double *missed)
     return 1;
 }
 
-/* A row of FORCES + 1 numbers for each force: a system of linear equations with its right side. */
+/* A system of linear equations: a row of FORCES + 1 numbers for each force, the last one being the right side. */
 typedef struct {
     double row[FORCES][FORCES + 1];
 } Equations;
 
-/* By elimination with row exchange; 0 if there is no unique solution. */
+/* Gaussian elimination with row exchange; 0 if there is no unique solution. */
 static int solved(Equations *e, double *x)
 {
     for (int k = 0; k < FORCES; k++) {
@@ -80,7 +80,7 @@ static int solved(Equations *e, double *x)
     return 1;
 }
 
-/* One Newton step; the derivatives are differences, which are exact for the straight lines of gas springs. */
+/* One Newton step; derivatives are differences, which are exact for linear gas springs. */
 static int improve(Machine *m, const double *outside, double *taken, const double *missed, Message *why)
 {
     Equations e;
@@ -122,6 +122,6 @@ int settle(Machine *m, const double *outside, Message *why)
             return 0;
         }
     }
-    say(why, "the vehicle and its shocks come to no coupled start: look at inputs, gas_stiffness and gas_preload");
+    say(why, "the coupled start of vehicle and shocks did not converge: check inputs, gas_stiffness and gas_preload");
     return 0;
 }

@@ -1,19 +1,19 @@
-/* How far the forces are off that the vehicle was given: meters that run with the micro steps, and what they tell. */
+/* The error of the forces applied to the vehicle: estimators that are updated in every micro step, and their results. */
 #include <float.h>
 #include <string.h>
 
 #include "elementary.h"
 #include "machine.h"
 
-/* An extrapolated value that goes linearly to the end of a step misses this share of its defect there, in the mean over the
- * step: a parabola through both ends of the last step and the end of this one (docs/coupling.md). */
+/* The error of a linearly extrapolated value, averaged over a step, is this share of its defect at the end, for a parabola through
+ * both ends of the last step and the end of this one (docs/coupling.md). */
 static const double MEAN_DEFECT = 5.0 / 12.0;
 
-/* Of a force that has moved by less than this, of its mean and of 1 N, no share is told: it would be one of roundings. */
+/* If a force has changed by less than this share of its mean and of 1 N, its error is reported as 0: it would be mostly rounding. */
 static const double LEAST_SPREAD = 1e-4;
 
-/* Adds the squares of what each force was taken for at the end of the micro step less what came; and its mean, and its
- * squares about that, with no difference of large numbers (West, Comm. ACM 22 (1979) 532-535). */
+/* Adds the squares of the defects (extrapolated force at the end of the micro step minus the computed one), and updates the mean of
+ * each force and the squares about it, without differences of large numbers (West, Comm. ACM 22 (1979) 532-535). */
 void add_defects(const Machine *m, double *state, double h)
 {
     state[DURATION] += h;
@@ -37,7 +37,7 @@ int are_sound(const Machine *m, const double *state)
     return sound;
 }
 
-/* Bit by bit the same on every platform, without the C library: Newton's iteration from half the exponent. */
+/* Square root with the same bits on every platform, without the C library: Newton's iteration from half the exponent. */
 static double square_root(double x)
 {
     uint64_t bits;
@@ -59,7 +59,7 @@ double local_error(const double *state, int s)
     return state[DURATION] > 0.0 ? MEAN_DEFECT * square_root(state[DEFECT + s] / state[DURATION]) : 0.0;
 }
 
-/* N, standard deviation since the start. */
+/* Standard deviation since the start [N]. */
 static double spread(const double *state, int s)
 {
     return state[DURATION] > 0.0 ? square_root(state[SPREAD + s] / state[DURATION]) : 0.0;

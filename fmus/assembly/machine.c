@@ -1,4 +1,4 @@
-/* The parts of an instance, out of its memory and back into it, and what each is fed with. */
+/* The parts of an instance: loading from its memory, saving to it, and setting their inputs. */
 #include <string.h>
 
 #include "machine.h"
@@ -89,6 +89,6 @@ void feed(const Machine *m, int p, const double *outside0, const double *outside
             end += outside1[fed->outside];
         }
         from[i] = begin;
-        to[i] = begin + (end - begin) / h * h; /* as a host's input derivative gives it */
+        to[i] = begin + (end - begin) / h * h; /* as with the input derivative of a host */
     }
 }

@@ -1,4 +1,4 @@
-/* The parts of an instance while they are started or stepped, and what the files of an assembly give each other. */
+/* The parts of an instance while they are started or stepped, and functions shared between the files of an assembly. */
 #ifndef EIGHTPOST_MACHINE_H
 #define EIGHTPOST_MACHINE_H
 
@@ -18,8 +18,8 @@
 #define worst_error fmi2FullName(worst_error)
 #define are_sound fmi2FullName(are_sound)
 
-/* Memory.state: what each part keeps (PARTS_KEEP numbers), then the coupled signals and their slopes, then the meters of
- * the forces, and the time that they have run. */
+/* Layout of Memory.state: the data of each part (PARTS_KEEP numbers), then the coupled signals and their slopes, then the error
+ * estimators of the forces, and the time since their start. */
 enum {
     NOW = PARTS_KEEP,
     SLOPE = NOW + COUPLED,
@@ -29,13 +29,13 @@ enum {
     DURATION = SPREAD + FORCES
 };
 
-/* Where each part is in the work space, and the coupled signals. */
+/* The position of each part in the work space, and the coupled signals. */
 typedef struct {
     void *part[PARTS];
     double *values[PARTS];
     double now[COUPLED]; /* at the start of the micro step */
-    double slope[COUPLED]; /* 1/s, over the last one */
-    double ahead[COUPLED]; /* at its end, of parts that have stepped */
+    double slope[COUPLED]; /* over the last micro step [1/s] */
+    double ahead[COUPLED]; /* at the end of the micro step, for parts that have stepped */
 } Machine;
 
 static inline double size_of(double value)
@@ -43,30 +43,30 @@ static inline double size_of(double value)
     return value < 0.0 ? -value : value;
 }
 
-/* What an instance keeps of part p. */
+/* The saved data of part p. */
 Kept kept_of(const Memory *memory, int p);
 void unpack(Machine *m, const Memory *memory, void *work);
-/* Keeps the parts, and gives their outputs and local variables. */
+/* Saves the parts, and copies their outputs and local variables. */
 void pack(const Machine *m, Memory *memory);
-/* Says why part p could not, or that its result is not finite. */
+/* Reports why part p failed, or that its result is not finite. */
 void told_by(int p, const Message *said, Message *why);
-/* Brings the coupled outputs of part p to where the part is. */
+/* Updates the coupled outputs of part p. */
 void read_part(Machine *m, int p);
-/* The inputs of part p at both ends of a micro step of h [s]; the vehicle's outputs are known at its end, forces go on with
- * their slope. */
+/* The inputs of part p at both ends of a micro step of h [s]; the vehicle's outputs are known at its end, forces are extrapolated
+ * with their slope. */
 void feed(const Machine *m, int p, const double *outside0, const double *outside1, double h, double *from, double *to);
 
-/* Starts the parts with forces that the shocks give at what the vehicle does under them (coupled_start.c); 0 if there are
- * none. */
+/* Starts the parts with shock forces that are consistent with the vehicle's state under them (coupled_start.c); 0 if there are no
+ * such forces. */
 int settle(Machine *m, const double *outside, Message *why);
 
-/* Adds a micro step of h [s] to the meters of the forces (coupling_error.c). */
+/* Adds a micro step of h [s] to the error estimators of the forces (coupling_error.c). */
 void add_defects(const Machine *m, double *state, double h);
-/* N, of force s: root mean square since the start. */
+/* Root mean square of the error of force s since the start [N]. */
 double local_error(const double *state, int s);
-/* Whether the coupled signals, their slopes and the meters are finite: squares overflow long before forces do. */
+/* Whether the coupled signals, their slopes and the error estimators are finite: squares overflow long before forces do. */
 int are_sound(const Machine *m, const double *state);
-/* %, of the worst bond. */
+/* Coupling error of the worst force [%]. */
 double worst_error(const double *state);
 
 #endif

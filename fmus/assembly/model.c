@@ -1,7 +1,7 @@
-/* assembly: a vehicle and its shocks with the coupling solved inside. A communication step is cut into equal micro steps of
- * at most coupling_step. In each the vehicle steps first, with the shock forces extrapolated by the slope of their last
- * micro step; then each shock, with the vehicle's outputs going linearly from the start to the end of the micro step. It is
- * the scheme of `eightpost run` (gauss-seidel, extrapolated values). */
+/* assembly: a vehicle and its shocks with the coupling solved inside. A communication step is divided into equal micro steps of at
+ * most coupling_step. In each the vehicle steps first, with the shock forces extrapolated at the slope of their last micro step;
+ * then each shock, with the vehicle's outputs interpolated linearly from the start to the end of the micro step. This is the scheme
+ * of `eightpost run` (gauss-seidel, extrapolated values). */
 #include <string.h>
 
 #include "machine.h"
@@ -9,7 +9,7 @@
 
 static const double MOST_MICRO_STEPS = 1e7;
 
-/* This much of a micro step is rounding of the communication step. */
+/* This share of a micro step is treated as rounding of the communication step. */
 static const double ROUNDING = 1e-9;
 
 /* ---- A micro step --------------------------------------------------------------------------------------------------- */
@@ -18,7 +18,7 @@ static int step_part(Machine *m, int p, const double *outside0, const double *ou
 {
     double from[MOST_INPUTS];
     Message said;
-    said.length = 0; /* of its text there is none yet */
+    said.length = 0; /* the text itself need not be initialized */
     feed(m, p, outside0, outside1, h, from, m->values[p]);
     if (!step(PART[p].kind, m->part[p], from, h, &said)) {
         told_by(p, &said, why);
@@ -43,7 +43,7 @@ static int micro_step(Machine *m, double *state, const double *outside0, const d
     return 1;
 }
 
-/* How many micro steps of at most `most` [s] make up h [s]; 0: too many. */
+/* The number of micro steps of at most `most` [s] that make up h [s]; 0: too many. */
 static int micro_steps(double h, double most)
 {
     const double count = h / most;
@@ -75,7 +75,7 @@ static int step_all(Machine *m, double *state, const double *from, const double 
     return 1;
 }
 
-/* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
+/* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
 
 size_t model_work_size(void)
 {
@@ -127,7 +127,7 @@ int model_start(Memory *memory, void *work, Message *why)
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
     Machine m;
-    double state[STATES]; /* of which the meters run */
+    double state[STATES]; /* with the error estimators */
     const int count = micro_steps(h, memory->values.named.parameters.parameter[COUPLING_STEP]);
     if (count == 0) {
         say(why, "a step of ");
@@ -145,7 +145,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     return 1;
 }
 
-/* A step computes the parts' outputs; the error estimates are left until they are asked for. */
+/* A step computes the parts' outputs; the error estimates are computed when they are read. */
 double model_output(const Memory *memory, int output)
 {
     if (output == WORST_ERROR) {
@@ -159,8 +159,8 @@ double model_output(const Memory *memory, int output)
     return memory->values.named.signals.output[output];
 }
 
-/* d output / d input of part p, of indices in the part, for an input of the assembly: what it is given itself, and what
- * the vehicle's outputs bring it. */
+/* d output / d input of part p, with indices in the part, for an input of the assembly: its direct effect on the part, and its
+ * effect through the vehicle's outputs. */
 static double part_term(const Memory *memory, int p, int output, int outside)
 {
     const Kept kept = kept_of(memory, p);

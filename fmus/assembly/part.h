@@ -1,4 +1,4 @@
-/* What every kind of part gives to the assembly, and which kind of part is asked (part.inc defines them for one kind). */
+/* Functions that every kind of part defines for the assembly, and their selection by kind (part.inc defines them for one kind). */
 #ifndef EIGHTPOST_PART_H
 #define EIGHTPOST_PART_H
 
@@ -7,7 +7,7 @@
 
 #include "message.h"
 
-/* What an instance keeps of one part. */
+/* The saved data of one part. */
 typedef struct {
     const double *moving; /* state, then signals */
     const double *parameters;
@@ -16,7 +16,7 @@ typedef struct {
     int64_t stale;
 } Kept;
 
-/* `named(kind, function)` is what a function of that kind is called. */
+/* `named(kind, function)` is the name of a function of that kind. */
 #define PART_FUNCTIONS(named, kind) \
     size_t named(kind, part_size)(void); \
     void named(kind, part_load)(void *part, const Kept *kept); \

@@ -1,4 +1,4 @@
-/* The functions of a part by its kind, which is known as the assembly is built. */
+/* The functions of a part selected by its kind, which is known when the assembly is built. */
 #ifndef EIGHTPOST_PART_KINDS_H
 #define EIGHTPOST_PART_KINDS_H
 

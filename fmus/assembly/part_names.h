@@ -1,5 +1,5 @@
-/* The names of one part: what its model gives carries the part's kind, so that several models fit in one FMU. Everything
- * else (elementary.h, message.h) is shared. Included first, with EIGHTPOST_PART set to the kind and an underscore. */
+/* The names of one part: functions of its model carry the part's kind, so that several models fit in one FMU. Everything else
+ * (elementary.h, message.h) is shared. To be included first, with EIGHTPOST_PART set to the kind and an underscore. */
 #ifndef EIGHTPOST_PART_NAMES_H
 #define EIGHTPOST_PART_NAMES_H
 

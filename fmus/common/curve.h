@@ -1,17 +1,17 @@
-/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity: the bits of eightpost/shock/curve.py. What a
- * weight of 0 or 1 leaves out is not computed. */
+/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity, bit for bit as in eightpost/shock/curve.py. A part with weight 0
+ * is not computed. */
 #ifndef EIGHTPOST_CURVE_H
 #define EIGHTPOST_CURVE_H
 
 #include "component.h"
 
-/* How many coefficients the polynomials have. */
+/* Number of coefficients of the polynomials. */
 enum {
     INNER = sizeof ((Parameters *)NULL)->curve_inner / sizeof(double),
     OUTER = sizeof ((Parameters *)NULL)->curve_compression / sizeof(double)
 };
 
-/* c_0 + c_1 s + c_2 s^2 + ... as four sums in powers of s^4, which do not wait for each other. */
+/* c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4. */
 static inline double polynomial(const double *coefficients, int count, double s)
 {
     const double square = s * s, fourth = square * square;

@@ -2,13 +2,13 @@
 #include "instance.h"
 #include "elementary.h"
 
-/* The least change of a variable that shows beside rounding: forces and stiffnesses are far larger numbers than metres. */
+/* Smallest size of a variable for finite differences above rounding; forces and stiffnesses are much larger numbers than metres. */
 static double least_size(const Variable *variable)
 {
     return variable->unit[0] == 'N' ? 1e3 : 1e-3;
 }
 
-/* d output / d known of the start, by central differences: the start solves for the state, so it has no formula here. */
+/* d output / d known of the start, by central differences, because the start solves for the state and has no formula. */
 static double start_derivative(Component *c, int output, int known, double least)
 {
     Message why = {.length = 0};
@@ -108,6 +108,6 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component instance, const fmi2ValueR
         return fmi2Error;
     }
     return n == 0 ? fmi2OK
-                  : refused(c, "fmi2GetRealOutputDerivatives", "output derivatives are not offered "
+                  : refused(c, "fmi2GetRealOutputDerivatives", "output derivatives are not supported "
                                                                "(maxOutputDerivativeOrder is 0)");
 }

@@ -4,7 +4,7 @@
 #include <stdint.h>
 #include <string.h>
 
-/* ln 2 and pi/2 in parts: a part times a whole number below 2^20 is exact. */
+/* ln 2 and pi/2 as sums of parts; a part times a whole number below 2^20 is exact. */
 static const double LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33;
 static const double INVERSE_LN2 = 0x1.71547652b82fep0;
 static const double QUARTER_HIGH = 0x1.921fb54400000p0, QUARTER_MIDDLE = 0x1.0b4611a600000p-34,
@@ -27,13 +27,13 @@ static double power_of_two(int k)
     return power;
 }
 
-/* For |x| < 2^62: what is no number is sorted out before. */
+/* Nearest whole number for |x| < 2^62; NaN and infinity must be excluded before. */
 static double nearest(double x)
 {
     return (double)(int64_t)(x < 0.0 ? x - 0.5 : x + 0.5);
 }
 
-/* e^r - 1 for |r| <= ln(2)/2. Even and odd terms apart: two short chains instead of a long one. */
+/* e^r - 1 for |r| <= ln(2)/2. Even and odd terms are summed separately: two short chains are faster than a long one. */
 static double series_minus_1(double r)
 {
     const double square = r * r;
@@ -56,10 +56,10 @@ static double reduced(double x, int *k)
 double exponential(double x)
 {
     int k;
-    if (!(x <= 709.0)) { /* 2^1024 is no number; large, or not a number: then so is what is returned */
+    if (!(x <= 709.0)) { /* 2^1024 overflows; for a large argument or NaN the result is infinity or NaN */
         return x - x == 0.0 && x < 709.78 ? exponential(x - 1.0) * 0x1.5bf0a8b145769p1 : x * 1e308 * 10.0;
     }
-    if (x < -700.0) { /* below 1e-304: nothing that a shock or a car would notice */
+    if (x < -700.0) { /* below 1e-304, which is negligible here */
         return 0.0;
     }
     const double rest = reduced(x, &k);
@@ -107,7 +107,7 @@ void sine_and_cosine(double x, double *sine, double *cosine)
         *sine = *cosine = x;
         return;
     }
-    if (x > 1e6 || x < -1e6) { /* the angle is known to no better than its own rounding */
+    if (x > 1e6 || x < -1e6) { /* the rounding of the angle itself limits the accuracy */
         if (!(x < 1e15 && x > -1e15)) {
             x = 0.0;
         }

@@ -1,4 +1,4 @@
-/* Elementary functions that give the same bits on every platform: the C libraries' own differ in their last digit. */
+/* Elementary functions with the same bits on every platform; those of the C libraries differ in the last digit. */
 #ifndef EIGHTPOST_ELEMENTARY_H
 #define EIGHTPOST_ELEMENTARY_H
 

@@ -1,11 +1,11 @@
-/* What a host calls in every step, at once: these functions call nothing unless something is unusual, which goes the long way
- * with every check (variables.c, derivatives.c). */
+/* The functions that a host calls in every step. They are short and call nothing in the usual case; unusual cases are passed to
+ * the functions with all checks (variables.c, derivatives.c). */
 #include "instance.h"
 #include "elementary.h"
 #include "fresh.h"
 #include "wide.h"
 
-/* Most hosts set all inputs at once, in their order: then there is nothing to look up. */
+/* Most hosts set all inputs at once and in order; then no look-up is needed. */
 static int are_all_inputs(const fmi2ValueReference vr[], size_t n)
 {
     fmi2ValueReference other = 0;
@@ -62,7 +62,7 @@ fmi2Status fmi2SetReal(fmi2Component instance, const fmi2ValueReference vr[], si
 static int are_finite_and_first(const fmi2Integer order[], const fmi2Real value[])
 {
     fmi2Integer other = 0;
-    double rest = 0.0; /* of what is finite */
+    double rest = 0.0; /* 0 if all values are finite */
     for (int k = 0; k < INPUTS; k++) {
         other |= order[k] != 1;
         const double given = fresh(value + k);

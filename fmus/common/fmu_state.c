@@ -1,4 +1,4 @@
-/* FMU states: a copy of the instance's memory; serialized behind a header of five 64-bit numbers. */
+/* FMU states: a copy of the instance's memory; serialized after a header of five 64-bit numbers. */
 #include <string.h>
 
 #include "instance.h"
@@ -26,7 +26,7 @@ uint64_t state_tag(void)
 
 static void header(const unsigned char *body, uint64_t numbers[HEADER])
 {
-    numbers[0] = UINT64_C(0x5453544f50544838); /* "8HTPOTST"; another byte order reads something else */
+    numbers[0] = UINT64_C(0x5453544f50544838); /* "8HTPOTST"; differs with another byte order */
     numbers[1] = FORMAT;
     numbers[2] = state_tag();
     numbers[3] = sizeof(Memory);
@@ -61,7 +61,7 @@ static const SavedMemory *saved(const Component *c, fmi2FMUstate state)
     return s != NULL && s->tag == c->tag ? s : NULL;
 }
 
-/* Writes into the state that is there, or into a new one. */
+/* Writes into an existing state, or into a new one. */
 static fmi2Status save(const Component *c, const char *function, const Memory *memory, fmi2FMUstate *state)
 {
     SavedMemory *s = (SavedMemory *)*state;
@@ -69,7 +69,7 @@ static fmi2Status save(const Component *c, const char *function, const Memory *m
         s = (SavedMemory *)allocated(c, sizeof *s);
     }
     if (s == NULL) {
-        return refused(c, function, "there is no memory for the state");
+        return refused(c, function, "no memory is available for the state");
     }
     s->tag = c->tag;
     memcpy(&s->memory, memory, sizeof s->memory);
@@ -140,7 +140,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
         return fmi2Error;
     }
     if (saved(c, state) == NULL || bytes == NULL || size < PACKED_SIZE) {
-        return refused(c, "fmi2SerializeFMUstate", "this is not a state of this FMU, or there is no room for it");
+        return refused(c, "fmi2SerializeFMUstate", "this is not a state of this FMU, or the buffer is NULL or too small");
     }
     pack_memory(&saved(c, state)->memory, (unsigned char *)bytes);
     return fmi2OK;

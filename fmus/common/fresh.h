@@ -1,6 +1,6 @@
-/* Numbers that were written a moment ago, read one by one. A processor hands what it has just stored on to a load of the same
- * size, and lets a wider one wait until the stores are done; a compiler would load several numbers at once, and a shock's step
- * then takes half as long again. */
+/* Read numbers that were written a moment ago, one by one. A processor forwards a store to a load of the same size, but delays a
+ * wider load until the stores are done. A compiler would load several numbers at once, and a shock's step would then take half as
+ * long again. */
 #ifndef EIGHTPOST_FRESH_H
 #define EIGHTPOST_FRESH_H
 

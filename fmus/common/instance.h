@@ -1,7 +1,7 @@
-/* One instance as the FMI functions see it: its memory, its host's callbacks, and what the functions share.
+/* One instance as the FMI functions use it: its memory, its host's callbacks, and functions shared between source files.
  *
- * A call that is refused returns fmi2Error, says why, and changes nothing: the instance goes on as if it had not been made.
- * Everything is checked before anything is written. */
+ * A call that is refused returns fmi2Error, logs the reason, and changes nothing: the instance continues as if the call had not
+ * been made. Everything is checked before anything is written. */
 #ifndef EIGHTPOST_INSTANCE_H
 #define EIGHTPOST_INSTANCE_H
 
@@ -18,46 +18,46 @@ typedef struct {
     int logging;
     int categories;
     int is_wide; /* wide.h */
-    uint64_t tag; /* of its states */
+    uint64_t tag; /* identifies states of this FMU */
 } Component;
 
 enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING };
 enum { READABLE = INITIALIZING | STEPPING | TERMINATED };
 enum { ALIVE = INSTANTIATED | READABLE };
 
-/* logging.c: tell the host (warnings and worse always, the rest where debug logging is on); refuse a call; say that it is
- * not allowed in this phase, and return NULL. */
+/* logging.c: log a message (warnings and errors always, others if debug logging is on); refuse a call; log that a call is not
+ * allowed in this phase, and return NULL. */
 void logged(const Component *c, fmi2Status status, const char *text);
 fmi2Status refused(const Component *c, const char *function, const char *reason);
 Component *out_of_phase(const Component *c, const char *function);
 
-/* refusals.c: a message; the last two return 0. */
+/* refusals.c: log a message; the last two functions return 0. */
 void not_known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind);
 int not_settable(const Component *c, const char *function, const Variable *variable);
 int out_of_range(const Component *c, const char *function, const Variable *variable, double value);
 
-/* variables.c: 0 and a message for a list with a reference that is unknown or of another type. */
+/* variables.c: 0 and a message if a reference in a list is unknown or of another type. */
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
 
-/* variables.c, derivatives.c: the calls of exchange.c with every check, and a message for what is refused. */
+/* variables.c, derivatives.c: the calls of exchange.c with all checks, and a message for each refusal. */
 fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[]);
 fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]);
 fmi2Status slopes_refused(fmi2Component instance, size_t n, int is_null);
 
-/* fmu_state.c: of this FMU's states and no other's: one of another FMU may be shorter, and reading it would go beyond its end. */
+/* fmu_state.c: tag of this FMU's states. A state of another FMU may be shorter, and reading it would go beyond its end. */
 uint64_t state_tag(void);
 
-/* state_check.c: 0 and the reason for a memory that no instance can have. */
+/* state_check.c: 0 and the reason if no instance can have such a memory. */
 int is_possible(const Memory *m, Message *why);
 
-/* lifecycle.c: memory from the host, zeroed; 0 and a message where parameters do not fit each other; outputs and state from
- * inputs and parameters, 0 and a message where there is no such start; whether inputs, outputs and local variables are finite. */
+/* lifecycle.c: zeroed memory from the host; 0 and a message if parameters contradict each other; set outputs and state from
+ * inputs and parameters, 0 and a message if there is no such start; whether inputs, outputs and local variables are finite. */
 void *allocated(const Component *c, size_t size);
 int fits(const Component *c, const char *function);
 int started(Component *c, const char *function);
 int signals_are_finite(const Memory *m);
 
-/* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), else NULL. */
+/* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), otherwise NULL. */
 static inline Component *entered(fmi2Component instance, const char *function, int phases)
 {
     Component *c = (Component *)instance;
@@ -71,14 +71,14 @@ static inline const Variable *find_variable(fmi2ValueReference reference)
     return position < 0 ? NULL : &variables[position];
 }
 
-/* Of a reference that was found to be known. */
+/* The variable of a reference that is known to exist. */
 static inline const Variable *known_variable(fmi2ValueReference reference)
 {
     return &variables[variable_of_reference[reference]];
 }
 
-/* Inputs are the first variables, so that a place in `variables` is the one in Values.at and in Memory.slope; -1 for what
- * is not an input. */
+/* Inputs are the first variables, so an index in `variables` is also the index in Values.at and in Memory.slope; -1 if the
+ * reference is not that of an input. */
 static inline int place_of_input(fmi2ValueReference reference)
 {
     const uint16_t place = reference < REFERENCES ? (uint16_t)variable_of_reference[reference] : UINT16_MAX;
@@ -90,7 +90,7 @@ static inline int is_input(const Variable *variable)
     return variable->kind == REAL && variable->index < INPUTS;
 }
 
-/* In initialization mode outputs follow what was set; 0 and a message where there is no such start. */
+/* In initialization mode, update outputs after changes; 0 and a message if there is no such start. */
 static inline int is_current(Component *c, const char *function)
 {
     return c->memory.phase != INITIALIZING || !c->memory.stale || started(c, function);

@@ -5,7 +5,7 @@
 #include "elementary.h"
 #include "shock.h"
 
-/* F_lag [N] after h [s] in which F_s goes linearly from start to end [N]:
+/* F_lag [N] after h [s] in which F_s changes linearly from start to end [N]:
  * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h), e = exp(-h / tau). */
 static double advance_lag(LagFactors *f, double lagged, double static_start, double static_end, double time_constant,
                           double h)

@@ -1,4 +1,4 @@
-/* An instance from fmi2Instantiate to fmi2FreeInstance, without its steps. */
+/* The life of an instance from fmi2Instantiate to fmi2FreeInstance, except its steps. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,7 +38,7 @@ int signals_are_finite(const Memory *m)
     return finite;
 }
 
-/* In initialization mode, and once more when it ends. */
+/* Called in initialization mode, and once more at its end. */
 int started(Component *c, const char *function)
 {
     Message why = {.length = 0};
@@ -47,7 +47,7 @@ int started(Component *c, const char *function)
         return 0;
     }
     if (!model_start(&trial, c->work, &why) || !signals_are_finite(&trial)) {
-        refused(c, function, why.length > 0 ? why.text : "the start is not finite: look at inputs and parameters");
+        refused(c, function, why.length > 0 ? why.text : "the start is not finite: check inputs and parameters");
         return 0;
     }
     c->memory = trial;
@@ -125,7 +125,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
     const char *reason = reason_not_to_instantiate(name, type, guid);
-    (void)resources; /* everything is compiled in */
+    (void)resources; /* all data are compiled into the library */
     (void)visible;
     if (functions == NULL) {
         return NULL;

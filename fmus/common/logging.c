@@ -1,4 +1,4 @@
-/* What an instance says, to whom, and whether a call may be made now. */
+/* Messages of an instance to its host, and checks whether a call is allowed in the current phase. */
 #include <string.h>
 
 #include "instance.h"

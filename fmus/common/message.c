@@ -4,7 +4,7 @@
 
 enum { DIGITS = 9 };
 
-/* A host takes the text for a printf format, and FMI gives # a meaning of its own: neither gets through. */
+/* A host may use the text as a printf format, and # has a meaning in FMI: % and # are replaced. */
 void say(Message *message, const char *text)
 {
     for (; *text != '\0' && message->length + 1 < MESSAGE_SIZE; text++) {
@@ -29,7 +29,7 @@ static void say_whole(Message *message, int number)
     say(message, digits + position);
 }
 
-/* Brings a positive number into [1, 10) and returns the power of ten that was taken out. */
+/* Scales a positive number into [1, 10) and returns the power of ten that was removed. */
 static int normalise(double *number)
 {
     int exponent = 0;
@@ -44,7 +44,7 @@ static int normalise(double *number)
     return exponent;
 }
 
-/* Nine digits, the point where people expect it between 1e-5 and 1e9, an exponent beyond. */
+/* Nine digits, in decimal notation between 1e-5 and 1e9, with an exponent otherwise. */
 void say_number(Message *message, double number)
 {
     char digits[DIGITS + 1] = {0};

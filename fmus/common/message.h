@@ -1,4 +1,4 @@
-/* What the FMU says to people: built without stdio, so that no locale and no allocation is in it. */
+/* Messages to the host, built without stdio, so that they depend on no locale and allocate no memory. */
 #ifndef EIGHTPOST_MESSAGE_H
 #define EIGHTPOST_MESSAGE_H
 

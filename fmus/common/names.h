@@ -1,11 +1,11 @@
-/* With FMI2_FUNCTION_PREFIX set (static linking, HIL targets) every name that the linker sees carries the prefix, so that
- * several FMUs fit in one program. */
+/* With FMI2_FUNCTION_PREFIX set (static linking, HIL targets) every external name carries the prefix, so that several FMUs can be
+ * linked into one program. */
 #ifndef EIGHTPOST_NAMES_H
 #define EIGHTPOST_NAMES_H
 
 #include "fmi2Functions.h"
 
-/* Some tools' fmi2Functions.h have lost the standard's prefix. */
+/* Some tools ship a fmi2Functions.h without the standard's prefix. */
 #ifdef FMI2_FUNCTION_PREFIX
 #undef fmi2FullName
 #define EIGHTPOST_PASTE(prefix, name) prefix##name

@@ -1,4 +1,4 @@
-/* Why a variable is not read or set: apart from the code that runs in every step, which stays short. */
+/* Messages for variables that cannot be read or set, kept apart from the code that runs in every step. */
 #include "instance.h"
 
 void not_known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
@@ -6,7 +6,7 @@ void not_known(const Component *c, const char *function, fmi2ValueReference refe
     Message message = {.length = 0};
     say(&message, "value reference ");
     say_number(&message, (double)reference);
-    say(&message, kind == REAL ? " is no Real variable of this FMU" : " is no Boolean variable of this FMU");
+    say(&message, kind == REAL ? " is not a Real variable of this FMU" : " is not a Boolean variable of this FMU");
     refused(c, function, message.text);
 }
 
@@ -46,7 +46,7 @@ int out_of_range(const Component *c, const char *function, const Variable *varia
     say(&message, variable->unit[0] == '\0' ? "" : " ");
     say(&message, variable->unit);
     say_range(&message, variable);
-    say(&message, "; the old value stays");
+    say(&message, "; the old value is kept");
     refused(c, function, message.text);
     return 0;
 }

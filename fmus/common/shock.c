@@ -1,16 +1,15 @@
-/* A shock: static curve, lag, output weight, port. The same bits as by eightpost/shock/{curve,law,
- * port}.py, which the fit uses. */
+/* A shock: static curve, lag, output weight, port; bit for bit as in eightpost/shock/{curve,law,port}.py, which the fit uses. */
 #include "shock.h"
 
 #include "curve.h"
 #include "elementary.h"
 
-/* Largest change of damper velocity [m/s] over which F_s is taken as a straight line, and the most pieces in a step:
+/* Largest change of damper velocity [m/s] over which F_s is treated as linear, and the maximum number of pieces in a step, as in
  * eightpost/shock/law.py. */
 static const double STRAIGHT = 0.01;
 enum { MOST_PIECES = 1000 };
 
-/* For so many pieces in a step their factors are kept: a step of one is often followed by one of two or three. */
+/* Number of piece counts whose factors are kept: a step of one piece is often followed by one of two or three. */
 enum { KEPT = 4 };
 
 /* ---- The port ------------------------------------------------------------------------------------------------------- */
@@ -37,7 +36,7 @@ static double gas_force(const Parameters *p, double displacement)
     return p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
 }
 
-/* F = r (alpha F_lag + (1 - alpha) F_s + seal + gas), and what else the FMU tells; 0, and nothing done, if that is not
+/* F = r (alpha F_lag + (1 - alpha) F_s + seal + gas), and the other outputs; 0, without any change, if the result is not
  * finite. */
 static int respond(Signals *s, const Parameters *p, double lagged, double f)
 {
@@ -57,18 +56,18 @@ static int respond(Signals *s, const Parameters *p, double lagged, double f)
     return 1;
 }
 
-/* In how many straight pieces F_s is followed while the port velocity goes from start to end. */
+/* The number of linear pieces of F_s while the port velocity goes from start to end. */
 static int pieces(const Parameters *p, double start, double end)
 {
     const double change = size_of(p->motion_ratio * (end - start));
-    if (!(change >= STRAIGHT)) { /* short, or not a number, which no number of pieces would help */
+    if (!(change >= STRAIGHT)) { /* a short step, or NaN, for which the number of pieces does not matter */
         return 1;
     }
     const double count = change / STRAIGHT;
     return count < MOST_PIECES ? (int)count + 1 : MOST_PIECES;
 }
 
-/* Returns F_lag at the end of the piece, and F_s there. */
+/* Returns F_lag and F_s at the end of the piece. */
 static double follow_piece(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
 {
     const double v = p->motion_ratio * end;
@@ -77,7 +76,7 @@ static double follow_piece(const Parameters *p, LagFactors *kept, double lagged,
     return law_advance_lag(p, kept, lagged, &piece);
 }
 
-/* Returns F_lag at the end of the step, and F_s there; F_s at its start is given. */
+/* Returns F_lag and F_s at the end of the step; F_s at its start is given. */
 static double follow(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
 {
     const int count = pieces(p, start, end);
@@ -92,7 +91,7 @@ static double follow(const Parameters *p, LagFactors *kept, double lagged, doubl
     return follow_piece(p, factors, lagged, before, end, part, f);
 }
 
-/* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
+/* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
 
 size_t model_work_size(void)
 {
@@ -139,7 +138,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
 {
     Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
-    const double velocity = memory->state[0]; /* of s->static_force */
+    const double velocity = memory->state[0]; /* velocity of s->static_force */
     double f = from[0] == velocity && !memory->stale ? s->static_force : static_force(p, from[0]);
     (void)why;
     const double lagged = follow(p, (LagFactors *)work, s->lagged_force, from[0], s->velocity, h, &f);
@@ -156,14 +155,14 @@ double model_output(const Memory *memory, int output)
     return memory->values.at[INPUTS + output];
 }
 
-/* d force / d velocity with F_lag held, or d force / d displacement. */
+/* d force / d velocity with F_lag fixed, or d force / d displacement. */
 double model_direct_term(const Memory *memory, int output, int input)
 {
     const Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
     const double r = p->motion_ratio, v = r * s->velocity, f = static_force(p, s->velocity);
     const double f_slope = valve_slope(p, v), alpha = law_lag_weight(p, f);
-    (void)output; /* force is the only one */
+    (void)output; /* force is the only output */
     if (input != 0) {
         return r * r * p->gas_stiffness;
     }

@@ -1,15 +1,15 @@
-/* What a shock law gives to the port of docs/ports.md (common/shock.c), like ShockLaw in eightpost/shock/law.py. */
+/* Functions that a shock law defines for the port of docs/ports.md (common/shock.c), like ShockLaw in eightpost/shock/law.py. */
 #ifndef EIGHTPOST_SHOCK_H
 #define EIGHTPOST_SHOCK_H
 
 #include "component.h"
 
-/* Of a step h and a tau: 1 - e and 1 - (1 - e) tau / h. They are kept, since most steps are as long as the last. */
+/* Factors of a step h and a tau: 1 - e and 1 - (1 - e) tau / h. They are kept, because most steps have the same length. */
 typedef struct {
     double step, time_constant, rise, ramp;
 } LagFactors;
 
-/* A stretch of time in which the damper velocity [m/s] and F_s [N] go linearly. */
+/* A piece of time in which the damper velocity [m/s] and F_s [N] change linearly. */
 typedef struct {
     double velocity_start, static_start;
     double velocity_end, static_end;
@@ -22,7 +22,7 @@ double law_lag_weight(const Parameters *p, double static_force);
 double law_lag_weight_slope(const Parameters *p, double static_force);
 /* F_lag [N] after a piece. */
 double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece);
-/* The reason why the law's own parameters do not fit each other, or NULL. */
+/* The reason why the law's own parameters contradict each other, or NULL. */
 const char *law_refuses(const Parameters *p);
 
 #endif

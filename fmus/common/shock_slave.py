@@ -1,4 +1,4 @@
-"""A shock as a PythonFMU slave: any law on the port of docs/ports.md."""
+"""A shock as a PythonFMU slave: any law with the port of docs/ports.md."""
 
 from pythonfmu.enums import Fmi2Status
 
@@ -10,9 +10,9 @@ _OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_p
 
 
 class ShockSlave(TableSlave):
-    """Steps a law with its inputs held; the lagged force is the only state and is itself a variable."""
+    """Slave that steps a law with its inputs held; the lagged force is the only state and is itself a variable."""
 
-    #: The law and the names of its own parameters; a shock's slave.py sets both.
+    #: The law and the names of its own parameters, set by each shock's slave.py.
     law_class = None
     own_parameters = ()
 

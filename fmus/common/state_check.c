@@ -1,5 +1,5 @@
-/* Whether a memory that came in as bytes is one that an instance of this FMU can have. A checksum finds damage, but anyone can
- * compute one: every number is looked at before a step uses it. */
+/* Checks whether a deserialized memory is one that an instance of this FMU can have. A checksum detects damage, but anyone can
+ * compute one, so every number is checked before a step uses it. */
 #include <string.h>
 
 #include "elementary.h"
@@ -7,7 +7,7 @@
 
 static int not_possible(Message *why, const char *what)
 {
-    say(why, "no instance of this FMU has such a state: ");
+    say(why, "this state is not valid for this FMU: ");
     say(why, what);
     return 0;
 }
@@ -40,7 +40,7 @@ static int are_truths(const Memory *m)
     return truths;
 }
 
-/* What a host may set is in its range; what it does not see is as it was from the start. */
+/* Settable values must be in their range; values that the host cannot set must be as at the start. */
 static int parameters_are_possible(const Memory *m, Message *why)
 {
     unsigned char is_seen[REALS] = {0};
@@ -67,7 +67,7 @@ static int parameters_are_possible(const Memory *m, Message *why)
 int is_possible(const Memory *m, Message *why)
 {
     if (!is_phase(m->phase)) {
-        return not_possible(why, "its phase is none");
+        return not_possible(why, "its phase is unknown");
     }
     if (!are_truths(m)) {
         return not_possible(why, "a Boolean is neither true nor false");
@@ -79,6 +79,6 @@ int is_possible(const Memory *m, Message *why)
     if (!parameters_are_possible(m, why)) {
         return 0;
     }
-    /* Parameters that were not looked at yet are looked at before the next step. */
+    /* Parameters that have not been checked yet are checked before the next step. */
     return m->stale || !model_refuses(&m->values, why);
 }

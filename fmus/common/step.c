@@ -1,4 +1,4 @@
-/* fmi2DoStep: the checks around a model's step, and what is asked about steps. */
+/* fmi2DoStep: the checks around a model's step, and queries about steps. */
 #include <string.h>
 
 #include "instance.h"
@@ -6,7 +6,7 @@
 #include "fresh.h"
 #include "wide.h"
 
-/* Honest hosts add up their time: this much of a difference is rounding, not another point; of a large time, this share. */
+/* Hosts add up their time, so a difference of this size is rounding; for a large time, this share of it. */
 static const double ROUNDING = 1e-9;
 
 static double rounding(double time)
@@ -41,7 +41,7 @@ static fmi2Status checked_step(const Component *c, double time, double h)
     return fmi2OK;
 }
 
-/* What honest hosts ask: from where the last step ended, and not beyond the stop time. */
+/* The usual call: from the end of the last step, and not beyond the stop time. */
 static int goes_on(const Memory *m, double time, double h)
 {
     const double apart = time - m->time;
@@ -54,7 +54,7 @@ static int may_step(const Component *c, double time, double h)
            (!c->memory.stale || fits(c, "fmi2DoStep"));
 }
 
-/* Carries the inputs to the end of the step by their derivatives, which hold for one step. */
+/* Moves the inputs to the end of the step with their derivatives, which apply to one step. */
 static void carry_inputs(Memory *m, double h, double *from)
 {
     for (int k = 0; k < INPUTS; k++) {
@@ -66,7 +66,7 @@ static void carry_inputs(Memory *m, double h, double *from)
 static fmi2Status discarded(Component *c, const double *from, const Message *why)
 {
     memcpy(c->memory.values.at, from, INPUTS * sizeof *from);
-    logged(c, fmi2Discard, why->length > 0 ? why->text : "fmi2DoStep: the result is not finite; nothing was done");
+    logged(c, fmi2Discard, why->length > 0 ? why->text : "fmi2DoStep: the result is not finite; the step was not made");
     return fmi2Discard;
 }
 
@@ -76,8 +76,8 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real time, fmi2Real h, fmi2Boo
     Component *c = entered(instance, "fmi2DoStep", STEPPING);
     Message why;
     double from[INPUTS];
-    why.length = 0; /* of its text there is none yet */
-    (void)final; /* whether a state before this point will be set makes no difference */
+    why.length = 0; /* the text itself need not be initialized */
+    (void)final; /* states may be restored at any time */
     if (c == NULL || !may_step(c, time, h)) {
         return fmi2Error;
     }

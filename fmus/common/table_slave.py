@@ -1,7 +1,7 @@
-"""A PythonFMU slave whose variables come from a table: names, references and starts of interface.toml.
+"""A PythonFMU slave whose variables come from a table: names, references and start values of interface.toml.
 
-The builder stages this file inside a package of its own name for each FMU, so that two FMUs in one process never
-share code. Standard library and pythonfmu only.
+The builder copies this file into a separately named package for each FMU, so that two FMUs in one process never share
+code. Standard library and pythonfmu only.
 """
 
 import json
@@ -16,20 +16,20 @@ _KINDS = {"Real": Real, "Boolean": Boolean}
 
 
 class TableSlave(Fmi2Slave):
-    """Holds every variable in `self.values`; a model reads its inputs and parameters there and writes its outputs.
+    """Slave that keeps every variable in `self.values`; a model reads inputs and parameters there and writes outputs.
 
-    No exception may leave a slave: pythonfmu answers one with fmi2Fatal and damages the interpreter's memory on the
-    way. So whatever is wrong is logged with its reason, the old values stay, and the next step is refused
-    (fmi2Discard); the one after that is fine again. Parameters that do not fit each other refuse every step until
-    they do, and an initialization that failed refuses all of them.
+    No exception may leave a slave, because pythonfmu answers one with fmi2Fatal and damages the interpreter's memory. So
+    errors are logged with their reason, the old values are kept, and the next step is rejected (fmi2Discard); the step
+    after that is accepted again. Parameters that contradict each other make every step fail until they are corrected,
+    and a failed initialization makes all steps fail.
 
-    A model gives three things: `initialise` (a consistent start from inputs and parameters), `advance` (one step) and
-    `refresh` (its parameters have changed).
+    A model defines three methods: `initialise` (a consistent start from inputs and parameters), `advance` (one step) and
+    `refresh` (the parameters have changed).
     """
 
     def __init__(self, table_file, **kwargs):
         super().__init__(**kwargs)
-        # Not beside __file__: Python keeps the module of the first instance, whose folder may be gone.
+        # Not next to __file__: Python keeps the module of the first instance, whose folder may have been deleted.
         table = json.loads(Path(kwargs["resources"], table_file).read_text(encoding="utf-8"))
         self.modelName = table["identifier"]
         self.description = table["description"]
@@ -44,7 +44,7 @@ class TableSlave(Fmi2Slave):
             self._register(row)
 
     def to_xml(self, model_options=None):
-        """Nothing: the builder writes modelDescription.xml, and pythonfmu's way evaluates the model."""
+        """Return an empty element: the builder writes modelDescription.xml, and pythonfmu would evaluate the model."""
         return Element("fmiModelDescription")
 
     def initialise(self):
@@ -56,7 +56,7 @@ class TableSlave(Fmi2Slave):
         raise NotImplementedError
 
     def refresh(self):
-        """Read the parameters anew."""
+        """Read the parameters again after a change."""
 
     def _register(self, row):
         name, reference = row["name"], row["reference"]
@@ -75,7 +75,7 @@ class TableSlave(Fmi2Slave):
         if self.initialising and self.stale:
             refused = self.refused
             self._guarded(self._start)
-            # Not again until something is set; leaving initialization tries in any case.
+            # Not again until something is set; the end of initialization tries again in any case.
             self.refused, self.stale = refused, False
         return self.values[name]
 
@@ -104,7 +104,7 @@ class TableSlave(Fmi2Slave):
         self.log(reason, Fmi2Status.error, "logStatusError")
 
     def _guarded(self, action, *arguments):
-        """Do something that may fail; say whether it did not."""
+        """Call a function that may fail; return whether it succeeded."""
         try:
             action(*arguments)
         except Exception as error:
@@ -126,7 +126,7 @@ class TableSlave(Fmi2Slave):
 
     def do_step(self, current_time, step_size):
         if not self.started:
-            self._refuse("initialization did not succeed; reset, mend what it said, and start again")
+            self._refuse("initialization failed; reset, correct the errors logged before, and initialize again")
         elif not (isfinite(step_size) and step_size > 0.0):
             self._refuse(f"a step of {step_size!r} s from {current_time!r} s: it must be positive")
         elif self.stale:
@@ -138,7 +138,7 @@ class TableSlave(Fmi2Slave):
         self.refused = None
         return done
 
-    # Every name and internal state, so that a restored state continues bit for bit (pythonfmu saves names only).
+    # All names and the internal state, so that a restored state continues bit for bit (pythonfmu saves names only).
     def _get_fmu_state(self):
         return {
             "values": dict(self.values),

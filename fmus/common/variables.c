@@ -1,7 +1,7 @@
-/* Variables: what a value reference is, what may be set when, in which range. */
+/* Variables: look-up of value references, and checks of phase and range when setting. */
 #include "instance.h"
 
-/* NULL and a message for a reference that is unknown or of another type. */
+/* NULL and a message if a reference is unknown or of another type. */
 static const Variable *known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
 {
     const Variable *variable = find_variable(reference);
@@ -27,13 +27,13 @@ static int may_be_set(const Component *c, const char *function, const Variable *
     return variable->settable & c->memory.phase || not_settable(c, function, variable);
 }
 
-/* A value that is not finite is in no range: the widest is -NO_LIMIT to NO_LIMIT. */
+/* Ranges exclude values that are not finite: the widest is -NO_LIMIT to NO_LIMIT. */
 static int in_range(const Component *c, const char *function, const Variable *variable, double value)
 {
     return (value >= variable->minimum && value <= variable->maximum) || out_of_range(c, function, variable, value);
 }
 
-/* Outputs follow inputs at once until initialization ends; later only a parameter asks to be looked at. */
+/* Until initialization ends outputs follow inputs at once; later only a change of a parameter needs a check. */
 static int asks_for_a_look(const Component *c, const Variable *variable)
 {
     return c->memory.phase != STEPPING || !is_input(variable);
@@ -126,7 +126,7 @@ fmi2Status fmi2SetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
     return fmi2OK;
 }
 
-/* There are no Integer and no String variables: asking for none is fine, for any is an error. */
+/* There are no Integer and no String variables: an empty list is accepted, any reference is an error. */
 static fmi2Status none_of(fmi2Component instance, const char *function, int phases, size_t n)
 {
     const Component *c = entered(instance, function, phases);

@@ -1,7 +1,7 @@
-/* A library for x86-64 may hold its code twice: once for every such processor, and once for those with AVX, which add four
- * doubles at once, under names that begin with wide_. Operations and their order are the same, and so are the bits. What costs
- * most of a step goes on there, where the processor can. A compiler that is given the files of sources/ alone makes the first
- * only. */
+/* A library for x86-64 may contain its code twice: once for every such processor, and once for processors with AVX, which add four
+ * doubles at once, under names that begin with wide_. Operations and their order are the same, and so are the bits. The most costly
+ * functions switch to the AVX code if the processor supports it. A compiler that is given only the files of sources/ builds the
+ * first version only. */
 #ifndef EIGHTPOST_WIDE_H
 #define EIGHTPOST_WIDE_H
 
@@ -21,7 +21,7 @@ fmi2Status wide_fmi2GetReal(fmi2Component instance, const fmi2ValueReference vr[
         }                                                                    \
     } while (0)
 
-/* Whether the processor has AVX, and the system keeps its registers for each thread. */
+/* Whether the processor has AVX, and the operating system saves its registers for each thread. */
 static inline int can_be_wide(void)
 {
     const unsigned needed = bit_AVX | bit_OSXSAVE, registers = 6;

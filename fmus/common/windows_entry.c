@@ -1,5 +1,5 @@
-/* What Windows calls when it loads or leaves a library that brings no C run time of its own. Not part of sources/: a compiler
- * with its run time has one. */
+/* The entry point that Windows calls when it loads or unloads a library without a C run time of its own. Not part of sources/: a
+ * compiler that links its own run time provides one. */
 int __stdcall DllMainCRTStartup(void *library, unsigned long reason, void *reserved);
 
 int __stdcall DllMainCRTStartup(void *library, unsigned long reason, void *reserved)

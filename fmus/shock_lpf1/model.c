@@ -2,7 +2,7 @@
 #include "lag.h"
 #include "shock.h"
 
-/* alpha = 1: all of the lagged force is given. */
+/* alpha = 1: the force is the lagged force. */
 double law_lag_weight(const Parameters *p, double static_force)
 {
     (void)p;

@@ -1,13 +1,14 @@
-/* Maxwell: the static curve and a stiffness in series, dF/dt = k (v - w), F = f(w). The same operations in the same order
- * as eightpost/shock/maxwell.py, which the fit uses. Velocities are the damper's. */
+/* Maxwell: the static curve and a stiffness in series, dF/dt = k (v - w), F = f(w). The same operations in the same order as in
+ * eightpost/shock/maxwell.py, which the fit uses. Velocities are those of the damper. */
 #include "curve.h"
 #include "lag.h"
 #include "shock.h"
 
-/* Most that w moves [m/s] while the curve is taken as straight; the shortest chord, and the first of the search [m/s]; where
- * nothing is left of a lag's beginning, and next to nothing; where a force is found; where a time constant is, and the least slope of a secant that
- * is believed; where a Newton step is the last; most parts of a piece, corrections of a chord, tries of the search, looks at a
- * side of the curve: maxwell.py, law.py, curve.py. */
+/* Constants of maxwell.py, law.py and curve.py: largest change of w [m/s] over which the curve is treated as straight; shortest
+ * chord and first step of the search [m/s]; number of time constants after which the start of a lag has no effect, and almost none;
+ * accuracy of a force; accuracy of a time constant, and smallest slope of a secant that is used; size of a Newton step that ends
+ * the search; relative rounding error of a force; maximum numbers of parts of a piece, corrections of a chord and steps of the
+ * search; numbers of places checked on a side and in a transition. */
 static const double CHORD = 0.01, SHORTEST = 1e-9, FIRST = 1e-3, SETTLED = 1000.0, AT_REST = 40.0, FOUND = 4e-16;
 static const double AGREEMENT = 1e-5, LEAST_BEND = 0.2, NEAR = 1e-9, FORCE_ROUNDING = 1e-9;
 enum { MOST_PARTS = 1000, MOST_CORRECTIONS = 10, MOST_TRIES = 100, LOOKS = 256, TRANSITION_LOOKS = 12 };
@@ -27,7 +28,7 @@ static double smaller(double a, double b)
     return b < a ? b : a;
 }
 
-/* w with f(w) = force, beginning at a guess with its force: secants inside a bracket. */
+/* w with f(w) = force, from a guess with its force: secants inside a bracket. */
 static double velocity_under(const Parameters *p, double force, double guess, double guess_force)
 {
     double before = guess, before_miss = guess_force - force, low = guess, high = guess;
@@ -76,7 +77,7 @@ static double reach(double w, double v, double end)
     return larger(size_of(v - w), size_of(end - w));
 }
 
-/* The slope of the chord from w, where F = force, over a change of w, over k. */
+/* The slope of the chord from w, where F = force, for a change of w, divided by k. */
 static double time_constant_over(const Parameters *p, double w, double force, double change)
 {
     const double there = w + (size_of(change) > SHORTEST ? change : signed_like(SHORTEST, change));
@@ -89,7 +90,7 @@ static double followed(double w, double v, double end, double tau, double h)
     return h >= SETTLED * tau ? end - (end - v) * (tau / h) : advance_lag(&none, w, v, end, tau, h);
 }
 
-/* How far [m/s] the next kink of the curve is from w, in a direction; NO_LIMIT where there is none. */
+/* The distance [m/s] from w to the next kink of the curve in a direction; NO_LIMIT if none follows. */
 static double room_before_kink(const Parameters *p, double w, double towards)
 {
     const double half = 0.5 * p->curve_transition_width;
@@ -104,8 +105,8 @@ static double room_before_kink(const Parameters *p, double w, double towards)
     return room;
 }
 
-/* The time constant of the chord from w to where w is after h, or to the kink that is `room` away: from a tau nearby to that of
- * the chord to where it leads, and on by secants. */
+/* The time constant of the chord from w to its value after h, or to the kink at a distance `room`. The search starts from a nearby
+ * tau and continues by secants until tau is that of the chord to the resulting w. */
 static double chord_time_constant(const Parameters *p, double w, double force, double tau, double v, double end, double h,
                                   double room)
 {
@@ -129,7 +130,7 @@ static double chord_time_constant(const Parameters *p, double w, double force, d
     return tau;
 }
 
-/* What the bow of the curve over its chord adds to a change of w: a parabola that w goes through evenly in time. */
+/* The correction to a change of w for the curve's deviation from its chord: a parabola, with w changing at an even rate. */
 static double bow_of_curve(const Parameters *p, double w, double force, double change, double tau, double h)
 {
     const double stiffness = p->series_stiffness;
@@ -137,8 +138,8 @@ static double bow_of_curve(const Parameters *p, double w, double force, double c
     return 4.0 * bow * h / (stiffness * (6.0 * tau * tau + 3.0 * tau * h + h * h));
 }
 
-/* The time after which w has moved by `room`; after h it has by `change`. By Newton's method inside a bracket: w goes one way,
- * and ever slower or ever faster. */
+/* The time after which w has moved by `room`; after h it has moved by `change`. Newton's method inside a bracket: w is monotonic
+ * and either convex or concave in time. */
 static double time_across(double room, double change, double w, double v, double end, double tau, double h)
 {
     double low = 0.0, high = h, time = h * (room / change);
@@ -163,8 +164,8 @@ static double time_across(double room, double change, double w, double v, double
     return time;
 }
 
-/* The time of a crossing at which w is ahead by `gained` and changes by gap / tau; not by more than half: where w hardly
- * changes, this line says nothing. */
+/* The time of a crossing at which w is ahead by `gained` and changes at the rate gap / tau; not reduced by more than half: where w
+ * barely changes, this linear estimate is not valid. */
 static double time_less_bow(double time, double gained, double tau, double gap)
 {
     const double earlier = gained * tau;
@@ -181,7 +182,7 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
         if ((gap == 0.0 && last == 0.0) || left <= 0.0) {
             return force;
         }
-        if (gap * last < 0.0 && size_of(gap) > SHORTEST) { /* w will turn: first to where v is at w */
+        if (gap * last < 0.0 && size_of(gap) > SHORTEST) { /* w will turn: first advance to where v = w */
             left *= gap / (gap - last);
             last = 0.0;
         }
@@ -189,7 +190,7 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
         const double far = size_of(towards), room = room_before_kink(p, w, towards);
         double tau = time_constant_over(p, w, force, signed_like(smaller(smaller(far, most), room), towards));
         if (far > most && part < MOST_PARTS - 1) {
-            if (tau == 0.0) { /* flat: w is across it at once */
+            if (tau == 0.0) { /* the curve is flat, so w crosses it at once */
                 w += signed_like(smaller(most, room), towards);
                 force = valve_force(p, w);
                 continue;
@@ -206,7 +207,7 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
             const double gained = bow_of_curve(p, w, force, change, tau, left);
             left = smaller(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole);
         } else {
-            /* Where w has long come to rest behind the velocity, only the velocity's ramp is gone through evenly. */
+            /* Once w follows the velocity at a constant distance, only the velocity's ramp changes w at an even rate. */
             const double ramp = smaller(size_of(end - v) / larger(size_of(change), SHORTEST), 1.0);
             change += (left < AT_REST * tau ? 1.0 : ramp) * bow_of_curve(p, w, force, change, tau, left);
         }
@@ -224,9 +225,9 @@ static double advance_force(const Parameters *p, double lagged, const Piece *pie
     return force;
 }
 
-/* ---- What shock.h asks of a law ---------------------------------------------------------------------------------------- */
+/* ---- Functions declared in shock.h ------------------------------------------------------------------------------------- */
 
-/* alpha = 1: all of the valves' force goes through the spring. */
+/* alpha = 1: the spring transmits the whole force of the valves. */
 double law_lag_weight(const Parameters *p, double static_force)
 {
     (void)p;
@@ -252,7 +253,7 @@ static int rises_between(const Parameters *p, double side, double slow, double f
     return side * (curve_force(p, side * fast) - curve_force(p, side * slow)) > 0.0;
 }
 
-/* On equal steps of a side, and of its transition: StaticCurve.falls_at. */
+/* Checked at equal steps of a side and of its transition, as in StaticCurve.falls_at. */
 static int rises(const Parameters *p, double side, double speed)
 {
     for (int k = 0; k < LOOKS; k++) {
@@ -271,19 +272,19 @@ static int rises(const Parameters *p, double side, double speed)
     return 1;
 }
 
-/* w follows from F only where the curve rises all over. */
+/* w follows from F only if the curve rises everywhere. */
 const char *law_refuses(const Parameters *p)
 {
     if (p->compression_scale <= 0.0 || p->rebound_scale <= 0.0) {
-        return "compression_scale and rebound_scale must be positive under a Maxwell law: its curve must rise all over";
+        return "compression_scale and rebound_scale must be positive for a Maxwell law, whose curve must rise everywhere";
     }
     if (!rises(p, 1.0, p->curve_compression_speed)) {
-        return "the curve does not rise all over in compression, and a Maxwell law needs one that does";
+        return "the curve does not rise everywhere in compression, as a Maxwell law requires";
     }
     if (!rises(p, -1.0, p->curve_rebound_speed)) {
-        return "the curve does not rise all over in rebound, and a Maxwell law needs one that does";
+        return "the curve does not rise everywhere in rebound, as a Maxwell law requires";
     }
     return p->curve_compression_slope > 0.0 && p->curve_rebound_slope > 0.0
                ? NULL
-               : "curve.compression_slope and curve.rebound_slope must be positive under a Maxwell law";
+               : "curve.compression_slope and curve.rebound_slope must be positive for a Maxwell law";
 }

@@ -1,7 +1,7 @@
 /* Polylinear: F = F_s = f(v) (Eq 3.23). */
 #include "shock.h"
 
-/* alpha = 0: nothing of the lagged force is given. */
+/* alpha = 0: the force has no lagged part. */
 double law_lag_weight(const Parameters *p, double static_force)
 {
     (void)p;

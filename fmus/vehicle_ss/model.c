@@ -1,10 +1,10 @@
-/* vehicle_ss: x' = A x + B u, y = C x + D u, in real block-modal form: each mode is z' = lambda z + b u by itself, with a
- * complex z for a pair of eigenvalues and a real one for a real eigenvalue; y follows the parts of all z, and u.
+/* vehicle_ss: x' = A x + B u, y = C x + D u, in real block-modal form: each mode is an independent equation z' = lambda z + b u,
+ * with a complex z for a pair of eigenvalues and a real one for a real eigenvalue; y depends on the parts of all z, and on u.
  *
- * With inputs that go linearly from u0 to u1 over a step h the solution is exact at any h:
+ * For inputs that change linearly from u0 to u1 over a step h the solution is exact at any h:
  *     z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
  *     phi1(x) = (e^x - 1) / x,   phi2(x) = (phi1(x) - 1) / x
- * Suspension friction at a port, F_c tanh(v / v_f), adds to the shock force there. It goes linearly over each sub-step, from
+ * Suspension friction at a port, F_c tanh(v / v_f), is added to the shock force. It is interpolated linearly over each sub-step, from
  * its value at the start to its value at the predicted end (second order; eightpost/vehicle/friction.py). */
 #include <string.h>
 
@@ -16,17 +16,17 @@
 
 enum { KEPT = 4 };
 
-/* Of a mode's exponent lambda h; beyond 32 by exp, sin and cos. */
+/* Number of doublings for a mode's exponent lambda h; beyond 32, exp, sin and cos are used. */
 enum { MOST_DOUBLINGS = 6 };
 
 /* A sub-step is at most this share of the friction's fastest time constant. */
 static const double SUB_STEP_SHARE = 0.0625;
 static const double MOST_SUB_STEPS = 100000.0;
 
-/* No state is ever so large, in any unit. */
+/* Upper limit of any state, in any unit. */
 static const double LARGEST = 1e150;
 
-/* The factors of one step; kept for the last few step sizes, since a host's steps differ by roundings at most. */
+/* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
 typedef struct {
     double h;
     double e_re[MODES], e_im[MODES]; /* e^(lambda h) */
@@ -34,22 +34,22 @@ typedef struct {
     double second_re[MODES], second_im[MODES]; /* h phi2 */
 } Factors;
 
-/* Real parts of all modes, then imaginary parts of the pairs, each with room for a multiple of LANES; what fills it up is
- * zero and stays so. */
+/* Real parts of all modes, then imaginary parts of the pairs, each padded to a multiple of LANES; the padding is zero and stays
+ * so. */
 typedef struct {
     double at[STATE_BLOCKS * BLOCK];
 } Modal;
 
-/* The last two b u, too: most steps begin with the inputs that the last one ended with. */
+/* The last two b u are kept too: most steps begin with the inputs with which the last one ended. */
 typedef struct {
     Factors kept[KEPT];
     size_t newest;
-    double input[INPUTS]; /* of load[loaded] */
+    double input[INPUTS]; /* inputs of load[loaded] */
     size_t loaded;
     Modal load[2];
 } Work;
 
-/* Memory.state: z, and the inputs that belong to it, with friction in them. Outputs are computed when they are asked for. */
+/* Memory.state: z, and the corresponding inputs including friction. Outputs are computed when they are read. */
 enum { REACHED = STATE_COUNT };
 
 /* ---- Factors of a step ---------------------------------------------------------------------------------------------- */
@@ -113,8 +113,8 @@ static const Factors *factors(Work *work, double h)
     return last->h == h ? last : other_factors(work, h);
 }
 
-/* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in
- * the same order everywhere. Inputs that nobody drives are zero, and add nothing. */
+/* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
+ * order everywhere. Inputs that are zero are skipped. */
 static void load(const double *u, Modal *w)
 {
     for (int b = 0; b < STATE_BLOCKS; b++) {
@@ -157,7 +157,7 @@ static int are_equal(const double *a, const double *b)
 static void load_ends(Work *work, const double *from, const double *to, const Modal **w0, const Modal **w1)
 {
     Modal *begin = &work->load[work->loaded], *end = &work->load[1 - work->loaded];
-    if (!are_equal(work->input, from)) { /* all zero is right from the beginning */
+    if (!are_equal(work->input, from)) { /* the initial zeros are consistent */
         copy_fresh(work->input, from, INPUTS);
         load(from, begin);
     }
@@ -209,7 +209,7 @@ static int has_friction(const Parameters *p)
     return 0;
 }
 
-/* What friction adds to the inputs in state z. */
+/* The inputs' increase by friction in state z. */
 static void add_friction(const Parameters *p, const double *z, double *u)
 {
     for (int i = 0; i < PORT_COUNT; i++) {
@@ -284,7 +284,7 @@ double model_output(const Memory *memory, int output)
     return OFFSET_OF[output] < 0 ? y : y + memory->values.named.parameters.offset[OFFSET_OF[output]];
 }
 
-/* Far from where an output or the next step could overflow. */
+/* Limits far below an overflow of an output or of the next step. */
 static int is_sound(const Modal *z)
 {
     double sum[LANES] = {0.0};
@@ -296,7 +296,7 @@ static int is_sound(const Modal *z)
     return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
 }
 
-/* Keeps state z, and the inputs there. */
+/* Saves state z, and the inputs there. */
 static void reach(Memory *memory, const Modal *z, int rubs)
 {
     double *u = memory->state + REACHED;
@@ -307,7 +307,7 @@ static void reach(Memory *memory, const Modal *z, int rubs)
     }
 }
 
-/* ---- What component.h asks of a model ------------------------------------------------------------------------------- */
+/* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
 
 size_t model_work_size(void)
 {
@@ -328,7 +328,7 @@ int model_warns(const Values *v, Message *why)
     return 0;
 }
 
-/* The steady state z = -b u / lambda; at rest the ports do not move, so that friction has no part in it. */
+/* The steady state z = -b u / lambda; the ports do not move then, so friction has no effect. */
 static void settle(const double *u, Modal *z)
 {
     Modal w;
@@ -368,7 +368,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     const int rubs = has_friction(p);
     const double count = rubs ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
     if (!(count >= 0.0 && count <= MOST_SUB_STEPS)) {
-        say(why, "the friction is too stiff for so long a step: take a smaller step, less friction_force or a larger "
+        say(why, "the friction is too stiff for a step of this length: use a smaller step, less friction_force or a larger "
                  "friction_velocity");
         return 0;
     }

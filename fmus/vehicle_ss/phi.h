@@ -12,7 +12,7 @@ static const double PHI2[] = {
 };
 enum { SERIES_TERMS = sizeof PHI2 / sizeof PHI2[0] };
 
-/* Complex numbers of several modes: every operation is done to all, which a compiler turns into vector instructions. */
+/* Complex numbers of several modes: every operation applies to all modes, so that a compiler can use vector instructions. */
 typedef struct {
     double re[LANES], im[LANES];
 } Lanes;
@@ -50,8 +50,8 @@ static Lanes weighted(const Lanes *a, double first, const Lanes *b, double secon
     return c;
 }
 
-/* phi2 by its series, for |x| <= 1/2: division by the quadratic with the roots x and its conjugate, which takes two real
- * products a term (Knuth, The Art of Computer Programming 2, 4.6.4, (3)). */
+/* phi2 by its series, for |x| <= 1/2: division by the quadratic with the roots x and its conjugate, with two real products per term
+ * (Knuth, The Art of Computer Programming 2, 4.6.4, (3)). */
 static Lanes phi2_series(const Lanes *x)
 {
     Lanes sum;
@@ -112,7 +112,7 @@ static Lanes difference_quotient(const Lanes *a, const Lanes *x)
     return product(&rise, &inverse);
 }
 
-/* For modes of which one has an exponent so large that its series would take many doublings. */
+/* For modes of which one has an exponent so large that its series would need many doublings. */
 static Exponentials exponentials_in_closed_form(const Lanes *x)
 {
     Exponentials a = exponentials_by_series(x, 0), large;

@@ -1,8 +1,8 @@
 """vehicle_ss for PythonFMU: a linear vehicle x' = A x + B u, y = C x + D u, with suspension friction at its ports.
 
-The linear part is stepped exactly with its inputs held. The builder stages this file as <model>_<digest>.py beside the
-package <model>_<digest>_law, which holds the library's own stepping kernel and friction, to the byte. Needs numpy and
-scipy in the host's Python.
+The linear part is stepped exactly with its inputs held. The builder copies this file to <model>_<digest>.py next to the
+package <model>_<digest>_law, which contains the same stepping kernel and friction that the library uses. The host's
+Python needs numpy and scipy.
 """
 
 from importlib import import_module
@@ -15,14 +15,14 @@ friction = import_module(f"{__name__}_law.friction")
 
 
 class VehicleSs(TableSlave):
-    """A state space with named channels; outputs may carry a static offset (docs/ports.md)."""
+    """A state space with named channels; a static offset may be added to an output (docs/ports.md)."""
 
     def __init__(self, **kwargs):
         super().__init__(f"{__name__}.json", **kwargs)
         model = self.model
         self.stepper = LinearStepper(*(np.array(model[name], dtype=float) for name in "ABCD"))
         self.inputs, self.outputs, self.offsets = model["inputs"], model["outputs"], model["offsets"]
-        # A port's name ends with its dot; the port of a quarter car is "".
+        # A port's name ends with a dot; the port of a quarter car is "".
         self.port_names = model["ports"]
         self.ports = friction.ports_of(
             self.stepper,

@@ -34,7 +34,7 @@ def test_an_unknown_choice_is_refused(laggard, choice, message):
 def test_a_bound_that_is_hit_is_reported(laggard):
     fit = fit_shock(laggard, "lpf1")
     assert fit.parameter("time_constant").at_bound == "upper"
-    assert any("time_constant = 1" in warning and "upper end" in warning for warning in fit.warnings)
+    assert any("time_constant = 1" in warning and "at its upper bound" in warning for warning in fit.warnings)
     assert fit.shock.fit["parameters"]["time_constant"]["at_bound"] == "upper"
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import InputError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.solvers.robust import huber, spikes_of, tukey, weighed_down
+from eightpost.ident.shock.solvers.robust import downweighted_rows, huber, spikes_of, tukey
 from eightpost.shock import Lpf1
 
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
@@ -34,10 +34,10 @@ def test_spikes_are_taken_off_and_counted(record, seed, count, size):
     where = generator.choice(np.arange(2500, 19000, 3), count, replace=False)
     force[where] += size * generator.choice([-1.0, 1.0], count)
     fit = fit_shock(with_force(record, force), "lpf1")
-    assert fit.weighed_down == pytest.approx(count, abs=0.1 * count + 3)
+    assert fit.downweighted == pytest.approx(count, abs=0.1 * count + 3)
     assert any("spikes" in change for change in fit.changes)
     assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.01)
-    assert fit.shock.fit["weighed_down"] == fit.weighed_down
+    assert fit.shock.fit["weighed_down"] == fit.downweighted
 
 
 @few
@@ -46,7 +46,7 @@ def test_a_dropout_is_weighed_down_or_doubted(record, start, length):
     force = record.series["force"].copy()
     force[start : start + length] = 5000.0
     fit = fit_shock(with_force(record, force), "lpf1")
-    assert fit.weighed_down > 0.3 * length
+    assert fit.downweighted > 0.3 * length
     assert any("outliers" in change for change in fit.changes)
     assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.03)
 
@@ -69,7 +69,7 @@ def test_a_segment_outside_the_record_is_refused(record, start, length):
 
 def test_a_clean_record_loses_nothing_to_robustness(record):
     plain, robust = fit_shock(record, "lpf1", robust="none"), fit_shock(record, "lpf1")
-    assert robust.weighed_down == 0
+    assert robust.downweighted == 0
     assert robust.shock.law == plain.shock.law
 
 
@@ -87,4 +87,4 @@ def test_weights_fall_with_the_residual():
     residual = np.append(np.random.default_rng(1).standard_normal(500), 50.0)
     assert huber(residual)[-1] < 0.1
     assert tukey(residual)[-1] == 0.0
-    assert weighed_down(tukey(residual)) == 1
+    assert downweighted_rows(tukey(residual)) == 1

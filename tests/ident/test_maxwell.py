@@ -24,7 +24,7 @@ def test_the_curve_rises_all_over_where_the_record_alone_would_not_let_it(curve,
     """Slow and sampled at 500 Hz; a shock that gives way a little at its transition, where a blend is narrow."""
     stepped = fit_shock(falling(law_record(Lpf1(curve, 5e-3), 4, rate=500.0, slower=6.0)), "maxwell")
     assert stepped.shock.law.curve.falls_at() is None
-    assert any("held to rise all over" in change for change in stepped.changes)
+    assert any("constrained to rise everywhere" in change for change in stepped.changes)
 
 
 def falling(test):

@@ -34,7 +34,7 @@ def test_the_dissertation_record_is_taken_as_it_is(record):
 
 def test_a_100_hz_record_lowers_the_cutoff(curve, law_record):
     fit = fit_shock(law_record(Lpf1(curve, 1.5e-2), 1, rate=100.0), "lpf1")
-    assert said(fit.changes, "cut-off", "50", "40")
+    assert said(fit.changes, "cutoff", "50", "40")
     assert said(fit.changes, "longest tau 50 ms")
     assert said(fit.changes, "shortest tau 1 ms")
     assert fit.parameter("time_constant").value == pytest.approx(1.5e-2, rel=0.1)
@@ -82,7 +82,7 @@ def test_an_idle_start_is_not_fitted_alone(record):
         series.names,
         series.units,
     )
-    assert said(prepare(DynoTest(joined)).changes, "all of the record", "peak speed")
+    assert said(prepare(DynoTest(joined)).changes, "the whole record", "peak speed")
 
 
 def test_an_uneven_record_is_resampled(record):
@@ -99,9 +99,9 @@ def test_a_fast_record_is_thinned(curve, law_record):
 
 def test_options_are_reported(record):
     prepared = prepare(record, segment=(2.0, 6.0), cutoff=80.0, transition_speed=0.3)
-    assert said(prepared.changes, "seconds 2 to 6", "asked")
-    assert said(prepared.changes, "cut-off 80 Hz", "asked")
-    assert said(prepared.changes, "transition moved", "asked")
+    assert said(prepared.changes, "seconds 2 to 6", "requested")
+    assert said(prepared.changes, "cutoff frequency 80 Hz", "requested")
+    assert said(prepared.changes, "transition moved", "requested")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_single_sine_is_recognised_and_its_stiffness_not_guessed(curve):
     test = DynoTest(TimeSeries.from_channels(time, channels))
     assert single_frequency(velocity, 500.0) == pytest.approx(1.1, abs=0.1)
     fit = fit_shock(test, "lpf1")
-    assert said(fit.changes, "one sine of 1.", "look alike")
+    assert said(fit.changes, "one sine of 1.", "cannot be distinguished")
     assert fit.shock.law.port.gas_stiffness == 0.0
 
 

@@ -35,7 +35,7 @@ def test_the_fit_is_that_on_all_samples(law, dynamics, fault, digressive_record,
     quick = fit_shock(test, law)
     monkeypatch.setattr(dynamics, "sketched_on", lambda self, model: model)
     slow = fit_shock(test, law)
-    assert (quick.weighed_down > 0) is fault
+    assert (quick.downweighted > 0) is fault
     assert quick.percent == pytest.approx(slow.percent, rel=1e-3)
     for parameter in slow.parameters:
         low, high = parameter.interval or (-np.inf, np.inf)

@@ -1,4 +1,4 @@
-"""Least squares between walls ends where the conditions of Karush, Kuhn and Tucker hold."""
+"""Least squares between inequalities ends where the conditions of Karush, Kuhn and Tucker constraint."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, minimize
 
-from eightpost.ident.shock.solvers.walled import Walls, least_squares_between
+from eightpost.ident.shock.solvers.walled import Inequalities, constrained_least_squares
 
-NO_WALLS = Walls(np.empty((0, 4)), np.empty(0))
+NO_INEQUALITIES = Inequalities(np.empty((0, 4)), np.empty(0))
 
 
-def linear(columns, target, walls, start):
-    return least_squares_between(
-        lambda x: columns @ x - target, lambda _: columns, start, walls, tolerance=1e-10, evaluations=60
+def linear(columns, target, inequalities, start):
+    return constrained_least_squares(
+        lambda x: columns @ x - target, lambda _: columns, start, inequalities, tolerance=1e-10, evaluations=60
     )
 
 
@@ -24,7 +24,7 @@ def test_bounds_alone_give_what_bounded_linear_least_squares_gives(seed):
     random = np.random.default_rng(seed)
     columns, target = random.standard_normal((30, 4)), random.standard_normal(30)
     low, high = np.full(4, -0.1), np.array([0.05, 0.1, np.inf, np.inf])
-    found = linear(columns, target, NO_WALLS.and_bounds(low, high), np.zeros(4))
+    found = linear(columns, target, NO_INEQUALITIES.and_bounds(low, high), np.zeros(4))
     expected = lsq_linear(columns, target, (low, high), tol=1e-12).x
     assert found.converged
     np.testing.assert_allclose(found.x, expected, atol=1e-5)
@@ -34,11 +34,11 @@ def test_bounds_alone_give_what_bounded_linear_least_squares_gives(seed):
 def test_no_feasible_direction_lowers_the_sum_of_squares(seed):
     random = np.random.default_rng(seed)
     columns, target = random.standard_normal((40, 5)), 3.0 * random.standard_normal(40)
-    walls = Walls(random.standard_normal((12, 5)), -np.abs(random.standard_normal(12)))
-    found = linear(columns, target, walls, np.zeros(5))
+    inequalities = Inequalities(random.standard_normal((12, 5)), -np.abs(random.standard_normal(12)))
+    found = linear(columns, target, inequalities, np.zeros(5))
     assert found.converged
-    assert walls.room(found.x).min() >= -1e-9
-    touched = walls.matrix[walls.room(found.x) < 1e-6]
+    assert inequalities.room(found.x).min() >= -1e-9
+    touched = inequalities.matrix[inequalities.room(found.x) < 1e-6]
     gradient = columns.T @ (columns @ found.x - target)
     push = lsq_linear(touched.T, gradient, (0.0, np.inf)).x if len(touched) else np.empty(0)
     np.testing.assert_allclose(touched.T @ push, gradient, atol=1e-3 * np.linalg.norm(columns.T @ target))
@@ -46,8 +46,8 @@ def test_no_feasible_direction_lowers_the_sum_of_squares(seed):
 
 def test_a_start_outside_the_walls_comes_inside():
     columns, target = np.eye(2), np.array([1.0, 1.0])
-    walls = Walls(np.array([[-1.0, -1.0]]), np.array([-1.0]))
-    found = linear(columns, target, walls, np.array([5.0, 5.0]))
+    inequalities = Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
+    found = linear(columns, target, inequalities, np.array([5.0, 5.0]))
     np.testing.assert_allclose(found.x, [0.5, 0.5], atol=1e-6)
 
 
@@ -58,27 +58,29 @@ def test_a_nonlinear_problem_ends_where_a_general_solver_ends():
     def jacobian(x):
         return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
 
-    walls = Walls(np.array([[-1.0, -1.0]]), np.array([-1.0]))
-    found = least_squares_between(residual, jacobian, np.array([-1.2, 1.0]), walls, tolerance=1e-10, evaluations=200)
+    inequalities = Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
+    found = constrained_least_squares(
+        residual, jacobian, np.array([-1.2, 1.0]), inequalities, tolerance=1e-10, evaluations=200
+    )
     expected = minimize(
         lambda x: residual(x) @ residual(x), (-1.2, 1.0), method="SLSQP", tol=1e-12,
-        constraints={"type": "ineq", "fun": walls.room},
+        constraints={"type": "ineq", "fun": inequalities.room},
     )  # fmt: skip
     assert found.converged
     np.testing.assert_allclose(found.x, expected.x, atol=1e-4)
 
 
 def test_too_few_evaluations_are_said():
-    found = least_squares_between(
+    found = constrained_least_squares(
         lambda x: np.array([np.exp(x[0]) - 5.0]), lambda x: np.array([[np.exp(x[0])]]), np.array([-4.0]),
-        Walls(np.empty((0, 1)), np.empty(0)), tolerance=1e-12, evaluations=2,
+        Inequalities(np.empty((0, 1)), np.empty(0)), tolerance=1e-12, evaluations=2,
     )  # fmt: skip
     assert not found.converged
-    assert "within 2 evaluations" in found.status
+    assert "after 2 evaluations" in found.status
 
 
 @pytest.mark.parametrize("height", [0.5, 2.0])
 def test_the_nearest_point_of_a_wall_is_on_it(height):
-    walls = Walls(np.array([[0.0, 1.0]]), np.array([height]))
-    found = linear(np.eye(2), np.zeros(2), walls, np.zeros(2))
+    inequalities = Inequalities(np.array([[0.0, 1.0]]), np.array([height]))
+    found = linear(np.eye(2), np.zeros(2), inequalities, np.zeros(2))
     np.testing.assert_allclose(found.x, [0.0, height], atol=1e-6)

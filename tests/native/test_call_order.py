@@ -88,15 +88,15 @@ def test_a_refusal_says_in_full_which_function_refused_what_and_why(host):
 
     reference, flag = (ctypes.c_uint * 1)(4321), (ctypes.c_int * 1)()
     assert told(fmu.call("GetReal", reference, one, (ctypes.c_double * 1)())) == (
-        ERROR, "fmi2GetReal: value reference 4321 is no Real variable of this FMU",
+        ERROR, "fmi2GetReal: value reference 4321 is not a Real variable of this FMU",
     )  # fmt: skip
     assert told(fmu.call("GetBoolean", reference, one, flag)) == (
-        ERROR, "fmi2GetBoolean: value reference 4321 is no Boolean variable of this FMU",
+        ERROR, "fmi2GetBoolean: value reference 4321 is not a Boolean variable of this FMU",
     )  # fmt: skip
     assert told(fmu.set(force=1.0)) == (ERROR, "fmi2SetReal: force is computed by the FMU and cannot be set")
     assert told(fmu.set(time_constant=-1.0))[1].startswith("fmi2SetReal: time_constant = -1 s must be at least ")
     assert told(fmu.set(velocity=math.nan)) == (
-        ERROR, "fmi2SetReal: velocity = not a number m/s must be finite; the old value stays",
+        ERROR, "fmi2SetReal: velocity = not a number m/s must be finite; the old value is kept",
     )  # fmt: skip
     car = fmu = host("seven_dof").start()
     (fixed, *_) = (v.name for v in car.description.modelVariables if v.variability == "fixed" and v.type == "Boolean")
@@ -113,7 +113,7 @@ def test_values_that_are_no_numbers_are_refused_by_name_and_the_next_good_step_i
             fmu.messages.clear()
             before = fmu.all()
             assert fmu.set_named({variable: bad}) == ERROR
-            assert variable in fmu.said() and "the old value stays" in fmu.said()
+            assert variable in fmu.said() and "the old value is kept" in fmu.said()
             assert fmu.all() == before
     fmu.run(3)
 

@@ -88,8 +88,8 @@ NOT_A_NUMBER = struct.pack("<d", math.nan)
 @pytest.mark.parametrize(
     ("place", "word", "said"),
     [
-        (PHASE, struct.pack("<q", 3), "its phase is none"),
-        (PHASE, struct.pack("<q", -1), "its phase is none"),
+        (PHASE, struct.pack("<q", 3), "its phase is unknown"),
+        (PHASE, struct.pack("<q", -1), "its phase is unknown"),
         (TIME, NOT_A_NUMBER, "a number is not finite"),
         (STOP, struct.pack("<d", math.inf), "a number is not finite"),
         (STALE, struct.pack("<q", 2), "a Boolean is neither true nor false"),
@@ -103,7 +103,7 @@ def test_a_state_that_no_instance_has_is_refused_though_its_checksum_is_right(ho
     content = c_level.packed(fmu, c_level.saved(fmu))
     assert c_level.unpacked(fmu, signed(content, {}))[0] == OK
     assert c_level.unpacked(fmu, signed(content, {place: word}))[0] == ERROR
-    assert f"no instance of this FMU has such a state: {said}" in fmu.said()
+    assert f"this state is not valid for this FMU: {said}" in fmu.said()
 
 
 @pytest.mark.parametrize("name", ALL)

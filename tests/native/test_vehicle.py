@@ -185,7 +185,7 @@ def test_a_step_too_long_for_the_friction_is_refused_and_changes_nothing(compone
     fmu.set(("force",), (500.0,))
     fmu.step(0.0, 1e-6)
     before = fmu.get(model_of("quarter_car").output_names)
-    with pytest.raises(StepError, match="too stiff for so long a step"):
+    with pytest.raises(StepError, match="too stiff for a step of this length"):
         fmu.step(1e-6, 0.05)
     assert fmu.get(model_of("quarter_car").output_names) == before
     fmu.step(1e-6, 1e-6)

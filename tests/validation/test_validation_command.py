@@ -54,8 +54,8 @@ def test_an_error_over_the_limit_exits_1_and_is_named(run):
 
 def test_a_kind_that_is_told_is_taken(run):
     done = run("lpf1.json", "data", "--kind", "random", "--kind", "bump.csv=bump")
-    assert "sine: random, as told" in done.output
-    assert "bump: bump, as told" in done.output
+    assert "sine: random, given by the user" in done.output
+    assert "bump: bump, given by the user" in done.output
 
 
 @pytest.mark.parametrize(

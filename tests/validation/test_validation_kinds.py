@@ -52,7 +52,7 @@ def test_the_note_in_a_file_says_its_configuration(bump_test, tmp_path, note, nu
 
 def test_what_is_told_goes_before_what_is_seen(sine_test):
     told = record_of(sine_test(0.1, 5.0), kind="random")
-    assert (told.kind, told.reason) == ("random", "as told")
+    assert (told.kind, told.reason) == ("random", "given by the user")
 
 
 def test_the_configuration_is_what_table_3_1_says_of_the_conditions(bump_test):

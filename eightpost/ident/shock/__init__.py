@@ -1,1 +1,1 @@
-"""Shock laws fitted to dynamometer tests (3.3), and how well they predict (3.4). eightpost.ident has the names."""
+"""Fitting of shock laws to dynamometer tests (3.3) and their validation (3.4). eightpost.ident exports the names."""

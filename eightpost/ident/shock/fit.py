@@ -22,7 +22,7 @@ from eightpost.ident.shock.solvers.boggs import Boggs
 from eightpost.ident.shock.solvers.joint import Joint
 from eightpost.ident.shock.solvers.robust import (
     Robust,
-    weighed_down,
+    downweighted_rows,
     weights_for,
     without_motion_spikes,
     without_spikes,
@@ -41,27 +41,27 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A name in `LAWS`: every law file adds one.
+#: A name in `LAWS`.
 LawName = str
 RecipeName = Literal["joint", "boggs"]
 GasTreatment = Literal["estimate", "included", "subtracted"]
 
-#: How often spikes are looked for again, and rows weighed again.
+#: Maximum number of searches for spikes, and of reweightings.
 _SCREENINGS, _WEIGHINGS = 3, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """How a fit is made.
+    """Options of a fit.
 
     Attributes:
-        recipe: `joint` (all parameters together) or `boggs` (one after the other, as 3.3 does).
-        gas: What to do with the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
-            the shock has it; `included` fits it and leaves it out of the shock, for the car's static load counts
-            it; `subtracted`: the dynamometer took it out already.
-        shape: What the curve may do: `auto`, `free`, `monotone`, `passive`.
-        order: Of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
-        robust: `auto`, `none`, `huber`, `tukey` (boggs: always none).
+        recipe: `joint` (all parameters together) or `boggs` (one after the other, as in 3.3).
+        gas: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
+            makes it part of the shock; `included` fits it and leaves it out of the shock, because the car's static load
+            includes it; `subtracted`: the dynamometer has already subtracted it.
+        shape: Constraint on the curve: `auto`, `free`, `monotone`, `passive`.
+        order: Order of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
+        robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
     """
 
     recipe: RecipeName = "joint"
@@ -71,10 +71,10 @@ class Choices:
     robust: Robust = "auto"
 
     def check(self, law: str) -> None:
-        """Refuse what is not known.
+        """Check that all options are known.
 
         Raises:
-            ParameterError: A choice, or the law, is none of those there are.
+            ParameterError: An option or the law is unknown.
         """
         asked = (
             ("law", law, tuple(LAWS)),
@@ -91,7 +91,7 @@ class Choices:
 
     @property
     def ceiling(self) -> float:
-        """The highest transition force whatever the record [N]."""
+        """The upper bound of the transition forces for any record [N]."""
         return Boggs.ceiling if self.recipe == "boggs" else Joint.ceiling
 
 
@@ -112,21 +112,21 @@ def fit_shock(
     """Fit a law to a dynamometer test, or to several runs of one build together.
 
     Args:
-        tests: Velocity and force, for the gas stiffness also displacement; positive in compression. Several runs
-            share curve, law and gas stiffness; the gas offset is each one's own.
-        law: A name in `LAWS`.
-        recipe: As `Choices` has it, like the next four.
-        gas: What to do with the gas force.
-        shape: What the curve may do.
-        order: Of the inner polynomial.
-        robust: What to do with outliers.
-        name: Of the shock; default the build, else the file's name.
-        segment: Seconds from the record's start; default 1 to 10.
-        cutoff: Of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
-        transition_speed: Of the curve [m/s]; default 15 in/s, less for a slow record.
+        tests: Records of velocity and force, for the gas stiffness also displacement; positive in compression. Several
+            runs share curve, law and gas stiffness; each has its own gas offset.
+        law: Name in `LAWS`.
+        recipe: `joint` or `boggs`; see `Choices` for this and the next four arguments.
+        gas: Treatment of the gas force.
+        shape: Constraint on the curve.
+        order: Order of the inner polynomial.
+        robust: Treatment of outliers.
+        name: Name of the shock; default the build, else the file's name.
+        segment: Start and end [s] from the record's start; default 1 to 10.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
+        transition_speed: Transition speed of the curve [m/s]; default 15 in/s, less for a slow record.
 
     Raises:
-        ParameterError: An unknown law or choice, or an option that does not suit the record.
+        ParameterError: The law or an option is unknown, or an option does not suit the record.
         TooShortError: A record has too few samples.
     """
     choices = Choices(recipe, gas, shape, order, robust)
@@ -137,7 +137,7 @@ def fit_shock(
     def prepared(records: Sequence[DynoTest]) -> Runs:
         return prepare_runs(records, segment=segment, cutoff=cutoff, transition_speed=transition_speed)
 
-    # Matrices this small gain nothing from several threads, and lose much where something else wants the cores.
+    # Threads do not speed up matrices this small, and they slow down other work on the same processors.
     with threadpool_limits(1, "blas"):
         if recipe == "boggs" or robust == "none":
             runs, spikes, notes = prepared(given), 0, list[str]()
@@ -151,14 +151,14 @@ def fit_shock(
 
 
 def _screened(tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]], Runs]) -> tuple[Runs, int, list[str]]:
-    """Return runs without spikes, how many samples were replaced, and what was done in words."""
+    """Return runs without spikes, the number of replaced samples, and notes on what was replaced."""
     cleaned, notes = [], []
     total = 0
     for test in tests:
         clean, found = without_motion_spikes(test)
         cleaned.append(clean)
         total += sum(found.values())
-        notes += [f"{count} samples of {name} were out of line and replaced" for name, count in found.items()]
+        notes += [f"{count} outlying samples of {name} were replaced" for name, count in found.items()]
     runs, counts = prepared(cleaned), [0] * len(cleaned)
     for _ in range(_SCREENINGS):
         forces = screened_force(runs)
@@ -169,12 +169,12 @@ def _screened(tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]]
         runs = prepared([test for test, _ in found_now])
     spikes = sum(counts)
     if spikes:
-        notes.append(f"{spikes} spikes in the force were taken off: samples far from the model and their neighbours")
+        notes.append(f"{spikes} samples of the force were replaced: spikes, far from the model, and their neighbours")
     return runs, total + spikes, notes
 
 
 def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str], int]:
-    """Return the solution, what was held on the way, and how many samples were weighed down."""
+    """Return the solution, notes on fixed parameters, and the number of down-weighted samples."""
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     gas, held = gas_columns(runs, choices.gas)
     dynamics = dynamics_for(LAWS[law], limits)
@@ -182,40 +182,40 @@ def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str]
     notes = [*dynamics.changes(), *models.changes, *held]
     if choices.recipe == "boggs":
         return Boggs().fit(models), notes, 0
-    solution = _weighed(Joint(choices.shape, choices.order), models, weights_for(choices.robust))
-    down = weighed_down(solution.model.runs.weights)
+    solution = _robust_solution(Joint(choices.shape, choices.order), models, weights_for(choices.robust))
+    down = downweighted_rows(solution.model.runs.weights)
     samples = round(down * runs.measured.size / runs.weights.size)
     if samples:
-        notes.append(f"{samples} samples ({100.0 * down / runs.weights.size:.2g} %) were weighed down as outliers")
+        notes.append(f"{samples} samples ({100.0 * down / runs.weights.size:.2g} %) were down-weighted as outliers")
     return solution, notes, samples
 
 
-def _weighed(joint: Joint, models: Models, weigh: Callable[[Array, float], Array] | None) -> Solution:
-    """Return the solution at the weights of its own errors; without `weigh` all weigh alike."""
+def _robust_solution(joint: Joint, models: Models, weigh: Callable[[Array, float], Array] | None) -> Solution:
+    """Return the solution with weights that follow its own residuals; without `weigh` all samples have equal weight."""
     if weigh is None:
         return joint.fit(models)
-    sketch = _outliers_weighed(joint, joint.sketch(models), weigh)
+    sketch = _reweighted(joint, joint.sketch(models), weigh)
     whole = joint.finished(sketch)
     if not sketch.is_final and (sketch.weights < 1.0).any():
         weights = weigh(whole.error, models.runs.deviation)
-        whole = whole if _alike(weights, whole.weights) else joint.weighed(whole, weights)
+        whole = whole if _nearly_equal(weights, whole.weights) else joint.reweighted(whole, weights)
     return joint.solution(whole)
 
 
-def _outliers_weighed(joint: Joint, first: Sketch, weigh: Callable[[Array, float], Array]) -> Sketch:
-    """Return a sketch at the weights of its own errors, or nearly so; the last weighing is the whole record's."""
+def _reweighted(joint: Joint, first: Sketch, weigh: Callable[[Array, float], Array]) -> Sketch:
+    """Return a sketch with weights that follow its own residuals; the last reweighting is done on the whole record."""
     sketch = first
     for count in range(_WEIGHINGS if first.is_final else _WEIGHINGS - 1):
         weights = weigh(sketch.error, sketch.models.runs.deviation)
-        if _alike(weights, sketch.weights):
+        if _nearly_equal(weights, sketch.weights):
             break
         if count and (weights == first.weights).all():
-            return first  # no outliers after all; to weigh again would go round in a circle
-        # The order of the curve may change when outliers first lose their weight, and then no more.
-        sketch = joint.weighed(sketch, weights) if count else joint.reordered(sketch, weights)
+            return first  # no outliers after all; further reweighting would alternate between two results
+        # The order of the curve may change at the first reweighting only.
+        sketch = joint.reweighted(sketch, weights) if count else joint.reordered(sketch, weights)
     return sketch
 
 
-def _alike(weights: Array, others: Array) -> bool:
-    """Return whether weights (R,) are near enough to others that a fit with them would be the same."""
+def _nearly_equal(weights: Array, others: Array) -> bool:
+    """Return whether weights (R,) are so close to others that a fit with them would be the same."""
     return bool(np.abs(weights - others).max() < 0.05)

@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A shock moves from this share of the record's peak speed.
+#: Share of the record's peak speed above which the shock counts as moving.
 _MOVES = 0.05
 
-#: Moves that are less apart are one event [s].
+#: Motions separated by less than this time are one event [s].
 _APART = 0.15
 
-#: What belongs to an event before its motion and after it [s].
+#: Time before and after its motion that belongs to an event [s].
 _BEFORE, _AFTER = 0.03, 0.1
 
-#: Low-pass of a bump [Hz], at most 0.4 of the rate: through the 50 Hz of 3.3 the 17 ms of a bump come out so rounded
-#: that the true law is off by 5 % RMS and 1.4 % at the peaks (tests/validation).
+#: Low-pass of a bump [Hz], at most 0.4 of the sampling rate. The 50 Hz of 3.3 would smooth the 17 ms of a bump so much
+#: that the true law has an error of 5 % RMS and 1.4 % at the peaks (tests/validation).
 CUTOFF = 200.0
 
-#: Samples that the evaluation needs at least; with fewer between the events all of the record is taken.
+#: Minimum number of samples for the evaluation; with fewer around the events the whole record is used.
 _ENOUGH = 200
 
 
@@ -45,12 +45,12 @@ class BumpEvent:
     """One motion of a bump test.
 
     Attributes:
-        start: [s] from the record's start.
-        stop: [s].
-        speed: The velocity of greatest magnitude [m/s]; positive in compression.
-        measured_peak: The force [N] of greatest distance from the one before the motion.
-        predicted_peak: The law's force [N], the same way.
-        rms: Of the error within the event [N].
+        start: Start from the record's start [s].
+        stop: End from the record's start [s].
+        speed: Velocity of largest magnitude [m/s]; positive in compression.
+        measured_peak: Measured force farthest from the force before the motion [N].
+        predicted_peak: Predicted force farthest from the force before the motion [N].
+        rms: RMS of the error within the event [N].
     """
 
     start: float
@@ -62,18 +62,18 @@ class BumpEvent:
 
     @property
     def peak_error(self) -> float:
-        """Predicted over measured peak less one [percent]."""
+        """Predicted over measured peak minus one [percent]."""
         return 100.0 * (self.predicted_peak / self.measured_peak - 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BumpValidation:
-    """A shock on a bump record.
+    """Error of a shock on a bump record.
 
     Attributes:
-        prediction: From the first event to the last, with what stands between them.
-        events: In time.
-        rms: Of the error over the events [N].
+        prediction: Prediction from the first event to the last, including the times between them.
+        events: Events in the order of time.
+        rms: RMS of the error over the events [N].
         deviation: Standard deviation of the measured force over the events [N].
     """
 
@@ -84,7 +84,7 @@ class BumpValidation:
 
     @property
     def percent(self) -> float:
-        """Of the standard deviation over the events."""
+        """The RMS error in percent of the standard deviation over the events."""
         return 100.0 * self.rms / self.deviation
 
     @property
@@ -98,16 +98,16 @@ def validate_bump(shock: Shock, record: Record, *, cutoff: float | None = None) 
     """Return a shock's error on a bump record.
 
     Args:
-        shock: As fitted.
-        record: Which stands, moves fast and stands again, once or more often.
-        cutoff: Of the low-pass [Hz]; default 200, at most 0.4 of the sampling rate.
+        shock: Fitted shock.
+        record: Record that stands still, moves fast and stands still again, once or several times.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 200, at most 0.4 of the sampling rate.
 
     Raises:
-        ParameterError: Nothing moves, or all of it does.
+        ParameterError: Nothing moves, or the record never stands still.
     """
     spans = _spans(record.test.series)
     if not spans:
-        raise ParameterError(f"{record.name}: there is no motion between two rests; give another --kind for it")
+        raise ParameterError(f"{record.name}: no motion between two rests was found; give another --kind for it")
     segment = (spans[0][0], spans[-1][1])
     if (segment[1] - segment[0]) * record.test.series.sample_rate < _ENOUGH:
         segment = (0.0, record.test.series.duration)
@@ -128,7 +128,7 @@ def validate_bump(shock: Shock, record: Record, *, cutoff: float | None = None) 
 def _spans(series: TimeSeries) -> list[tuple[float, float]]:
     """Return start and stop [s], from the record's start, of each event."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    # Means over 2 ms: noise must not look like motion.
+    # Means over 2 ms keep noise from being taken for motion.
     smooth = block_means(even, int(0.002 * even.sample_rate))
     speed = np.abs(smooth["velocity"])
     time = smooth.time - even.time[0]

@@ -1,4 +1,4 @@
-"""Which of the dissertation's twelve configurations (Table 3.1) a record or a shock is."""
+"""Assignment of records and shocks to the dissertation's twelve configurations (Table 3.1)."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
     from eightpost.rig.dyno_test import DynoTest
 
-#: Bytes of a text file that its note may be in.
+#: Number of bytes of a text file that are searched for its note.
 _HEAD = 2048
 
-#: How far a stated gas pressure may be from a table's [psi].
+#: Tolerance between a stated gas pressure and that of the table [psi].
 _NEAR = 10.0
 
 
 def configuration_of(conditions: Mapping[str, Any]) -> int | None:
-    """Return the configuration 1 to 12 that conditions say, None where they say none.
+    """Return the configuration 1 to 12 that conditions state, or None.
 
     Args:
-        conditions: `configuration` goes first; else `build` (such as `Build 1`), `clicks` (1 or 14 at its beginning)
-            and `gas_pressure [Pa]` together, as Table 3.1 has them.
+        conditions: Conditions of a test or shock. `configuration` takes precedence; otherwise `build` (such as
+            `Build 1`), `clicks` (starting with 1 or 14) and `gas_pressure [Pa]` must together match Table 3.1.
 
     Raises:
-        ParameterError: `configuration` is no whole number from 1 to 12.
+        ParameterError: `configuration` is not a whole number from 1 to 12.
     """
     stated = conditions.get("configuration")
     if stated is not None:
@@ -50,7 +50,7 @@ def configuration_of(conditions: Mapping[str, Any]) -> int | None:
 
 
 def checked(number: object) -> int:
-    """Return a configuration's number, refusing what is none."""
+    """Return a configuration's number after checking it."""
     if isinstance(number, (int, float, str)) and str(number).strip().isdigit():
         found = int(str(number).strip())
         if 1 <= found <= len(CONFIGURATIONS):
@@ -59,10 +59,10 @@ def checked(number: object) -> int:
 
 
 def configuration_of_file(path: Path) -> int | None:
-    """Return the configuration that a file's own note says (`configuration 3`), None where it says none.
+    """Return the configuration that a note in a file states (`configuration 3`), or None.
 
     Args:
-        path: A text file, whose first lines are looked at, or a Parquet file, whose header is.
+        path: Text file, whose first lines are searched, or Parquet file, whose header is searched.
     """
     suffix = path.suffix.lower()
     if suffix in (".csv", ".txt"):
@@ -77,7 +77,7 @@ def configuration_of_file(path: Path) -> int | None:
 
 
 def conditions_of_test(test: DynoTest) -> dict[str, Any]:
-    """Return what a test says about its conditions, under the names of a shock file."""
+    """Return the conditions that a test states, under the names of a shock file."""
     known = test.conditions
     stated = {
         "configuration": getattr(known, "configuration", None),

@@ -1,4 +1,4 @@
-"""How well a fitted shock predicts a record that it was not fitted to (3.4)."""
+"""The error of a fitted shock on a record that it was not fitted to (3.4)."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """The error of a prediction, prediction and measurement through the same low-pass.
+    """The error of a prediction, with prediction and measurement through the same low-pass.
 
     Attributes:
-        rms: Of the error [N].
-        offset: Mean of the error, measured less predicted [N]; part of `rms`.
+        rms: RMS of the error [N].
+        offset: Mean of the error, measured minus predicted [N]; part of `rms`.
         deviation: Standard deviation of the low-passed measured force [N].
         beyond: Share of the samples whose velocity is outside the fitted range [1].
-        measured: velocity [m/s], force [N], where known displacement [m] from the shock's reference; low-passed.
-        predicted: force [N].
-        changes: How the record was treated otherwise than 3.3 does.
-        cutoff: Of the low-pass [Hz].
-        seconds: What the law's evaluation took [s].
+        measured: Velocity [m/s], force [N] and, if known, displacement [m] from the shock's reference; low-passed.
+        predicted: Predicted force [N].
+        changes: Departures from the dissertation's treatment of the record (3.3), one sentence each.
+        cutoff: Cutoff frequency of the low-pass [Hz].
+        seconds: Computing time of the law's evaluation [s].
     """
 
     rms: float
@@ -50,12 +50,12 @@ class Validation:
 
     @property
     def percent(self) -> float:
-        """The RMS error in percent of the standard deviation, as Table 3.5 beside 3.3.1 has it."""
+        """The RMS error in percent of the standard deviation, as in Tables 3.4 and 3.5."""
         return 100.0 * self.rms / self.deviation
 
     @property
     def error(self) -> Array:
-        """Measured less predicted force (N,) [N]."""
+        """Measured minus predicted force (N,) [N]."""
         return np.asarray(self.measured["force"] - self.predicted["force"])
 
 
@@ -64,15 +64,15 @@ def evaluate(
 ) -> Validation:
     """Return the error of a shock's prediction on a dynamometer test.
 
-    The displacement is counted from the shock's own reference. A gas force that the fit estimated but left to the
-    car (`included`) is added, for the record has it; a motion ratio is left out, for a dynamometer holds the damper
-    itself.
+    The displacement is relative to the shock's own reference. A gas force that the fit estimated but left to the car
+    (`included`) is added, because the record contains it. The motion ratio is ignored, because a dynamometer moves the
+    damper itself.
 
     Args:
-        shock: As fitted.
+        shock: Fitted shock.
         test: Another record of the same shock; on the fit's own record the result is the fit's error.
-        segment: Seconds from the record's start; default 1 to 10.
-        cutoff: Of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
+        segment: Start and end [s] from the record's start; default 1 to 10.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
     """
     prepared = prepare(test, segment=segment, cutoff=cutoff)
     record = _about(prepared, reference_of(shock, prepared.reference))
@@ -100,12 +100,12 @@ def evaluate(
 
 
 def reference_of(shock: Shock, otherwise: float) -> float:
-    """Return the displacement that a shock's gas force is stated at [m], or `otherwise` where the file says none."""
+    """Return the reference displacement of a shock's gas force [m], or `otherwise` if the file does not state it."""
     return float(shock.conditions.get("displacement_reference [m]", otherwise))
 
 
 def as_measured(shock: Shock) -> ShockLaw:
-    """Return the law as the dynamometer felt it: the damper itself, with its gas force."""
+    """Return the law as measured on a dynamometer: the damper itself, with its gas force."""
     port = replace(shock.law.port, motion_ratio=1.0)
     if shock.conditions.get("gas_treatment") == "included":
         port = replace(
@@ -117,7 +117,7 @@ def as_measured(shock: Shock) -> ShockLaw:
 
 
 def _about(prepared: Prepared, reference: float) -> TimeSeries:
-    """Return the record with its displacement from a reference [m]."""
+    """Return the record with its displacement relative to a reference [m]."""
     record = prepared.record
     if "displacement" not in record:
         return record

@@ -1,4 +1,4 @@
-"""How a record moves: where it stands, where it moves, and whether it is one sine."""
+"""Analysis of a record's motion: where it stands still, where it moves, and the frequency of a sine."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Mask = NDArray[np.bool_]
 
-#: A record stands where its displacement changes by less than this share of its stroke within a window.
+#: A record stands still where its displacement changes by less than this share of its stroke within a window.
 _STANDS = 0.01
 
-#: The window: this share of the record, and no shorter [s].
+#: Length of the window as a share of the record, and its minimum [s].
 _WINDOW, _SHORTEST_WINDOW = 1.0 / 200.0, 0.05
 
 
 def displacement_of(series: TimeSeries) -> Array:
-    """Return the displacement (N,) [m]; the integral of the velocity less its mean where none was measured."""
+    """Return the displacement (N,) [m]; if it was not measured, the integral of the velocity minus its mean."""
     if "displacement" in series:
         return series["displacement"]
     velocity = series["velocity"]
@@ -33,13 +33,13 @@ def displacement_of(series: TimeSeries) -> Array:
 
 
 def standing(series: TimeSeries) -> Mask:
-    """Return where a record stands (N,): within 1/200 of its length it moves less than 1 % of its stroke.
+    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke.
 
     Args:
         series: `displacement` [m], or `velocity` [m/s] to integrate.
     """
     half = _half_window(series)
-    # Means over a quarter of the window: the sensor's noise must not look like motion.
+    # Means over a quarter of the window keep the sensor's noise from being taken for motion.
     smooth = uniform_filter1d(displacement_of(series), max(1, half // 2), mode="nearest")
     padded = np.pad(smooth, half, mode="edge")
     return np.asarray(np.abs(padded[2 * half :] - padded[: -2 * half]) < _STANDS * np.ptp(smooth))
@@ -51,7 +51,7 @@ def _half_window(series: TimeSeries) -> int:
 
 
 def stretches(mask: Mask) -> list[tuple[int, int]]:
-    """Return first and last sample of every run of true values of a mask (N,)."""
+    """Return the first and last sample of every run of true values of a mask (N,)."""
     labels, count = label(mask)
     starts = np.flatnonzero(np.diff(labels, prepend=0) > 0) if count else np.empty(0, int)
     ends = np.flatnonzero(np.diff(labels, append=0) < 0) if count else np.empty(0, int)
@@ -59,12 +59,12 @@ def stretches(mask: Mask) -> list[tuple[int, int]]:
 
 
 def moving_part(series: TimeSeries) -> TimeSeries:
-    """Return a record without what stands at its beginning and at its end."""
+    """Return a record without standstill at its beginning and end."""
     moves, half = np.flatnonzero(~standing(series)), _half_window(series)
     if moves.size < 3:
         return series
     first, last = int(moves[0]), int(moves[-1])
-    # What lies within half a window of a motion counts as moving.
+    # Anything within half a window of a motion counts as moving.
     first, last = first + half * (first > half), last - half * (last < len(series) - 1 - half)
     return series if last - first < half else series.window(float(series.time[first]), float(series.time[last]))
 
@@ -77,7 +77,7 @@ def refined_frequency(values: Array, time: Array, near: float) -> float:
         columns = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
         return float(np.linalg.lstsq(columns, values, rcond=None)[1].sum())
 
-    # The misfit has local minima at distances of one period over the whole record: a grid first.
+    # The misfit has local minima one period over the whole record apart, so a grid is searched first.
     grid = np.linspace(0.85 * near, 1.15 * near, 61)
     best = int(np.argmin([misfit(frequency) for frequency in grid]))
     step = float(grid[1] - grid[0])

@@ -1,4 +1,4 @@
-"""What a person should know of a validation before believing it, a sentence each."""
+"""Notes on a validation that a reader should know, one sentence each."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ if TYPE_CHECKING:
 
 
 def notes_on(study: ValidationStudy) -> tuple[str, ...]:
-    """Return how records were treated, and which shocks were held against none; the rest is in the verdict."""
+    """Return how records were treated and which shocks were compared with no record; the verdict has the rest."""
     treated = dict.fromkeys(note for case in study.cases for note in _changes(case))
     return (*treated, *study.unpaired)
 
 
 def _changes(case: Case) -> list[str]:
-    """Return how a record was treated otherwise than the dissertation does."""
+    """Return departures from the dissertation's treatment of a record."""
     outcome = case.outcome
     if isinstance(outcome, StaticValidation):
         if outcome.settling < SETTLING:
             return [
-                f"{case.record.name}: its holds are short; from {outcome.settling:.2g} s on they are averaged, not "
+                f"{case.record.name}: its holds are short; they are averaged from {outcome.settling:.2g} s on, not "
                 f"from {SETTLING:g} s on"
             ]
         return []
     prediction = prediction_of(outcome)
-    said = prediction.changes if prediction else ()
-    # Which seconds of a sine or a bump are judged goes with its kind, as a bump's low-pass does; how a curve would be
-    # fitted is no matter here.
-    by_kind = {"random": (), "sine": ("seconds",), "bump": ("seconds", "cut-off")}[case.record.kind]
+    changes = prediction.changes if prediction else ()
+    # The segment of a sine or a bump follows from its kind, as does a bump's low-pass; the transition of the curve
+    # matters only for a fit.
+    by_kind = {"random": (), "sine": ("seconds",), "bump": ("seconds", "cutoff")}[case.record.kind]
     return [
-        f"{case.record.name}: {change.replace(' fitted', ' judged')}"
-        for change in said
+        f"{case.record.name}: {change.replace(' fitted', ' evaluated')}"
+        for change in changes
         if not change.startswith(("transition", *by_kind))
     ]

@@ -1,4 +1,4 @@
-"""What a whole record's prediction says of the shock: the same for random and sine records."""
+"""Figures of a prediction over a whole record, common to random and sine records."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ if TYPE_CHECKING:
 
 
 class Predicted:
-    """A result that holds a `prediction` over a whole record."""
+    """A result with a `prediction` over a whole record."""
 
     __slots__ = ()
     prediction: Validation
 
     @property
     def rms(self) -> float:
-        """Of the error [N]."""
+        """The RMS of the error [N]."""
         return self.prediction.rms
 
     @property

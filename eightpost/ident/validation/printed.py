@@ -17,10 +17,10 @@ class PrintedFit:
 
     Attributes:
         rms_lbf: Fit error [lbf].
-        percent_of_deviation: In percent of the force's standard deviation.
+        percent_of_deviation: Fit error in percent of the force's standard deviation.
         fit_seconds: Time of the fit [s].
         evaluation_seconds: Time of an evaluation [s].
-        percent_less_than_static: Reduction from Polylinear [percent]; None of Polylinear itself.
+        percent_less_than_static: Reduction from Polylinear [percent]; None for Polylinear itself.
     """
 
     rms_lbf: float
@@ -35,10 +35,10 @@ class PrintedConfiguration:
     """A column of Table 3.5.
 
     Attributes:
-        number: 1 to 12, in the order of Table 3.1.
-        build: 1, 2 or 4.
-        clicks: Of the bleed adjuster.
-        gas_pressure_psi: [psi].
+        number: Number 1 to 12, in the order of Table 3.1.
+        build: Build number: 1, 2 or 4.
+        clicks: Clicks of the bleed adjuster.
+        gas_pressure_psi: Gas pressure [psi].
         rms_lbf: Error on the random validation record [lbf] by law.
     """
 
@@ -50,7 +50,7 @@ class PrintedConfiguration:
 
     @property
     def title(self) -> str:
-        """As the table's head has it."""
+        """The heading of the column in the table."""
         return (
             f"Build {self.build}, {self.clicks} click{'' if self.clicks == 1 else 's'}, {self.gas_pressure_psi:g} psi"
         )
@@ -62,10 +62,10 @@ def _read() -> dict[str, Any]:
 
 _DOCUMENT = _read()
 
-#: Where the figures were printed.
+#: Publication with the printed figures.
 SOURCE: str = _DOCUMENT["source"]
 
-#: The configuration that Table 3.4 is of.
+#: Configuration of Table 3.4.
 TABLE_3_4_CONFIGURATION = 1
 
 #: Table 3.4 by law.

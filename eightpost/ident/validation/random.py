@@ -1,4 +1,4 @@
-"""Random tests: the error of Table 3.5 (3.4.1), and what is left in it."""
+"""Validation on random tests: the error of Table 3.5 (3.4.1) and an analysis of the residual."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomValidation(Predicted):
-    """A shock on a random or track record.
+    """Error of a shock on a random or track record.
 
     Attributes:
-        prediction: Over seconds 1 to 10, or as `evaluate` chooses.
-        residual: Spectra and coherence; None for a record under 2.5 s.
+        prediction: Prediction over seconds 1 to 10, or over the segment that `evaluate` chooses.
+        residual: Spectra and coherence; None for a record shorter than 2.5 s.
     """
 
     prediction: Validation

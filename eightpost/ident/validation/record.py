@@ -1,4 +1,4 @@
-"""A dynamometer record with what it is: its kind, its configuration."""
+"""A dynamometer record with its kind and its configuration."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """A record to validate on.
+    """A record for validation.
 
     Attributes:
-        name: For people.
-        test: What was measured.
-        kind: What test it is.
-        reason: How that is known.
-        configuration: 1 to 12 of Table 3.1; None where not known.
-        frequency: Of a sine [Hz], where it was recognised.
+        name: Display name.
+        test: Measured test.
+        kind: Kind of the test.
+        reason: Reason for the kind.
+        configuration: Configuration 1 to 12 of Table 3.1; None if unknown.
+        frequency: Frequency of a sine [Hz], if it was recognised as one.
         digest: SHA-256 of the file, or of the samples.
     """
 
@@ -46,24 +46,24 @@ class Record:
 
     @property
     def conditions(self) -> Mapping[str, Any]:
-        """What is known of the shock in it, under the names of a shock file."""
-        said = conditions_of_test(self.test)
-        return said | {"configuration": self.configuration} if self.configuration else said
+        """The known conditions of the shock in the record, under the names of a shock file."""
+        stated = conditions_of_test(self.test)
+        return stated | {"configuration": self.configuration} if self.configuration else stated
 
 
 def record_of(
     test: DynoTest, *, name: str | None = None, kind: Kind | None = None, configuration: int | None = None
 ) -> Record:
-    """Return a record, its kind recognised where it is not told.
+    """Return a record; its kind is recognised if it is not given.
 
     Args:
-        test: What was measured.
-        name: Default the file's.
-        kind: Goes before what is recognised.
-        configuration: Goes before what the conditions and the note in the file say.
+        test: Measured test.
+        name: Display name; default the file's name.
+        kind: Kind of the test, which replaces the recognised one.
+        configuration: Configuration, which replaces that of the conditions and of a note in the file.
 
     Raises:
-        ParameterError: The configuration is none of the twelve.
+        ParameterError: The configuration is not a number from 1 to 12.
     """
     known = _stated(test) if configuration is None else checked(configuration)
     seen = recognise(test) if kind is None else None
@@ -71,7 +71,7 @@ def record_of(
         name=name or (test.source.stem if test.source else "record"),
         test=test,
         kind=seen.kind if seen else kind or "random",
-        reason=seen.reason if seen else "as told",
+        reason=seen.reason if seen else "given by the user",
         configuration=known,
         frequency=seen.frequency if seen else None,
         digest=digest_of(test),

@@ -1,4 +1,4 @@
-"""What a law leaves out: the residual's spectrum, and how much of it the velocity explains linearly."""
+"""Analysis of the residual: its spectrum, and the part that the velocity explains linearly."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 #: Length of Welch's blocks [s]: 1 Hz of resolution, and 17 half-overlapping blocks in 9 s.
 BLOCK = 1.0
 
-#: Fewest blocks that a coherence is worth looking at.
+#: Minimum number of blocks for a meaningful coherence.
 _FEWEST = 4
 
 #: Correlation of half-overlapping Hann blocks' periodograms (Welch 1967): 1 / 36.
@@ -27,20 +27,20 @@ _OVERLAP = 1.0 / 36.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residual:
-    """Spectra of a residual e = measured less predicted force, and its coherence with the velocity v.
+    """Spectra of a residual e = measured minus predicted force, and its coherence with the velocity v.
 
         coherence(f) = |S_ev|^2 / (S_ee S_vv)
 
-    A coherence near 1 says that a linear filter of the velocity would predict the residual there: dynamics that the law
-    leaves out, a lag for example. Below `threshold` it cannot be told from none.
+    Where the coherence is near 1, a linear filter of the velocity would predict the residual: the law misses dynamics,
+    a lag for example. A coherence below `threshold` is not significant.
 
     Attributes:
-        frequency: (K,) [Hz], up to the record's low-pass.
-        coherence: (K,) [1].
-        density: Of the residual (K,) [N2/Hz], one-sided.
-        force_density: Of the measured force (K,) [N2/Hz], one-sided.
-        threshold: What the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
-        share: Share of the residual's power that is coherent, the estimate's bias taken off [1].
+        frequency: Frequencies (K,) [Hz], up to the record's low-pass.
+        coherence: Coherence (K,) [1].
+        density: One-sided spectral density of the residual (K,) [N2/Hz].
+        force_density: One-sided spectral density of the measured force (K,) [N2/Hz].
+        threshold: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
+        share: Share of the residual's power that is coherent, corrected for the bias of the estimate [1].
     """
 
     frequency: Array
@@ -52,10 +52,10 @@ class Residual:
 
 
 def residual_of(validation: Validation) -> Residual | None:
-    """Return the residual's spectra; None where the record is shorter than four half-overlapping blocks.
+    """Return the residual's spectra; None if the record is shorter than four half-overlapping blocks.
 
     Args:
-        validation: On a record that moves at many frequencies.
+        validation: Validation on a record that moves at many frequencies.
     """
     rate = validation.measured.sample_rate
     block = round(BLOCK * rate)
@@ -79,7 +79,7 @@ def residual_of(validation: Validation) -> Residual | None:
 
 
 def _share(coherent: Array, density: Array, averages: float) -> float:
-    """Return the coherent share of a density; of n averages, unrelated signals have a coherence of 1 / n."""
+    """Return the coherent share of a density; for n averages, unrelated signals have a coherence of 1 / n."""
     unbiased = np.clip((averages * coherent - 1.0) / (averages - 1.0), 0.0, 1.0)
     total = float(density.sum())
     return float(unbiased @ density) / total if total > 0.0 else 0.0

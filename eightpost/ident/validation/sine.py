@@ -1,4 +1,4 @@
-"""Sine tests: the error by amplitude and velocity (3.4.2, Fig 3.20), and the loops (Fig 3.21)."""
+"""Validation on sine tests: the error by amplitude and velocity (3.4.2, Fig 3.20), and the loops (Fig 3.21)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The hysteresis is looked for up to this share of the peak speed: at the very peak the two branches meet.
+#: Share of the peak speed up to which the hysteresis is evaluated; at the peak itself the two branches meet.
 _BRANCH = 0.9
 
 
@@ -34,14 +34,14 @@ class Loop:
     """The last period of a sine test.
 
     Attributes:
-        displacement: (N,) [m] about its mean.
-        velocity: (N,) [m/s].
-        force: (N,) [N].
-        energy: What the damper takes up in a period, the area of the force-displacement loop [J].
+        displacement: Displacement (N,) about its mean [m].
+        velocity: Velocity (N,) [m/s].
+        force: Force (N,) [N].
+        energy: Energy dissipated in a period, the area of the force-displacement loop [J].
         hysteresis: Largest difference of force at equal velocity between the two branches of the force-velocity loop,
             up to 90 % of the peak speed [N].
-        compression_peak: Largest force [N].
-        rebound_peak: Least force [N].
+        compression_peak: Maximum force [N].
+        rebound_peak: Minimum force [N].
     """
 
     displacement: Array
@@ -55,14 +55,14 @@ class Loop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineValidation(Predicted):
-    """A shock on a sine record.
+    """Error of a shock on a sine record.
 
     Attributes:
-        prediction: Over whole periods.
-        frequency: Of the sine [Hz].
+        prediction: Prediction over whole periods.
+        frequency: Frequency of the sine [Hz].
         amplitude: Half the peak-to-peak displacement, low-passed [m].
-        measured: The last period.
-        predicted: The same period by the law.
+        measured: Last period, measured.
+        predicted: Last period, predicted by the law.
     """
 
     prediction: Validation
@@ -78,15 +78,15 @@ class SineValidation(Predicted):
 
 
 def validate_sine(shock: Shock, record: Record, *, cutoff: float | None = None) -> SineValidation:
-    """Return a shock's error on a sine record: over whole periods, the first of three or more left out.
+    """Return a shock's error on a sine record over whole periods, without the first if there are three or more.
 
     Raises:
         ParameterError: The record has no single frequency.
-        TooShortError: There is no whole period.
+        TooShortError: The record has no whole period.
     """
     frequency = record.frequency or frequency_of(record.test.series)
     if frequency is None:
-        raise ParameterError(f"{record.name} has no single frequency: it is no sine test; give another --kind for it")
+        raise ParameterError(f"{record.name} has no single frequency and is no sine test; give another --kind for it")
     prediction = evaluate(shock, record.test, segment=_periods(record, frequency, cutoff), cutoff=cutoff)
     displacement = displacement_of(prediction.measured)
     last = prediction.measured.time >= prediction.measured.time[-1] - 1.0 / frequency
@@ -129,17 +129,17 @@ def _hysteresis(displacement: Array, velocity: Array, force: Array) -> float:
 
 
 def _branch(velocity: Array, force: Array, grid: Array) -> Array:
-    """Return the force on a branch, along which the velocity rises or falls all the way, at velocities of a grid."""
+    """Return the force on a branch, along which the velocity is monotonic, at the velocities of a grid."""
     order = np.argsort(velocity)
     return np.asarray(np.interp(grid, velocity[order], force[order]))
 
 
 def _periods(record: Record, frequency: float, cutoff: float | None) -> tuple[float, float]:
-    """Return start and stop [s], from the record's start, of its whole periods."""
+    """Return start and stop [s] of the whole periods, from the record's start."""
     series: TimeSeries = record.test.series
     part, period = moving_part(series), 1.0 / frequency
     start, stop = float(part.time[0] - series.time[0]), float(part.time[-1] - series.time[0])
-    # The low-pass rings where the motion sets in and where it ends, as it does at the ends of the record.
+    # The low-pass rings where the motion begins and ends, as it does at the ends of the record.
     edge = FILTER_EDGE / (cutoff or min(CUTOFF, LARGEST_SHARE * series.sample_rate))
     if stop - start >= period + 2.0 * edge:
         start, stop = start + edge, stop - edge

@@ -1,4 +1,4 @@
-"""Static tests: force over displacement in both directions, gas rate, seal drag (3.4.3, Fig 3.22 and 3.23)."""
+"""Validation on static tests: force over displacement in both directions, gas rate, seal drag (3.4.3, Fig 3.22/23)."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ if TYPE_CHECKING:
 
 Direction = Literal["start", "compression", "rebound"]
 
-#: Of each hold the first 5 s and the last second are left out (3.4.3); of a hold under 12 s half and a twentieth.
+#: Excluded from a hold: the first 5 s and the last second (3.4.3); of a hold under 12 s its first half and last 5 %.
 SETTLING, ENDING, _SHORT = 5.0, 1.0, 12.0
 
-#: Shortest hold [s].
+#: Minimum length of a hold [s].
 _SHORTEST = 1.0
 
-#: Rate to which the record is averaged [Hz]: what the holds do takes seconds.
+#: Rate to which the record is averaged [Hz]; changes within a hold take seconds.
 _RATE = 100.0
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A position that was held.
+    """A displacement that was held.
 
     Attributes:
-        start: Of what is averaged [s].
-        stop: Of what is averaged [s].
-        displacement: Mean [m], as the record counts it.
+        start: Start of the averaged time [s].
+        stop: End of the averaged time [s].
+        displacement: Mean displacement [m], with the record's zero.
         force: Mean of the measured force [N].
         predicted: Mean of the law's force [N].
-        direction: Of the move that led to it; `start` for the first.
+        direction: Direction of the move that led to it; `start` for the first hold.
     """
 
     start: float
@@ -59,18 +59,18 @@ class Hold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticValidation:
-    """A shock on a static record.
+    """Error of a shock on a static record.
 
     Attributes:
-        holds: In time.
-        series: The record, averaged to 100 Hz at most: displacement [m], force [N] and predicted_force [N].
-        compression_rate: Least-squares slope of the holds that were reached in compression [N/m]; None with under two.
-        rebound_rate: The same in rebound [N/m].
-        gas_rate: Slope with half the hysteresis taken off each direction [N/m].
-        hysteresis: Mean difference of the forces of the two directions at the same displacement [N]; None where their
+        holds: Holds in the order of time.
+        series: Record averaged to at most 100 Hz: displacement [m], force [N] and predicted_force [N].
+        compression_rate: Slope (least squares) over the holds reached in compression [N/m]; None for fewer than two.
+        rebound_rate: Slope over the holds reached in rebound [N/m]; None for fewer than two.
+        gas_rate: Slope after half the hysteresis is removed from each direction [N/m].
+        hysteresis: Mean difference of the forces of the two directions at the same displacement [N]; None if their
             displacements do not overlap.
         predicted_rate: Slope of the law's forces over all holds [N/m].
-        settling: What was left out at the beginning of the holds [s]: 5, or what the shortest hold allowed.
+        settling: Time excluded at the beginning of the holds [s]: 5, or less if a hold is short.
     """
 
     holds: tuple[Hold, ...]
@@ -89,17 +89,17 @@ class StaticValidation:
 
     @property
     def rms(self) -> float:
-        """Of measured less predicted force over the holds, their drag included [N]."""
+        """The RMS of measured minus predicted force over the holds, including their drag [N]."""
         return float(np.sqrt(np.mean([(hold.force - hold.predicted) ** 2 for hold in self.holds])))
 
     @property
     def percent(self) -> None:
-        """None: a static record has no spread that the error could be held against."""
+        """None: a static record has no standard deviation that could scale the error."""
         return
 
     @property
     def beyond(self) -> float:
-        """0: a shock that stands is within every fitted range of velocities."""
+        """0: a shock at rest is within every fitted range of velocities."""
         return 0.0
 
 
@@ -107,16 +107,16 @@ def validate_static(shock: Shock, record: Record) -> StaticValidation:
     """Return rates, drag and the error of a law on a static record.
 
     Args:
-        shock: Its gas force is compared; its drag is a function of velocity, so at rest it has none.
+        shock: Fitted shock. Its gas force is compared; its drag is a function of velocity and so zero at rest.
         record: Steps of displacement with a hold after each.
 
     Raises:
-        MissingChannelError: There is no displacement.
-        ParameterError: There are fewer than two displacements that are held for a second or more.
+        MissingChannelError: The record has no displacement.
+        ParameterError: Fewer than two displacements are held for a second or more.
     """
     if "displacement" not in record.test.series:
         raise MissingChannelError(
-            "a static test needs it; without it only the other kinds can be validated",
+            "a static test needs displacement; without it only the other kinds can be validated",
             path=record.test.source,
             channel="displacement",
         )
@@ -124,8 +124,8 @@ def validate_static(shock: Shock, record: Record) -> StaticValidation:
     holds, settling = _holds(series)
     if len({round(hold.displacement, 4) for hold in holds}) < 2:
         raise ParameterError(
-            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements; a static test is "
-            "steps with a hold after each (Fig 3.12); if it is another test, give its --kind"
+            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements; a static test has "
+            "steps with a hold after each (Fig 3.12); for another test give its --kind"
         )
     hysteresis = _hysteresis(holds)
     return StaticValidation(
@@ -152,7 +152,7 @@ def _predicted(shock: Shock, record: Record) -> TimeSeries:
 
 
 def _holds(series: TimeSeries) -> tuple[tuple[Hold, ...], float]:
-    """Return the holds, and what was left out at their beginning [s]."""
+    """Return the holds, and the time excluded at their beginning [s]."""
     spans = [
         (float(series.time[first]), float(series.time[last]))
         for first, last in stretches(standing(series))
@@ -181,7 +181,7 @@ def _towards(holds: Iterable[Hold], direction: Direction) -> list[Hold]:
 
 
 def _slope(holds: Iterable[Hold], forces: list[float]) -> float:
-    """Return the least-squares slope of forces [N] over the holds' displacements [N/m]."""
+    """Return the slope, by least squares, of forces [N] over the holds' displacements [N/m]."""
     return float(np.polyfit([hold.displacement for hold in holds], forces, 1)[0])
 
 
@@ -192,7 +192,7 @@ def _rate_of(holds: list[Hold]) -> float | None:
 
 
 def _gas_rate(holds: tuple[Hold, ...], hysteresis: float) -> float:
-    """Return the slope of the forces [N/m] with half the hysteresis taken off; the first hold has no direction."""
+    """Return the slope of the forces [N/m] after half the hysteresis is removed; the first hold has no direction."""
     sign = {"compression": -0.5, "rebound": 0.5}
     used = [hold for hold in holds if hold.direction in sign]
     if len({hold.displacement for hold in used}) < 2:
@@ -206,7 +206,7 @@ def _hysteresis(holds: tuple[Hold, ...]) -> float | None:
     if not (up and down):
         return None
     low, high = (end(side[k].displacement for side in (up, down)) for end, k in ((max, 0), (min, -1)))
-    # Positions come back to within the actuator's error only.
+    # Positions are repeated only to within the actuator's error.
     tolerance = 0.01 * (max(h.displacement for h in holds) - min(h.displacement for h in holds))
     if low > high + tolerance:
         return None

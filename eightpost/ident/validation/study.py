@@ -1,4 +1,4 @@
-"""Several shocks on many records (3.4): each shock on each record of the same damper."""
+"""Validation of several shocks on many records (3.4): each shock on each record of the same damper."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 Outcome = RandomValidation | SineValidation | StaticValidation | BumpValidation
 
-#: A prediction of which more than this share lies outside the fitted velocities says little about the fit.
+#: If more than this share of a record is outside the fitted velocities, its error says little about the fit.
 MOST_BEYOND = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A shock on a record.
+    """The result of a shock on a record.
 
     Attributes:
-        label: Of the shock: its name, and its law.
-        shock: As fitted.
-        record: What it was to predict.
-        outcome: How it did, by the record's kind.
-        is_fit_record: Whether the shock was fitted to this very record, so that it validates nothing.
+        label: Label of the shock: its name and its law.
+        shock: Fitted shock.
+        record: Record to predict.
+        outcome: Errors, of the type for the record's kind.
+        is_fit_record: Whether the shock was fitted to this record, so that it validates nothing.
     """
 
     label: str
@@ -45,19 +45,19 @@ class Case:
 
     @property
     def is_mostly_beyond(self) -> bool:
-        """Whether more than a fifth of the record lies outside the fitted velocities."""
+        """Whether more than a fifth of the record is outside the fitted velocities."""
         return self.outcome.beyond > MOST_BEYOND
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ValidationStudy:
-    """Shocks on records.
+    """The results of shocks on records.
 
     Attributes:
-        shocks: By label, in the order given.
-        records: In the order given.
-        cases: Every pair that belongs together, record by record.
-        unpaired: Why other pairs were left out, a sentence each.
+        shocks: Shocks by label, in the given order.
+        records: Records in the given order.
+        cases: All pairs with matching conditions, record by record.
+        unpaired: Reasons why other pairs were left out, one sentence each.
     """
 
     shocks: dict[str, Shock]
@@ -66,12 +66,12 @@ class ValidationStudy:
     unpaired: tuple[str, ...]
 
     def of_kind(self, kind: str) -> tuple[tuple[Record, tuple[Case, ...]], ...]:
-        """Return the records of a kind that have cases, with them."""
+        """Return the records of a kind that have cases, with these cases."""
         found = [(record, self.of_record(record)) for record in self.records if record.kind == kind]
         return tuple((record, cases) for record, cases in found if cases)
 
     def of_shock(self, label: str) -> ValidationStudy:
-        """Return the part of the study that is about one shock, with the records that it was held against."""
+        """Return the part of the study that concerns one shock, with the records that it was compared with."""
         cases = tuple(case for case in self.cases if case.label == label)
         return replace(self, shocks={label: self.shocks[label]}, records=tuple(c.record for c in cases), cases=cases)
 
@@ -83,27 +83,27 @@ class ValidationStudy:
 def validate(shocks: Sequence[Shock], records: Sequence[Record], *, cutoff: float | None = None) -> ValidationStudy:
     """Validate shocks on records (3.4).
 
-    A shock is held against a record unless both say a condition (configuration, build, clicks, gas pressure) and
-    they differ.
+    A shock is compared with a record unless both state a condition (configuration, build, clicks, gas pressure) and
+    the values differ.
 
     Args:
-        shocks: Of one damper with several laws, or of several dampers.
-        records: Of any kinds.
-        cutoff: Of the low-pass [Hz]; default 50, of bumps 200, at most 0.4 of the sampling rate.
+        shocks: Shocks of one damper with several laws, or of several dampers.
+        records: Records of any kinds.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, for bumps 200, at most 0.4 of the sampling rate.
 
     Raises:
-        ParameterError: There is no shock or no record, or a record is not what its kind says.
+        ParameterError: No shock or no record is given, or a record does not suit its kind.
         TooShortError: A record has too few samples.
     """
     if not shocks or not records:
-        raise ParameterError(f"a validation needs a shock and a record; there are {len(shocks)} and {len(records)}")
+        raise ParameterError(f"a validation needs a shock and a record; got {len(shocks)} and {len(records)}")
     labelled = _labelled(shocks)
     cases: list[Case] = []
     unpaired: list[str] = []
     for record in records:
         for label, shock in labelled.items():
             if why := mismatch(shock, record):
-                unpaired.append(f"{label} was not held against {record.name}: {why}")
+                unpaired.append(f"{label} was not compared with {record.name}: {why}")
                 continue
             outcome = _outcome(shock, record, cutoff)
             fitted = {entry.get("sha256") for entry in shock.inputs}
@@ -119,12 +119,12 @@ def _outcome(shock: Shock, record: Record, cutoff: float | None) -> Outcome:
             return validate_sine(shock, record, cutoff=cutoff)
         case "bump":
             return validate_bump(shock, record, cutoff=cutoff)
-        case "static":  # its holds are averaged, not low-passed
+        case "static":  # the holds are averaged, so there is no low-pass
             return validate_static(shock, record)
 
 
 def mismatch(shock: Shock, record: Record) -> str | None:
-    """Return which condition differs between a shock and a record, or None: what only one of them says is no matter."""
+    """Return the condition that differs between a shock and a record, or None; both must state it to differ."""
     mine, other = dict(shock.conditions), record.conditions
     number = configuration_of(mine)
     if number is not None and record.configuration is not None:
@@ -138,7 +138,7 @@ def mismatch(shock: Shock, record: Record) -> str | None:
 
 
 def law_title(law: str) -> str:
-    """Return a law's name as people write it.
+    """Return the display name of a law.
 
     >>> law_title("lpnl2"), law_title("polylinear")
     ('LPNL2', 'Polylinear')
@@ -147,7 +147,7 @@ def law_title(law: str) -> str:
 
 
 def names_of(cases: Sequence[Case]) -> tuple[str, ...]:
-    """Return a name for the shock of each case: its law where the laws tell them apart, else the whole label."""
+    """Return a name for the shock of each case: its law if the laws differ, else the whole label."""
     laws = tuple(law_title(case.shock.law_name) for case in cases)
     return laws if len(set(laws)) == len(laws) else tuple(case.label for case in cases)
 
@@ -160,7 +160,7 @@ def _alike(first: Any, second: Any) -> bool:
 
 
 def _labelled(shocks: Iterable[Shock]) -> dict[str, Shock]:
-    """Return shocks by name and law, numbered where that is not enough."""
+    """Return shocks by name and law, numbered if these are not unique."""
     found: dict[str, Shock] = {}
     for shock in shocks:
         title = f"{shock.name} {law_title(shock.law_name)}"

@@ -1,4 +1,4 @@
-"""The figures of a validation as tables, for the command line and the report alike."""
+"""The figures of a validation as tables, for both the command line and the report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Amount:
-    """A value with its SI unit (`1` and `%` for plain numbers) and how many significant digits it is shown with."""
+    """A value with its SI unit (`1` and `%` for plain numbers) and the number of significant digits to show."""
 
     value: float
     unit: str
@@ -35,7 +35,7 @@ class Amount:
 
 Cell = Amount | str
 
-#: What stands where there is no value.
+#: Text of a cell without a value.
 NONE = "–"
 
 
@@ -44,9 +44,9 @@ class ResultTable:
     """A table.
 
     Attributes:
-        title: Above it.
-        heads: Of the columns: text, and the SI unit of the amounts below or an empty text.
-        rows: A cell for each column.
+        title: Heading of the table.
+        heads: Column headers: text, and the SI unit of the amounts below or an empty text.
+        rows: Rows with a cell for each column.
     """
 
     title: str
@@ -55,12 +55,12 @@ class ResultTable:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """Which columns hold amounts."""
+        """Whether each column contains amounts."""
         return tuple(any(isinstance(row[k], Amount) for row in self.rows) for k in range(len(self.heads)))
 
 
 def random_table(study: ValidationStudy) -> ResultTable:
-    """Return the errors of the random records (Table 3.5, and percent as Table 3.4 has it)."""
+    """Return the errors on the random records (Table 3.5, with percentages as in Table 3.4)."""
     heads = (
         ("record", ""), ("shock", ""), ("RMS error", "N"), ("% of std", ""), ("% less than static", ""),
         ("offset", "N"), ("beyond fit, %", ""), ("coherent, %", ""),
@@ -85,7 +85,7 @@ def random_table(study: ValidationStudy) -> ResultTable:
 
 
 def sine_groups(study: ValidationStudy) -> dict[tuple[int | None, tuple[str, ...]], list[tuple[Case, ...]]]:
-    """Return the cases of each sine record, by configuration and shocks; the slowest and largest first."""
+    """Return the cases of each sine record by configuration and shocks; the largest first, then the slowest."""
     groups: dict[tuple[int | None, tuple[str, ...]], list[tuple[Case, ...]]] = {}
     for record, cases in study.of_kind("sine"):
         groups.setdefault((record.configuration, tuple(case.label for case in cases)), []).append(cases)
@@ -146,7 +146,7 @@ def static_table(study: ValidationStudy) -> ResultTable:
     """Return rates and drag of the static records (3.4.3)."""
     heads = (
         ("record", ""), ("holds", ""), ("rate in compression", "N/m"), ("in rebound", "N/m"), ("gas rate", "N/m"),
-        ("hysteresis", "N"), ("seal drag", "N"), ("shock", ""), ("its gas rate", "N/m"), ("RMS error", "N"),
+        ("hysteresis", "N"), ("seal drag", "N"), ("shock", ""), ("predicted gas rate", "N/m"), ("RMS error", "N"),
     )  # fmt: skip
     rows = []
     for record, cases in study.of_kind("static"):
@@ -197,7 +197,7 @@ def bump_table(study: ValidationStudy) -> ResultTable:
 
 
 def table_3_4(study: ValidationStudy) -> ResultTable:
-    """Return our fits under the printed ones (Table 3.4); the times are of two machines 20 years apart."""
+    """Return our fits below the printed ones (Table 3.4); the times are of two machines 20 years apart."""
     heads = (
         ("", ""), ("law", ""), ("fit error", "N"), ("% less than static", ""), ("% of std", ""), ("fit, s", ""),
         ("evaluation, s", ""),
@@ -242,12 +242,12 @@ def table_3_5(study: ValidationStudy) -> ResultTable:
     heads += [(f"{law_title(law)} % less: {which}", "") for law in laws[1:] for which in ("printed", "ours")]
     rows: list[tuple[Cell, ...]] = []
     for printed in CONFIGURATIONS:
-        mine, theirs = ours.get(printed.number, {}), {law: _pounds(v).value for law, v in printed.rms_lbf.items()}
+        mine, reference = ours.get(printed.number, {}), {law: _pounds(v).value for law, v in printed.rms_lbf.items()}
         cells: list[Cell] = [str(printed.number), printed.title]
         for law in laws:
-            cells += [_optional(theirs.get(law), "N"), _optional(mine.get(law), "N")]
+            cells += [_optional(reference.get(law), "N"), _optional(mine.get(law), "N")]
         for law in laws[1:]:
-            cells += [_optional(_less(theirs, law), "%"), _optional(_less(mine, law), "%")]
+            cells += [_optional(_less(reference, law), "%"), _optional(_less(mine, law), "%")]
         rows.append(tuple(cells))
     return ResultTable("RMS errors on random records, as Table 3.5", tuple(heads), tuple(rows))
 
@@ -258,16 +258,16 @@ def beside_printed(study: ValidationStudy) -> ResultTable:
     rows: list[tuple[Cell, ...]] = []
     for number, mine in sorted(_by_configuration(study).items()):
         printed = printed_configuration(number)
-        theirs = {law: _pounds(v).value for law, v in printed.rms_lbf.items()}
+        reference = {law: _pounds(v).value for law, v in printed.rms_lbf.items()}
         for law, rms in mine.items():
-            errors = _optional(theirs.get(law), "N"), Amount(rms, "N")
-            less = (NONE, NONE) if law == "polylinear" else (_optional(_less(e, law), "%") for e in (theirs, mine))
+            errors = _optional(reference.get(law), "N"), Amount(rms, "N")
+            less = (NONE, NONE) if law == "polylinear" else (_optional(_less(e, law), "%") for e in (reference, mine))
             rows.append((f"{number}: {printed.title}", law_title(law), *errors, *less))
-    return ResultTable("Random records beside Table 3.5", heads, tuple(rows))
+    return ResultTable("Random records compared with Table 3.5", heads, tuple(rows))
 
 
 def reduction(case: Case, cases: tuple[Case, ...]) -> float | None:
-    """Return by how much a case's error is less than that of the static curve of the same shock [percent]."""
+    """Return the reduction of a case's error from that of the static curve of the same shock [percent]."""
     static = [c for c in cases if c.shock.law_name == "polylinear" and c.shock.name == case.shock.name]
     if not static or case.shock.law_name == "polylinear":
         return None
@@ -275,7 +275,7 @@ def reduction(case: Case, cases: tuple[Case, ...]) -> float | None:
 
 
 def _by_configuration(study: ValidationStudy) -> dict[int, dict[str, float]]:
-    """Return RMS errors [N] by configuration and law: of the first record that the law was not fitted to."""
+    """Return RMS errors [N] by configuration and law, on the first record that the law was not fitted to."""
     found: dict[int, dict[str, float]] = {}
     for record, cases in study.of_kind("random"):
         if record.configuration is None:
@@ -293,7 +293,7 @@ def _less(errors: dict[str, float], law: str) -> float | None:
 
 
 def _evaluation(study: ValidationStudy, label: str) -> float | None:
-    """Return what the shortest evaluation of a random record took [s]."""
+    """Return the shortest evaluation time of a random record [s]."""
     found = [
         prediction.seconds
         for case in study.cases

@@ -1,4 +1,4 @@
-"""The verdict on fitted shocks that were held against records: errors, ranges, and what was not validated."""
+"""The verdict on fitted shocks compared with records: errors, ranges, and anything that was not validated."""
 
 from __future__ import annotations
 
@@ -17,65 +17,65 @@ if TYPE_CHECKING:
 
 ABOUT = "validation of the shock"
 
-#: Error of a prediction, in percent of the force's standard deviation, where no other limit is asked for.
+#: Limits of the error of a prediction, in percent of the force's standard deviation, if no other limit is given.
 GOOD_ERROR, LARGEST_ERROR = 10.0, 30.0
 
-#: Share of the samples outside the fitted velocities from which it is said.
+#: Share of the samples outside the fitted velocities from which it is reported.
 SOME_BEYOND = 0.01
 
-#: Share of a residual that is coherent with the velocity from which the law lacks dynamics.
+#: Share of a residual that is coherent with the velocity from which dynamics are reported as missing in the law.
 COHERENT = 0.5
 
-#: Share of the mean square error from which it is an offset more than anything else.
+#: Share of the mean square error from which it is reported as mostly an offset.
 OFFSET = 0.5
 
 LARGE_ERROR = Rule(
     "large error of a prediction", ABOUT, Grade.NOT_USABLE,
     condition=f"RMS error on a record above the limit (--limit; {LARGEST_ERROR:g} % of the force's standard deviation)",
     why="as for a fit: a third of the force is not in the model",
-    remedy="look whether the record is of this shock and these conditions; fit another law, or a record like this one",
+    remedy="check that the record is of this shock and these conditions; fit another law, or a record like this one",
 )  # fmt: skip
 NOTABLE_ERROR = Rule(
     "notable error of a prediction", ABOUT, Grade.LIMITED,
-    condition=f"where no limit is asked for: RMS error on a record above {GOOD_ERROR:g} %",
-    why="shocks of one bank differ by some tens of percent; smaller differences are not told apart then",
-    remedy="use the law that errs least; look at the residual for what it lacks",
+    condition=f"if no limit is given: RMS error on a record above {GOOD_ERROR:g} %",
+    why="shocks of one bank differ by some tens of percent; smaller differences cannot be distinguished then",
+    remedy="use the law with the smallest error; examine the residual for missing dynamics",
 )  # fmt: skip
 SMALL_ERROR = Rule(
     "small error of all predictions", ABOUT, Grade.USABLE,
     condition="RMS error on every record within the limit",
-    why="the shock predicts what it was not fitted to",
+    why="the shock predicts records that it was not fitted to",
     remedy="nothing",
 )  # fmt: skip
 MOSTLY_BEYOND = Rule(
     "record mostly outside the fitted velocities", ABOUT, Grade.NOT_USABLE,
     condition=f"more than {100 * MOST_BEYOND:g} % of a record's samples outside the fitted velocities",
-    why="the error is that of the extrapolation, as in a run",
+    why="the error is that of the extrapolation",
     remedy="fit a record that is as fast",
 )  # fmt: skip
 BEYOND = Rule(
     "record outside the fitted velocities", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * SOME_BEYOND:g} % of them",
-    why="peaks rest on the extrapolation",
+    condition=f"more than {100 * SOME_BEYOND:g} % of a record's samples outside the fitted velocities",
+    why="peaks depend on the extrapolation",
     remedy="fit a record that is as fast",
 )  # fmt: skip
 UNPAIRED = Rule(
     "record without a shock", ABOUT, Grade.NOT_USABLE,
-    condition="all shocks were fitted under other conditions than a record's",
+    condition="no shock was fitted under the conditions of a record",
     why="the record validates nothing",
-    remedy="give the shock of this record, or leave the record out",
+    remedy="give the shock of this record, or leave out the record",
 )  # fmt: skip
 NOT_VALIDATED = Rule(
     "not validated", ABOUT, Grade.UNKNOWN,
     condition="every record is one that its shock was fitted to",
-    why="the error of a fit says nothing of other records",
+    why="the error of a fit says nothing about other records",
     remedy="measure another record, and validate on it",
 )  # fmt: skip
 OWN_RECORD = Rule(
     "partly the fit's own records", ABOUT, Grade.LIMITED,
     condition="a record is one that its shock was fitted to",
     why="the error there is that of the fit and validates nothing",
-    remedy="leave this record out",
+    remedy="leave out this record",
 )  # fmt: skip
 OFFSET_ERROR = Rule(
     "offset of a prediction", ABOUT, Grade.LIMITED,
@@ -86,7 +86,7 @@ OFFSET_ERROR = Rule(
 MISSING_DYNAMICS = Rule(
     "dynamics missing in the law", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * COHERENT:g} % of the residual is coherent with the velocity",
-    why="a linear filter would predict it: the law lacks dynamics, or its curve has another slope",
+    why="a linear filter would predict it: the law misses dynamics, or the slope of its curve is wrong",
     remedy="fit a law with a lag",
 )  # fmt: skip
 
@@ -94,28 +94,28 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 
 
 def validation_verdict(study: ValidationStudy, limit: float | None = None) -> Verdict:
-    """Return the verdict on a study under a limit [percent of standard deviation]; None takes the usual ones."""
+    """Return the verdict on a study with a limit [percent of standard deviation]; None: the default limits."""
     return Verdict((*_errors(study, limit), *_pairing(study), *_beyond(study), *_doubts(study)))
 
 
 def _errors(study: ValidationStudy, limit: float | None) -> Iterator[Reason]:
     largest, good = (LARGEST_ERROR, GOOD_ERROR) if limit is None else (limit, limit)
     judged = [(case.outcome.percent, case) for case in study.cases if case.outcome.percent is not None]
-    told = f"limit {largest:g} %" if largest == good else f"limits {good:g} and {largest:g} %"
+    limits = f"limit {largest:g} %" if largest == good else f"limits {good:g} and {largest:g} %"
     over = [(error, case) for error, case in judged if error > largest]
     notable = [(error, case) for error, case in judged if good < error <= largest]
     if over:
-        yield _worst(LARGE_ERROR, "the shock does not predict a record", over, "error {:.3g} %", told)
+        yield _worst(LARGE_ERROR, "the shock does not predict a record", over, "error {:.3g} %", limits)
     if notable:
-        yield _worst(NOTABLE_ERROR, "the shock does not predict a record well", notable, "error {:.3g} %", told)
+        yield _worst(NOTABLE_ERROR, "the shock does not predict a record well", notable, "error {:.3g} %", limits)
     if judged and not over and not notable:
-        yield _worst(SMALL_ERROR, "the shock predicts its records", judged, "error at most {:.3g} %", told)
+        yield _worst(SMALL_ERROR, "the shock predicts its records", judged, "error at most {:.3g} %", limits)
 
 
 def _pairing(study: ValidationStudy) -> Iterator[Reason]:
     if alone := [record.name for record in study.records if not study.of_record(record)]:
         yield UNPAIRED.reason(
-            "a record was predicted by no shock",
+            "no shock predicts a record",
             figure=f"{len(alone)} of {len(study.records)} records",
             origin=listed(alone),
         )
@@ -129,13 +129,13 @@ def _pairing(study: ValidationStudy) -> Iterator[Reason]:
 
 
 def _beyond(study: ValidationStudy) -> Iterator[Reason]:
-    told = f"limits {100 * SOME_BEYOND:g} and {100 * MOST_BEYOND:g} %"
-    said = "a record is outside the fitted velocities: its error is that of the extrapolation"
+    limits = f"limits {100 * SOME_BEYOND:g} and {100 * MOST_BEYOND:g} %"
+    text = "a record is outside the fitted velocities: its error is that of the extrapolation"
     mostly = [(100.0 * c.outcome.beyond, c) for c in study.cases if c.is_mostly_beyond]
     some = [(100.0 * c.outcome.beyond, c) for c in study.cases if SOME_BEYOND < c.outcome.beyond <= MOST_BEYOND]
     for rule, found in ((MOSTLY_BEYOND, mostly), (BEYOND, some)):
         if found:
-            yield _worst(rule, said, found, "{:.2g} % of the samples", told)
+            yield _worst(rule, text, found, "{:.2g} % of the samples", limits)
 
 
 def _doubts(study: ValidationStudy) -> Iterator[Reason]:
@@ -149,17 +149,17 @@ def _doubts(study: ValidationStudy) -> Iterator[Reason]:
             share = case.outcome.residual.share
             coherent += [(100.0 * share, case)] if share > COHERENT else []
     if offsets:
-        yield _worst(OFFSET_ERROR, "most of an error is an offset", offsets, "{:.3g} lbf", "measured less predicted")
+        yield _worst(OFFSET_ERROR, "most of an error is an offset", offsets, "{:.3g} lbf", "measured minus predicted")
     if coherent:
-        told = f"limit {100 * COHERENT:g} %"
-        yield _worst(MISSING_DYNAMICS, "a residual is coherent with the velocity", coherent, "{:.0f} % of it", told)
+        limits = f"limit {100 * COHERENT:g} %"
+        yield _worst(MISSING_DYNAMICS, "a residual is coherent with the velocity", coherent, "{:.0f} % of it", limits)
 
 
-def _worst(rule: Rule, said: str, found: Sequence[tuple[float, Case]], figure: str, told: str) -> Reason:
-    """Return one reason for all cases of a kind: the figure of the worst, the places of all, the worst first."""
+def _worst(rule: Rule, text: str, found: Sequence[tuple[float, Case]], figure: str, limits: str) -> Reason:
+    """Return one reason for all cases of a kind: the figure of the worst, the origins of all, the worst first."""
     ordered = sorted(found, key=lambda pair: -abs(pair[0]))
     places = listed(_place(case) for _, case in ordered)
-    return rule.reason(said, figure=f"{figure.format(ordered[0][0])}; {told}", origin=places)
+    return rule.reason(text, figure=f"{figure.format(ordered[0][0])}; {limits}", origin=places)
 
 
 def _place(case: Case) -> str:
@@ -167,5 +167,5 @@ def _place(case: Case) -> str:
 
 
 def prediction_of(outcome: Outcome) -> Validation | None:
-    """Return the prediction in time, None of a static record."""
+    """Return the prediction over time; None for a static record."""
     return None if isinstance(outcome, StaticValidation) else outcome.prediction

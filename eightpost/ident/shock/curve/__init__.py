@@ -1,1 +1,1 @@
-"""The static curve: as a sum of columns, as the shape that it may have, as what a shock file holds."""
+"""The static curve: its design matrix, constraints on its shape, and its conversion to a shock file's curve."""

@@ -1,4 +1,4 @@
-"""The static curve as a matrix: F_s is linear in its coefficients (Eq 3.23), and least squares wants it so."""
+"""The static curve as a matrix: F_s is linear in its coefficients (Eq 3.23), so least squares applies."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ Join = Literal["free", "value", "slope", "straight"]
 COEFFICIENTS = INNER_ORDER + 2 * (OUTER_ORDER + 1)
 _COMPRESSION, _REBOUND = INNER_ORDER, INNER_ORDER + OUTER_ORDER + 1
 
-#: Where the straight continuation of a side without data takes its slope from: a chord of the inner polynomial
-#: over its last tenth, because the end slope of a 15th-order polynomial is not to be trusted.
+#: The straight continuation of a side without data uses the slope of a chord of the inner polynomial over this last
+#: share of it, because the end slope of a 15th-order polynomial is not reliable.
 _CHORD = 0.1
 
-#: Points over the fitted range at which a curve's rise is looked at.
+#: Number of points over the fitted range at which the rise of a curve is checked.
 GRID = 401
 _BLEND = 25
 
-#: Directions of the scaled design that are weaker than this share of the strongest are left out.
+#: Directions of the scaled design that are weaker than this share of the strongest are dropped.
 _WEAKEST = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
 class CurveBasis:
-    """The functions that a static curve is a sum of, given its transition.
+    """The basis functions of a static curve with a given transition.
 
     Attributes:
         transition_speed: v_t [m/s].
-        transition_width: [m/s].
+        transition_width: Width of the transition [m/s].
     """
 
     transition_speed: float
@@ -51,13 +51,13 @@ class CurveBasis:
         """Return the matrix (N, 23) whose product with the coefficients (23,) [N] is F_s (N,) [N].
 
         Columns: (v / v_t)^k, k = 1 .. 15; then ((|v| - v_t) / v_t)^k, k = 0 .. 3, in compression and in rebound;
-        each weighted by its share of the blend. It knows no fitted range: that is the curve's.
+        each weighted by its share of the blend. The fitted range belongs to the curve and is not used here.
 
         Args:
-            velocity: (N,) damper velocity [m/s].
+            velocity: Damper velocity (N,) [m/s].
 
         Returns:
-            With one column behind the other in memory.
+            Matrix with contiguous columns.
         """
         share = self.outer_share(np.abs(velocity))
         reach = 1.0 + 0.5 * self.transition_width / self.transition_speed
@@ -72,13 +72,13 @@ class CurveBasis:
         return np.asarray(np.clip(share, 0.0, 1.0), dtype=np.float64)
 
     def ties(self, *, compression: Join, rebound: Join, order: int = INNER_ORDER) -> Array:
-        """Return the matrix (23, n) from free coefficients to all, for the way each cubic joins the inner part.
+        """Return the matrix (23, n) from the free to all coefficients, given how each cubic joins the inner polynomial.
 
         Args:
-            compression: `free`; `value`: the cubic starts at the inner polynomial's value; `slope`: at its value
-                and slope; `straight`: a straight line from there, for a side without data.
-            rebound: The same.
-            order: Of the inner polynomial, 1 to 15.
+            compression: Join of the compression side. `free`; `value`: the cubic starts at the value of the inner
+                polynomial; `slope`: at its value and slope; `straight`: a straight line, for a side without data.
+            rebound: Join of the rebound side, as for `compression`.
+            order: Order of the inner polynomial, 1 to 15.
         """
         ties = np.eye(COEFFICIENTS)
         for start, sign, join in ((_COMPRESSION, 1.0, compression), (_REBOUND, -1.0, rebound)):
@@ -90,7 +90,7 @@ class CurveBasis:
 
 
 def _powers(base: Array, highest: int) -> Array:
-    """Return the powers (highest + 1, N) of a base (N,), from 0 on."""
+    """Return the powers (highest + 1, N) of a base (N,), starting with power 0."""
     powers = np.ones((highest + 1, base.size))
     for k in range(highest):
         np.multiply(powers[k], base, out=powers[k + 1])
@@ -109,14 +109,14 @@ def _joined(join: Join, sign: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkingBasis:
-    """Orthogonal columns for the least squares, and the way back to the curve's coefficients.
+    """Orthogonal columns for least squares, and their relation to the curve's coefficients.
 
     Attributes:
-        curve: The functions behind it.
-        columns: (N, n), orthogonal, of unit root mean square, one behind the other in memory.
-        grid: (J,) over the velocities [m/s]: even, and finer where the blend is.
-        grid_columns: (J, n): the columns there.
-        to_curve: (23, n): curve coefficients = to_curve @ working coefficients.
+        curve: Functions that the columns combine.
+        columns: Orthogonal columns (N, n) of unit root mean square, contiguous in memory.
+        grid: Velocities (J,) [m/s]: evenly spaced, and finer in the blend.
+        grid_columns: Columns (J, n) at the grid's velocities.
+        to_curve: Matrix (23, n): curve coefficients = to_curve @ working coefficients.
     """
 
     curve: CurveBasis
@@ -127,7 +127,7 @@ class WorkingBasis:
 
     @property
     def rises(self) -> Array:
-        """The curve's rises (J - 1, n) from point to point of the grid."""
+        """The changes of the columns (J - 1, n) from point to point of the grid."""
         return np.diff(self.grid_columns, axis=0)
 
     def at(self, velocity: Array) -> Array:
@@ -138,8 +138,8 @@ class WorkingBasis:
 def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBasis:
     """Return the orthogonal basis of a curve at velocities (N,) [m/s] under ties (23, n).
 
-    By singular values of the scaled columns; raw powers would have a condition of 1e5 and more. Directions that
-    the data do not determine are left out.
+    Singular values of the scaled columns are used, because raw powers would have a condition of 1e5 and more.
+    Directions that the data do not determine are dropped.
     """
     design = basis.design(velocity)
     free = design @ ties
@@ -155,7 +155,7 @@ def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBas
 
 
 def _grid(basis: CurveBasis, lowest: float, highest: float) -> Array:
-    """Return an even grid, and the blend's own: it is narrower than a few steps of the first."""
+    """Return an even grid with finer points in the blend, which is narrower than a few steps of the even grid."""
     blend = basis.transition_speed + basis.transition_width * np.linspace(-1.0, 1.0, _BLEND)
     grid = np.concatenate([np.linspace(lowest, highest, GRID), blend, -blend])
     return np.asarray(np.unique(grid[(grid >= lowest) & (grid <= highest)]))

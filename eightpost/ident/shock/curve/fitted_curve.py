@@ -1,4 +1,4 @@
-"""From coefficients to a curve that can be used: its range, its straight ends, and whether it ever turns back."""
+"""Conversion of fitted coefficients to a static curve: its range, its straight ends, and a check for falling parts."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The last part of a side's range that its robust end slope is taken from.
+#: Last part of a side's range, from which the robust end slope is computed.
 _LAST_PART = 0.2
 
 #: The polynomial's own end slope is used while it is within this factor of the robust one.
 _REASONABLE = 2.0
 
-#: A curve turns back where it falls by more than this share of its range of force.
+#: A curve is reported as falling where it falls by more than this share of its range of force.
 NOTABLE_FALL = 1e-3
 
 
@@ -30,9 +30,9 @@ def fitted_curve(basis: CurveBasis, coefficients: Array, velocity: Array) -> tup
     """Return the curve of coefficients (23,) [N] with straight ends, and warnings.
 
     Args:
-        basis: With the transition.
-        coefficients: In the order of the design.
-        velocity: (N,) every velocity that it was fitted on [m/s]; the fitted range.
+        basis: Basis functions with the transition.
+        coefficients: Coefficients in the order of the design.
+        velocity: All velocities (N,) of the fit [m/s]; their range becomes the fitted range.
     """
     highest, lowest = float(velocity.max()), float(velocity.min())
     compression_slope, why_compression = _end_slope(basis, coefficients, highest)
@@ -53,10 +53,10 @@ def fitted_curve(basis: CurveBasis, coefficients: Array, velocity: Array) -> tup
 
 
 def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[float, list[str]]:
-    """Return the slope beyond a signed end of the range [N.s/m], and a warning where it is not the polynomial's.
+    """Return the slope beyond a signed end of the range [N.s/m], and a warning if it is not the polynomial's own.
 
-    A polynomial's last slope hangs on few samples. Where it is out of proportion to the robust (Theil-Sen) slope of
-    the curve's last fifth, that is taken; where this falls too, the chord from the transition.
+    The last slope of a polynomial depends on few samples. If it differs too much from the robust (Theil-Sen) slope of
+    the curve's last fifth, the robust slope is used; if that is negative too, the chord from the transition.
     """
     velocity = np.linspace(1.0 - _LAST_PART, 1.0, 41) * end
     force = basis.design(velocity) @ coefficients
@@ -69,12 +69,12 @@ def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[floa
     slope = robust if robust > 0.0 else max(chord, 0.0)
     return slope, [
         f"the curve's slope at {_inch(end)}, the end of the range, is {own:.4g} N.s/m and that of its last fifth "
-        f"{robust:.4g}: beyond it goes on with {slope:.4g}; few samples lie there"
+        f"{robust:.4g}: beyond the range the curve continues with {slope:.4g}; few samples lie there"
     ]
 
 
 def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float) -> list[str]:
-    """Return a warning with the velocities between which the force falls while the velocity rises."""
+    """Return a warning with the velocities between which the force falls with rising velocity."""
     velocity = np.linspace(lowest, highest, GRID)
     force = basis.design(velocity) @ coefficients
     drop = np.maximum.accumulate(force) - force
@@ -84,7 +84,7 @@ def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float
     runs = np.split(falls, np.flatnonzero(np.diff(falls) > 1) + 1)
     notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * NOTABLE_FALL * np.ptp(force)]
     places = ", ".join(f"{_number(velocity[run[0]])} to {_inch(velocity[run[-1] + 1])}" for run in notable)
-    return [f"the fitted curve is not monotone: the force falls from {places}, by {drop.max():.3g} N at most"]
+    return [f"the fitted curve is not monotone: the force falls from {places}, by up to {drop.max():.3g} N"]
 
 
 def _number(velocity: float) -> str:

@@ -1,4 +1,4 @@
-"""A curve from a peak-velocity table: the points joined, nothing assumed of what lies between."""
+"""Static curves from peak-velocity tables, by monotone interpolation of the points."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: With so many speeds per side a polynomial of the dissertation's order is determined; with fewer it swings.
+#: Number of speeds per side that determines a polynomial of the dissertation's order; with fewer it oscillates.
 ENOUGH = 15
 
-#: Points of the interpolant that the curve is refitted to, and what a fall by 1 N costs in force errors [1].
+#: Number of points of the interpolant that the curve is refitted to, and the weight of a fall of the curve [1].
 _POINTS, _FALL_PRICE = 801, 1e3
 _ROUNDS = 40
 
-#: The transition lies at most at this share of the table's fastest speed.
+#: The transition is at most at this share of the table's highest speed.
 _TRANSITION_SHARE = 0.6
 
 
 def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> Shock:
-    """Return a Polylinear shock whose curve joins the points of a table: force per speed, no dynamics.
+    """Return a Polylinear shock whose curve interpolates the points of a table: force over speed, no dynamics.
 
     The points of both strokes and the origin are joined by a monotone cubic interpolant (Fritsch and Carlson), which
-    swings nowhere; the curve that shock files hold is then refitted to it, and its error is in the shock's fit section.
+    does not oscillate. The curve of the shock file is then refitted to it, and its error is in the shock's fit section.
 
     Args:
-        table: Of one setting of the adjusters.
-        name: Of the shock; default the file's name, else the clicks.
+        table: Table of one setting of the adjusters.
+        name: Name of the shock; default the file's name, else the clicks.
     """
     started = time.perf_counter()
     velocity = np.concatenate([-table.speed[::-1], [0.0], table.speed])
@@ -88,7 +88,7 @@ def _basis_for(fastest: float) -> CurveBasis:
 
 
 def _refitted(basis: CurveBasis, joined: PchipInterpolator, knots: Array) -> Array:
-    """Return the coefficients (23,) [N] that follow an interpolant, most closely at its knots, and do not fall."""
+    """Return coefficients (23,) [N] fitted to an interpolant, closest at its knots, constrained not to fall."""
     grid = np.linspace(knots[0], knots[-1], _POINTS)
     ties = basis.ties(compression="slope", rebound="slope")
     columns = np.vstack([basis.design(grid), np.sqrt(0.2 * _POINTS) * basis.design(knots)]) @ ties
@@ -119,8 +119,8 @@ def _curve(basis: CurveBasis, coefficients: Array, joined: PchipInterpolator, fa
 
 
 def _why(table: PeakVelocityTable) -> str:
-    return f"{len(table)} speeds a side are joined by a monotone interpolant" + (
-        f" and not by a polynomial of order 15: that takes {ENOUGH} or more" if len(table) < ENOUGH else ""
+    return f"{len(table)} speeds per side are joined by a monotone interpolant" + (
+        f" and not by a polynomial of order 15, which needs {ENOUGH} or more" if len(table) < ENOUGH else ""
     )
 
 
@@ -130,7 +130,7 @@ def _warnings(table: PeakVelocityTable, errors: Array, force: Array) -> list[str
         falls = np.flatnonzero(np.diff(sign * np.append(0.0, getattr(table, side))) < 0.0)
         if falls.size:
             speeds = ", ".join(f"{table.speed[i]:.4g}" for i in falls.tolist())
-            found.append(f"the {side} force does not rise at {speeds} m/s: look whether the row is right")
+            found.append(f"the {side} force does not rise at {speeds} m/s: check this row")
     if np.abs(errors).max() > 0.02 * float(np.abs(force).max()):
         found.append(f"the curve misses a point of the table by {np.abs(errors).max():.3g} N")
     return found

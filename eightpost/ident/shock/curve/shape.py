@@ -1,4 +1,4 @@
-"""What a curve may do: anything, rise only (monotone), or push against the motion only (passive)."""
+"""Constraints on the shape of a curve: none, monotone, or passive (the force always opposes the motion)."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: `auto`: free, and held from falling only where the free curve would fall notably.
+#: `auto`: free; constrained to be monotonic only if the free curve would fall notably.
 Shape = Literal["auto", "free", "monotone", "passive"]
 
-#: A law that needs a rising curve has it rise by at least this share of its mean slope, everywhere.
+#: Minimum slope, as a share of the mean slope, for a law that needs a rising curve.
 _LEAST_RISE = 0.01
 
-#: How far inside a held curve stays, of its range of force: rounding must not let it out.
+#: Distance of a constrained curve from its bounds, as a share of its range of force; it covers rounding.
 _CLEAR = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hold:
-    """What a curve b is held to: matrix @ b >= floor.
+class CurveConstraint:
+    """A linear constraint on the coefficients b of a curve: matrix @ b >= floor.
 
     Attributes:
-        matrix: (J, n): rises from point to point of a grid, or forces against the motion there [N].
-        floor: (J,) [N].
-        clear: How far inside the floor it is held [N].
+        matrix: Matrix (J, n) that gives rises from point to point of a grid, or forces against the motion there [N].
+        floor: Lower bound (J,) [N].
+        clear: Distance that a constrained curve keeps from the floor [N].
     """
 
     matrix: Array
@@ -39,25 +39,25 @@ class Hold:
     clear: float
 
     def shortfall(self, b: Array) -> Array:
-        """Return by how much (J,) a curve breaks what it is held to [N]."""
+        """Return the amount (J,) [N] by which a curve violates the constraint."""
         return np.asarray(np.maximum(self.floor - self.matrix @ b, 0.0))
 
-    def touched(self, b: Array) -> Array:
-        """Return the rows (T, n) of the matrix that a curve leans on."""
+    def active_rows(self, b: Array) -> Array:
+        """Return the rows (T, n) of the matrix whose constraints are active for a curve."""
         return self.matrix[self.matrix @ b < self.floor + 2.0 * self.clear]
 
 
-def hold_for(basis: WorkingBasis, b: Array, shape: Shape) -> Hold:
-    """Return what keeps a curve monotone or passive; b is that curve before."""
+def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstraint:
+    """Return the constraint that keeps a curve monotone or passive; b is the unconstrained curve."""
     sign = np.where(basis.grid > 0.0, 1.0, -1.0)
     matrix = sign[:, None] * basis.grid_columns if shape == "passive" else basis.rises
-    return Hold(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
+    return CurveConstraint(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
 
 
-def rising_hold(basis: WorkingBasis, b: Array) -> Hold:
-    """Return what keeps a curve rising all over, by a share of the mean slope of a curve b."""
+def rising_constraint(basis: WorkingBasis, b: Array) -> CurveConstraint:
+    """Return the constraint that makes a curve rise everywhere, by a share of the mean slope of a curve b."""
     slope = max(float(np.sum(basis.rises @ b)), 0.0) / float(np.ptp(basis.grid))
-    return Hold(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
+    return CurveConstraint(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
 
 
 def _clear(basis: WorkingBasis, b: Array) -> float:
@@ -65,6 +65,6 @@ def _clear(basis: WorkingBasis, b: Array) -> float:
 
 
 def deepest_fall(basis: WorkingBasis, b: Array) -> float:
-    """Return the most that a curve falls while the velocity rises, over its whole range of force [1]."""
+    """Return the largest fall of a curve with rising velocity, as a share of its range of force [1]."""
     force = basis.grid_columns @ b
     return float((np.maximum.accumulate(force) - force).max() / np.ptp(force))

@@ -1,1 +1,1 @@
-"""The force that a fit predicts: curve, gas and the dynamics of a law, as a function of all parameters."""
+"""The predicted force of a fit (curve, gas force and a law's dynamics) as a function of all parameters."""

@@ -1,4 +1,4 @@
-"""What a law adds to its static curve, as the fit needs it: the force and its derivatives."""
+"""Interface of a law's dynamics for the fit: the force and its derivatives."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class Dynamics(ABC):
-    """A law without its curve: its parameters theta (k,) inside box bounds, and what they do.
+    """A law without its curve: its parameters theta (k,) inside box bounds, and their effect on the force.
 
-    theta is what the optimiser moves; `values` are the law's own parameters, in the order of `names`.
+    theta is what the optimiser changes; `values` are the law's own parameters, in the order of `names`.
     """
 
     names: tuple[str, ...] = ()
@@ -45,11 +45,11 @@ class Dynamics(ABC):
 
     @property
     def needs_rise(self) -> bool:
-        """Whether the law takes no curve but one that rises all over."""
+        """Whether the law needs a curve that rises everywhere."""
         return False
 
     def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model that starts, shape and outliers are found with: on the thinned record."""
+        """Return the model, on the thinned record, that finds starting points, shape and outliers."""
         return model.coarse
 
     def bounds(self) -> tuple[Array, Array]:
@@ -57,7 +57,7 @@ class Dynamics(ABC):
         return np.empty(0), np.empty(0)
 
     def scale(self) -> Array:
-        """Return the size of a change of theta (k,) that matters."""
+        """Return the typical size of a change of theta (k,)."""
         return np.empty(0)
 
     def values(self, theta: Array) -> Array:
@@ -77,9 +77,9 @@ class Dynamics(ABC):
         return ()
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
-        """Return theta that comes closest to LPF1's parameters (n + g + 1,)."""
+        """Return the theta whose force is closest to that of LPF1's parameters (n + g + 1,)."""
         return lpf1[-1:]
 
     def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
-        """Return more starts (n + g + k,), the best first, from LPF1's parameters."""
+        """Return further starting points (n + g + k,) from LPF1's parameters, the best first."""
         return []

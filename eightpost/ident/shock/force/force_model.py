@@ -1,4 +1,4 @@
-"""The force that a fit predicts, as a function of every parameter at once."""
+"""The predicted force of a fit as a function of all parameters at once."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class ForceModel:
 
     Attributes:
         runs: The records.
-        basis: Of the curve, n columns.
+        basis: Basis of the curve, n columns.
         gas: Columns of the gas force.
-        dynamics: Of the law.
+        dynamics: Dynamics of the law.
     """
 
     runs: Runs
@@ -52,7 +52,7 @@ class ForceModel:
 
     @property
     def linear_columns(self) -> Array:
-        """Curve and gas columns side by side (N, n + g)."""
+        """Curve and gas columns together (N, n + g)."""
         return np.hstack([self.basis.columns, self.gas.columns])
 
     @cached_property
@@ -66,12 +66,12 @@ class ForceModel:
         return tuple(f.spectrum(columns[:, part]) for f, part in zip(self.runs.filters, self.runs.parts, strict=True))
 
     def curve_rows(self, time_constant: float | None = None) -> Array:
-        """Return the curve's columns at the rows (R, n), all behind one lag if a time constant [s] is given."""
+        """Return the curve's columns at the rows (R, n), all behind the same lag if a time constant [s] is given."""
         pairs = zip(self.runs.filters, self._spectra, strict=True)
         return np.concatenate([f.rows_of(s, time_constant=time_constant).T for f, s in pairs])
 
     def lagged_rows(self, b: Array, time_constant: float) -> Array:
-        """Return the static force of a curve b at the rows (R,) [N], behind a lag [s]."""
+        """Return the static force of a curve b at the rows (R,) [N], behind a lag with a time constant [s]."""
         pairs = zip(self.runs.filters, self._spectra, strict=True)
         return np.concatenate([f.rows_of(b @ s, time_constant=time_constant) for f, s in pairs])
 
@@ -96,7 +96,7 @@ class ForceModel:
         return np.hstack([by_curve, self.gas_rows, by_theta])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest parameters; only a gas stiffness and theta have any."""
+        """Return the lowest and the highest parameters; only a gas stiffness and theta are bounded."""
         low, high = self.dynamics.bounds()
         lowest = np.full(self.linear_count, -np.inf)
         if self.gas.size:
@@ -104,7 +104,7 @@ class ForceModel:
         return np.append(lowest, low), np.append(np.full(self.linear_count, np.inf), high)
 
     def scale(self) -> Array:
-        """Return the size of a change of the parameters that matters."""
+        """Return the typical size of a change of the parameters."""
         return np.append(np.full(self.linear_count, self.runs.deviation), self.dynamics.scale())
 
     def split(self, parameters: Array) -> tuple[Array, Array, Array]:
@@ -113,32 +113,32 @@ class ForceModel:
         return b, g, theta
 
     def thinned(self, by: int) -> ForceModel:
-        """Return the model on every `by`-th sample, at the same rows: a good guide to starts, at a part of the cost."""
+        """Return the model on every `by`-th sample, at the same rows: cheaper, and accurate enough to find starts."""
         runs, kept = self.runs.thinned(by)
         basis = replace(self.basis, columns=np.asfortranarray(self.basis.columns[kept]))
         return replace(self, runs=runs, basis=basis, gas=replace(self.gas, columns=self.gas.columns[kept]))
 
     @cached_property
     def coarse(self) -> ForceModel:
-        """The model on a record thinned to about 500 Hz, at the same rows: a quarter of the work."""
+        """The model on a record thinned to about 500 Hz, at the same rows, at a quarter of the cost."""
         every = [f.every for f in self.runs.filters]
         shared = [k for k in range(1, min(every) + 1) if all(e % k == 0 for e in every)]
         by = max((k for k in shared if self.runs.rate / k >= _COARSE_RATE), default=1)
         return self if by == 1 else self.thinned(by)
 
     def has_curve_of(self, other: ForceModel) -> bool:
-        """Return whether the curve parameters of another model, of a thinned record perhaps, mean the same here."""
+        """Return whether the curve parameters of another model, which may be thinned, have the same meaning here."""
         return self.basis.to_curve is other.basis.to_curve
 
     def with_dynamics(self, dynamics: Dynamics) -> ForceModel:
-        """Return the model of another law on the same curve; what was computed of the curve is kept."""
+        """Return the model of another law on the same curve; computed values of the curve are kept."""
         other = self._with_kept(replace(self, dynamics=dynamics))
         if "coarse" in self.__dict__ and self.coarse is not self:
             other.__dict__["coarse"] = self.coarse.with_dynamics(dynamics)
         return other
 
     def weighted(self, weights: Array) -> ForceModel:
-        """Return the model at other weights (R,) of the rows; what was computed of the curve is kept."""
+        """Return the model with other weights (R,) of the rows; computed values of the curve are kept."""
         other = self._with_kept(replace(self, runs=self.runs.weighted(weights)))
         if "coarse" in self.__dict__ and self.coarse is not self:
             other.__dict__["coarse"] = self.coarse.weighted(weights)

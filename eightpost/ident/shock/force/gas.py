@@ -1,4 +1,4 @@
-"""The gas force F_0 + K (x - x_ref) of records (Eq 3.14), as columns of the fit: an offset each, one stiffness."""
+"""The gas force F_0 + K (x - x_ref) of records (Eq 3.14) as columns of the fit: an offset per run, one stiffness."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class GasColumns:
     """Columns of the gas force over all N samples of the runs, of unit size.
 
     Attributes:
-        columns: (N, g): none, or an offset per run, then perhaps (x - x_ref) / size.
-        offsets: How many offsets there are.
-        size: Of the displacement [m], where there is a stiffness; else None.
+        columns: Columns (N, g): empty, or an offset per run and, if fitted, (x - x_ref) / size.
+        offsets: Number of offsets.
+        size: Standard deviation of the displacement [m] if a stiffness is fitted; else None.
         reference: x_ref [m].
     """
 
@@ -33,12 +33,12 @@ class GasColumns:
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """The number of columns."""
         return int(self.columns.shape[1])
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters that the columns give."""
+        """The names of the parameters that the columns determine."""
         return (("gas_preload",) if self.offsets else ()) + (("gas_stiffness",) if self.size else ())
 
     @property
@@ -51,7 +51,7 @@ class GasColumns:
         return matrix
 
     def values(self, weights: Array) -> tuple[float, float]:
-        """Return preload [N], the runs' mean, and stiffness [N/m]; what is not there is 0."""
+        """Return preload [N], the mean of the runs, and stiffness [N/m]; 0 if not fitted."""
         found = dict(zip(self.names, (self.to_values @ weights).tolist(), strict=True))
         return found.get("gas_preload", 0.0), found.get("gas_stiffness", 0.0)
 
@@ -61,10 +61,10 @@ class GasColumns:
 
 
 def gas_columns(runs: Runs, treatment: str) -> tuple[GasColumns, list[str]]:
-    """Return the columns that a treatment of the gas force needs, and a sentence for what cannot be estimated.
+    """Return the columns for a treatment of the gas force, and a sentence about anything that cannot be estimated.
 
-    The stiffness needs a displacement, and a record of more than one frequency: in a single sine a spring force
-    and a lag look alike (F_lag of c v is a spring of -c tau omega^2).
+    The stiffness needs a displacement and a record with more than one frequency: in a single sine a spring force and a
+    lag cannot be distinguished (F_lag of c v is a spring of -c tau omega^2).
     """
     count = runs.velocity.size
     if treatment == "subtracted":
@@ -74,12 +74,12 @@ def gas_columns(runs: Runs, treatment: str) -> tuple[GasColumns, list[str]]:
         offsets[part, number] = 1.0
     held = GasColumns(offsets, len(runs.parts), None, _reference(runs))
     if any("displacement" not in p.record for p in runs.prepared):
-        return held, ["gas stiffness held at 0: the record has no displacement"]
+        return held, ["gas stiffness fixed at 0: the record has no displacement"]
     frequencies = [p.single_frequency for p in runs.prepared]
     if len(frequencies) == 1 and frequencies[0] is not None:
         return held, [
-            f"gas stiffness held at 0: the record is essentially one sine of {frequencies[0]:.3g} Hz, "
-            "in which a spring force and a lag look alike; the lag holds both"
+            f"gas stiffness fixed at 0: the record is essentially one sine of {frequencies[0]:.3g} Hz, "
+            "in which a spring force and a lag cannot be distinguished; the lag includes both"
         ]
     displacement = np.concatenate([p.record["displacement"] + (p.reference - held.reference) for p in runs.prepared])
     size = float(displacement[runs.inside].std())
@@ -87,5 +87,5 @@ def gas_columns(runs: Runs, treatment: str) -> tuple[GasColumns, list[str]]:
 
 
 def _reference(runs: Runs) -> float:
-    """Return the displacement that the gas force is stated at [m]: the runs' mean."""
+    """Return the reference displacement of the gas force [m], the mean of the runs."""
     return float(np.mean([p.reference for p in runs.prepared]))

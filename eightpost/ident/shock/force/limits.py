@@ -1,4 +1,4 @@
-"""Bounds of the dynamic parameters: the dissertation's (3.3.3), moved where the record asks."""
+"""Bounds of the dynamic parameters: those of the dissertation (3.3.3), adapted to the record."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 _POUND = convert(1.0, "lbf", "N")
 
-#: tau [s], transition forces [N] and their smallest distance [N] of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, 1 lbf.
+#: tau [s], transition forces [N] and their minimum distance [N] of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, 1 lbf.
 TIME_CONSTANT, FORCE, GAP = (1e-4, 1e-2), (10.0 * _POUND, 1000.0 * _POUND), _POUND
 
-#: A record below this rate [Hz] may show longer lags; the bound is opened to this [s]. Measured ones reach 30 ms.
+#: A record below this rate [Hz] may show longer lags, so the bound is raised to this [s]. Measured ones reach 30 ms.
 _SLOW_RATE, _LONG_LAG = 1000.0, 5e-2
 
-#: tau is not sought below this share of the sampling interval.
+#: Lower bound of tau as a share of the sampling interval.
 _SHORTEST_SHARE = 0.1
 
-#: Room for the transition forces above the record's peak, so that alpha = 1 can be reached everywhere.
+#: Upper bound of the transition forces over the record's peak force, so that alpha = 1 can be reached everywhere.
 _HEADROOM = 2.0
 
 
@@ -36,9 +36,9 @@ class Limits:
     Attributes:
         time_constant: Lowest and highest tau [s].
         force: Lowest and highest transition force [N].
-        gap: Smallest distance of the two transition forces [N].
+        gap: Minimum distance of the two transition forces [N].
         lag_changes: A sentence for each bound of tau that is not the dissertation's.
-        force_changes: The same for the transition forces.
+        force_changes: A sentence for each bound of the transition forces that is not the dissertation's.
     """
 
     time_constant: tuple[float, float]
@@ -52,9 +52,9 @@ def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> L
     """Return the bounds that suit a record.
 
     Args:
-        force: (N,) measured [N].
-        rate: Of its samples [Hz].
-        ceiling: The highest transition force whatever the record [N].
+        force: Measured force (N,) [N].
+        rate: Sampling rate [Hz].
+        ceiling: Upper bound of the transition forces for any record [N].
     """
     peak = float(np.abs(force - force.mean()).max())
     time_constant, lag_changes = _time_constant(rate)
@@ -81,7 +81,7 @@ def _force_changes(forces: tuple[float, float], gap: float, peak: float) -> tupl
     if forces[1] != FORCE[1]:
         changes.append(f"highest transition force {_force(forces[1])} instead of 1000 lbf: {why}")
     if gap < GAP:
-        changes.append(f"transition forces {_force(gap)} apart or more instead of 1 lbf: {why}")
+        changes.append(f"transition forces at least {_force(gap)} apart instead of 1 lbf: {why}")
     return tuple(changes)
 
 

@@ -1,4 +1,4 @@
-"""Linear least squares, by singular values."""
+"""Linear least squares by singular values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def linear_solution(columns: Array, target: Array) -> Array:
-    """Return the least-squares weights (n,) of columns (N, n) for a target (N,), by singular values."""
+    """Return the weights (n,) of columns (N, n) that fit a target (N,) by least squares, using singular values."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     weights, *_ = np.linalg.lstsq(columns / size, target, rcond=1e-12)

@@ -1,4 +1,4 @@
-"""The force models of a fit: one for each order of the curve and each way that its cubics join."""
+"""The force models of a fit: one for each order of the curve and each type of join of its cubics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewest samples that an outer cubic is fitted to; with fewer it is the straight continuation of the inner part.
+#: Minimum number of samples for fitting an outer cubic; with fewer the inner polynomial continues as a straight line.
 FEWEST_OUTER = 50
 
 
@@ -33,7 +33,7 @@ class Models:
     Attributes:
         runs: The records.
         gas: Columns of the gas force.
-        dynamics: Of the law.
+        dynamics: Dynamics of the law.
     """
 
     runs: Runs
@@ -42,7 +42,7 @@ class Models:
     _made: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
 
     def __call__(self, join: Join, order: int) -> ForceModel:
-        """Return the model of a join and an order, always the same; sides that have too few samples are straight."""
+        """Return the model of a join and an order, computed once; sides with too few samples are straight."""
         found = self._made.get((join, order))
         if found is None:
             basis = working_basis(self.curve, self.runs.velocity, self._ties(join, order))
@@ -53,16 +53,16 @@ class Models:
         return found
 
     def weighted(self, weights: Array) -> Models:
-        """Return the models at other weights (R,) of the rows; what was computed of their curves is kept."""
+        """Return the models with other weights (R,) of the rows; computed values of their curves are kept."""
         return replace(self, runs=self.runs.weighted(weights))
 
     @property
     def curve(self) -> CurveBasis:
-        """The functions of the curve at the runs' transition."""
+        """The basis functions of the curve with the transition of the runs."""
         return CurveBasis(self.runs.first.transition_speed, self.runs.first.transition_width)
 
     def order_rows(self, time_constant: float | None) -> Array:
-        """Return columns (R, n) at the rows, behind one lag [s] if given; lower orders leave out the last ones.
+        """Return columns (R, n) at the rows, behind a lag [s] if given; lower orders leave out the last columns.
 
         Gas and outer cubics, which join in value and slope, come first, then the powers of the inner polynomial.
         """
@@ -81,7 +81,7 @@ class Models:
 
     @cached_property
     def straight(self) -> dict[str, int]:
-        """The sides, with their samples beyond the transition, that have too few for a cubic."""
+        """Each side with too few samples beyond the transition for a cubic, with the number of these samples."""
         velocity = self.runs.velocity[self.runs.inside]
         beyond = {
             "compression": int(np.sum(velocity > self.curve.transition_speed)),

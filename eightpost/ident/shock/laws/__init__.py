@@ -1,1 +1,1 @@
-"""The dynamics of the laws: in closed form, or by the law's own functions, compiled and stepped."""
+"""The dynamics of the laws in the fit: in closed form, or by stepping the law's own compiled functions."""

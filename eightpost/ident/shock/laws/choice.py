@@ -1,4 +1,4 @@
-"""Which dynamics a law is fitted by: its own in closed form, else its law file's functions, stepped."""
+"""Choice of a law's dynamics for the fit: a closed form where one exists, else the law file's functions, stepped."""
 
 from __future__ import annotations
 

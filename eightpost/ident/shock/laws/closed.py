@@ -1,4 +1,4 @@
-"""The laws whose force has a closed form over a whole record: Polylinear, LPF1, LPNL2."""
+"""Dynamics of the laws whose force has a closed form over a whole record: Polylinear, LPF1, LPNL2."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Relative step of tau for its derivative through the spectrum.
+#: Relative step of tau for its derivative by differences.
 _TAU_STEP = 1e-4
 
 
 class Blend(NamedTuple):
-    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and how it changes."""
+    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and its derivatives."""
 
     force: Array
     """F (N,) [N]."""
     weight: Array
     """alpha (N,) [1]."""
     slope: Array
-    """(N,) (F_lag - F_s) dalpha/dF_s [1]: what a change of F_s does through alpha."""
+    """(F_lag - F_s) dalpha/dF_s (N,) [1]: effect of a change of F_s through alpha."""
     partials: Array
-    """(k, N) dF/dtheta."""
+    """dF/dtheta (k, N)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +45,20 @@ class NoLag(Dynamics):
     limits: Limits
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = F_s."""
+        """Return F = F_s."""
         return model.static(b)
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = F_s."""
+        """Return F = F_s at the rows."""
         return model.curve_rows() @ b
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """It is linear."""
+        """Return the derivatives; the force is linear in the curve."""
         columns = model.curve_rows()
         return columns, np.empty((columns.shape[0], 0))
 
     def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model itself: it is linear."""
+        """Return the model itself: it is linear and so needs no thinning."""
         return model
 
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
@@ -75,23 +75,23 @@ class FullLag(Dynamics):
     units = ("s",)
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = F_lag."""
+        """Return F = F_lag."""
         static = model.static(b)
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
         return np.concatenate([lag(static[part], theta[0], p.step) for p, part in pairs])
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = F_lag."""
+        """Return F = F_lag at the rows."""
         return model.lagged_rows(b, theta[0])
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """It is linear in the curve; by tau a central difference."""
+        """Return the derivatives: exact for the curve, by a central difference for tau."""
         step = _TAU_STEP * theta[0]
         by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
         return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
 
     def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model itself: a lag costs next to nothing in its spectrum."""
+        """Return the model itself: a lag adds almost no cost in the spectrum."""
         return model
 
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
@@ -104,7 +104,7 @@ class FullLag(Dynamics):
         return np.array([lowest]), np.array([highest])
 
     def scale(self) -> Array:
-        """Return 1 ms."""
+        """Return a change of 1 ms."""
         return np.array([1e-3])
 
     def value_bounds(self) -> tuple[tuple[float, float], ...]:
@@ -112,7 +112,7 @@ class FullLag(Dynamics):
         return (self.limits.time_constant,)
 
     def changes(self) -> tuple[str, ...]:
-        """Return what was done to the bounds of tau."""
+        """Return notes on changed bounds of tau."""
         return self.limits.lag_changes
 
 
@@ -141,7 +141,7 @@ class FadingLag(Dynamics):
         return Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = alpha F_lag + (1 - alpha) F_s."""
+        """Return F = alpha F_lag + (1 - alpha) F_s."""
         tau, full, zero = self.values(theta)
         static = model.static(b)
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
@@ -150,11 +150,11 @@ class FadingLag(Dynamics):
         return np.asarray(static + weight * behind)
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """F = alpha F_lag + (1 - alpha) F_s."""
+        """Return F = alpha F_lag + (1 - alpha) F_s at the rows."""
         return model.runs.rows(self.force(model, b, theta))
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """In closed form: of F_s, of F_lag and of alpha."""
+        """Return the derivatives in closed form, through F_s, F_lag and alpha."""
         static, columns = model.static(b), model.basis.columns.T
         changes = np.empty((columns.shape[0] + theta.size, static.size))
         by_curve, by_theta = np.split(changes, [columns.shape[0]])
@@ -169,30 +169,30 @@ class FadingLag(Dynamics):
         return by_curve.T, by_theta.T
 
     def behind(self, model: ForceModel, time_constant: float) -> Array:
-        """Return what a lag [s] adds to the curve's columns (n, N)."""
+        """Return the difference (n, N) between the curve's lagged columns and the columns, for a lag [s]."""
         columns, pairs = model.basis.columns.T, zip(model.runs.prepared, model.runs.parts, strict=True)
         return np.hstack([lag(columns[:, part].T, time_constant, p.step).T for p, part in pairs]) - columns
 
     def faded_rows(self, model: ForceModel, static: Array, theta: Array, behind: Array) -> Array:
-        """Return the rows (R, n) of the curve's columns, alpha held at that of a static force: linear, for starts.
+        """Return the curve's columns at the rows (R, n) with alpha fixed for a given static force: linear, for starts.
 
         Args:
-            model: Of the force.
-            static: (N,) F_s [N].
-            theta: (3,).
-            behind: (n, N) of theta's lag.
+            model: Model of the force.
+            static: Static force F_s (N,) [N].
+            theta: Parameters (3,).
+            behind: Difference (n, N) that theta's lag makes; see the method of this name.
         """
         _, full, zero = self.values(theta)
         weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
         return model.runs.rows(model.basis.columns.T + weight * behind).T
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
-        """alpha = 1 up to the peak of the static force."""
+        """Return theta with alpha = 1 up to the peak of the static force."""
         peak = float(np.abs(model.static(lpf1[: model.curve_count])).max())
         return self.theta(float(lpf1[-1]), 1.05 * peak, 1.5 * peak)
 
     def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
-        """Return the best of a grid of transition forces."""
+        """Return the best starting points of a grid of transition forces."""
         return fading_starts(model, self, lpf1, count)
 
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
@@ -205,7 +205,7 @@ class FadingLag(Dynamics):
         return np.array([shortest, lowest, 0.0]), np.array([longest, highest - self.limits.gap, 1.0])
 
     def scale(self) -> Array:
-        """Return 1 ms and a tenth of the forces."""
+        """Return a change of 1 ms and of a tenth of the forces."""
         return np.array([1e-3, 0.1 * self.limits.force[1], 0.1])
 
     def values(self, theta: Array) -> Array:
@@ -224,11 +224,11 @@ class FadingLag(Dynamics):
         return self.limits.time_constant, (lowest, highest - self.limits.gap), (lowest + self.limits.gap, highest)
 
     def changes(self) -> tuple[str, ...]:
-        """Return what was done to the bounds of tau and of the forces."""
+        """Return notes on changed bounds of tau and of the forces."""
         return (*self.limits.lag_changes, *self.limits.force_changes)
 
     def theta(self, time_constant: float, full: float, zero: float) -> Array:
-        """Return theta of tau [s], F_1 and F_2 [N]; forces that the bounds forbid are moved inside."""
+        """Return theta of tau [s], F_1 and F_2 [N]; forces outside the bounds are moved inside."""
         low, high = self.bounds()
         full = float(np.clip(full, low[1], high[1]))
         room = max(self.limits.force[1] - self.limits.gap - full, 1e-9 * self.limits.force[1])

@@ -1,7 +1,7 @@
-"""A law's own functions as machine code: a whole record stepped through a law that has no closed form here.
+"""Compiled loops that step a whole record through a law that has no closed form.
 
-What is compiled is the law file's `advance_core` and `weight_core`, and every function that they call: the very ones
-that the FMU ships. The machine code is kept on disk, under a digest of all the files that these functions come from.
+The law file's `advance_core` and `weight_core` are compiled, with every function that they call; the FMU contains the
+same functions. The machine code is cached on disk under a digest of all files that these functions come from.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A lag shorter than this share of the sampling interval is none.
+#: Lags shorter than this share of the sampling interval are treated as zero.
 _SHORTEST_SHARE = 1e-9
 
 
 def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the valve force (N,) [N] of a law driven by a record; it starts in equilibrium, F_lag = F_s.
+    """Return the valve force (N,) [N] of a law for a record; it starts in equilibrium, F_lag = F_s.
 
     Args:
-        law: Its class; its file has the cores.
+        law: Class of the law; its file has `advance_core` and `weight_core`.
         valve: Curve and scales of the static force.
         own: The law's own parameters, in the order of its fields.
-        velocity: (N,) of the damper [m/s].
-        step: (N - 1,) from sample to sample [s].
+        velocity: Damper velocity (N,) [m/s].
+        step: Time (N - 1,) from sample to sample [s].
     """
     force = np.empty(velocity.size)
     machine(law)(valve, own, np.ascontiguousarray(velocity), step, force)
@@ -53,7 +53,7 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
     """Return the compiled loop of a law."""
     module = law_module(law)
     advance_core, weight_core = module.advance_core, module.weight_core
-    # numba looks for a change in this file only: the number is part of what it finds the code on disk by.
+    # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
     number = number_of(registered(advance_core, weight_core, valve_force))
 
     def loop(valve: Any, own: Any, velocity: Any, step: Any, force: Any) -> None:
@@ -74,12 +74,12 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
 
 
 def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
-    """Return columns (N, n) behind a first-order lag that varies; each starts where it is.
+    """Return columns (N, n) behind a first-order lag with varying time constant; each starts at its own first value.
 
     Args:
-        columns: (N, n), one column behind the other in memory, as what is returned.
-        time_constant: (N,) [s]; between two samples their mean.
-        step: [s].
+        columns: Columns (N, n), contiguous in memory, as are the returned ones.
+        time_constant: Time constant (N,) [s]; between two samples their mean applies.
+        step: Sampling interval [s].
     """
     lagged = np.empty(columns.shape[::-1])
     tau = np.maximum(0.5 * (time_constant[:-1] + time_constant[1:]), _SHORTEST_SHARE * step)
@@ -104,13 +104,13 @@ def _lag_machine() -> Callable[..., None]:
 
 
 def compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
-    """Return a loop as machine code, which is kept on disk where there is a folder for it."""
+    """Return a loop as machine code, cached on disk if there is a cache folder."""
     found: Callable[..., None] = kept(njit(nogil=True, error_model="numpy")(loop))
     return found
 
 
 def registered(*functions: Any) -> set[FunctionType]:
-    """Make functions, and all that they call by name, known to the compiler; return them all."""
+    """Register functions, and all that they call by name, with the compiler; return them all."""
     found: set[FunctionType] = set()
     waiting = [cast("FunctionType", function) for function in functions]
     while waiting:

@@ -1,4 +1,4 @@
-"""A law's own parameters as its file declares them, and the box that an optimiser moves in."""
+"""A law's own parameters as declared in its file, and their coordinates in the optimiser's box."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 class OwnParameters:
     """Parameters (k,) and theta (k,), their coordinates in a box.
 
-    theta is the parameter itself, or its logarithm where the scale says so. Of a parameter that must stay above another
-    by a gap it is the share u of the room that the other one leaves: value = low + u (high - low) with
-    low = max(declared low, other + gap), so that 0 <= u <= 1 is all that there is to keep.
+    theta is the parameter itself, or its logarithm if the scale is logarithmic. If a parameter must stay above another
+    one by a gap, its coordinate is its share u of the remaining range: value = low + u (high - low) with
+    low = max(declared low, other + gap), so that 0 <= u <= 1 ensures all conditions.
 
     Attributes:
-        declared: As the law's file has them, in the order of its fields.
+        declared: Declarations of the law's file, in the order of its fields.
 
     Raises:
         ValueError: A parameter is above one that is not declared before it.
@@ -37,11 +37,11 @@ class OwnParameters:
             before = [p.name for p in self.declared[:i]]
             if parameter.above and parameter.above not in before:
                 what = f"{parameter.name} is above {parameter.above!r}, which must be declared before it"
-                raise ValueError(f"FIT_PARAMETERS: {what}; there are: {', '.join(before) or 'none'}")
+                raise ValueError(f"FIT_PARAMETERS: {what}; declared before it: {', '.join(before) or 'none'}")
 
     @property
     def logarithmic(self) -> NDArray[np.bool_]:
-        """Whose theta (k,) is a logarithm."""
+        """Whether each theta (k,) is a logarithm."""
         return np.array([p.scale == "logarithmic" and not p.above for p in self.declared], dtype=bool)
 
     def bounds(self) -> tuple[Array, Array]:
@@ -89,12 +89,12 @@ class OwnParameters:
         return [p.name for p in self.declared].index(self.declared[i].above)
 
     def _room(self, i: int, values: Array) -> tuple[float, float, bool]:
-        """Return the ends of what is left to one that is above another, and whether the lower end moves with that."""
+        """Return the range left to a parameter that is above another one, and whether its lower end depends on that."""
         parameter, below = self.declared[i], float(values[self._below(i)]) + self.declared[i].gap
         return max(parameter.low, below), max(self._highest(i), below), below > parameter.low
 
     def _highest(self, i: int) -> float:
-        """Return the highest value that leaves room for what is above."""
+        """Return the highest value that leaves enough range for the parameters above."""
         name = self.declared[i].name
         rooms = [self._highest(j) - p.gap for j, p in enumerate(self.declared) if p.above == name]
         return min([self.declared[i].high, *rooms])

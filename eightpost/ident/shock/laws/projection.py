@@ -1,4 +1,4 @@
-"""Variable projection: for a given lag the force is linear in curve and gas, so only the lag is searched for."""
+"""Variable projection: for a given lag the force is linear in curve and gas, so only the lag is searched."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Values of tau that the scan starts with, evenly spaced in its logarithm between the bounds.
+#: Number of values of tau in the first scan, evenly spaced in its logarithm between the bounds.
 _SCAN = 12
 
-#: Starts of LPNL2: tau over LPF1's, and the transition forces over the peak static force.
+#: Starting points of LPNL2: tau relative to LPF1's, and the transition forces relative to the peak static force.
 _TAU_SHARES = (1.0, 1.7)
 _FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 
@@ -33,7 +33,7 @@ def projected(model: ForceModel, curve_rows: Array) -> tuple[Array, float]:
     root = np.sqrt(runs.weights)
     columns, target = root[:, None] * np.hstack([curve_rows, model.gas_rows]), root * runs.target
     gram = columns.T @ columns
-    # The basis is orthogonal and a lag changes that little: the normal equations are safe, and fast.
+    # The basis is orthogonal and a lag changes that little, so the normal equations are accurate, and fast.
     if np.linalg.cond(gram) < 1e10:
         weights = np.linalg.solve(gram, columns.T @ target)
     else:
@@ -56,7 +56,7 @@ def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
 
 
 def fading_starts(model: ForceModel, dynamics: FadingLag, lpf1: Array, count: int) -> list[Array]:
-    """Return the best starts (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
+    """Return the best starting points (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
     static = model.static(lpf1[: model.curve_count])
     taus = np.minimum(float(lpf1[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
     starts = []

@@ -1,10 +1,10 @@
-"""Maxwell's law in the fit: stepped by its own functions, its derivatives from its equation.
+"""Maxwell's law in the fit: stepped by its own functions, with derivatives from its equation.
 
 With F = f(w) and dF/dt = k (v - w), a change D of the force obeys, to first order,
 
     tau dD/dt = change of f at w - D + f'(w) (v - w) dk/k,   tau = f'(w) / k
 
-a first-order lag that varies: one pass over the record gives the derivatives by all parameters at once.
+This is a first-order lag with varying time constant: one pass over the record gives the derivatives by all parameters.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Points of the table that velocities are looked up in: between them the curve is straight, to a hundredth of a newton.
+#: Points of the velocity table. Between them the curve is treated as straight, accurate to a hundredth of a newton.
 _TABLE = 4001
 
 
 class _Looked(NamedTuple):
-    """Where a force lies in the table: velocities w (N,) [m/s], slopes f'(w) (N,) [N.s/m], columns at w (N, n)."""
+    """Result of a table look-up: velocities w (N,) [m/s], slopes f'(w) (N,) [N.s/m], columns at w (N, n)."""
 
     velocity: Array
     slope: Array
@@ -43,7 +43,7 @@ class SeriesSpring(SteppedLaw):
     """Maxwell: theta = (ln k,), k [N/m] the stiffness in series with the valves."""
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """By one pass of a lag that varies over the curve's columns at w."""
+        """Return the derivatives by one pass of a varying lag over the curve's columns at w."""
         found, stiffness = _looked_up(model.basis, b, self.force(model, b, theta)), float(np.exp(theta[0]))
         strain = found.slope * (model.runs.velocity - found.velocity)
         columns = np.vstack([found.columns.T, strain]).T
@@ -53,7 +53,7 @@ class SeriesSpring(SteppedLaw):
         return rows[:, :-1], rows[:, -1:]
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
-        """k = slope / tau, the slope being the curve's mean over the samples."""
+        """Return ln k with k = slope / tau, where slope is the mean slope of the curve over the samples."""
         b = lpf1[: model.curve_count]
         slope = _looked_up(model.basis, b, model.static(b)).slope
         low, high = self.bounds()
@@ -68,7 +68,7 @@ def _grid(basis: WorkingBasis) -> tuple[Array, Array]:
 
 
 def _rising(basis: WorkingBasis, b: Array) -> Array:
-    """Return the forces of a curve b at the grid (M,) [N]; a curve on its way to its minimum may fall: these do not."""
+    """Return rising forces (M,) [N] of a curve b at the grid; a curve may fall during the fit, the result does not."""
     _, columns = _grid(basis)
     return np.asarray(np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE))
 

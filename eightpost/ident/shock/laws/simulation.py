@@ -1,4 +1,4 @@
-"""A law over a whole record: the numbers of the scalar law, at the speed of arrays."""
+"""Simulation of a law over a whole record with array operations, with the results of the scalar law."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
     """Return the port force (N,) [N], positive in compression, of a law driven by a record.
 
-    The velocity goes linearly between the samples, the static force in the straight pieces of `ShockLaw.follow`, as in
-    the FMU, and the lag starts in equilibrium, F_lag = F_s.
+    The velocity changes linearly between the samples, the static force in the straight pieces of `ShockLaw.follow`, as
+    in the FMU, and the lag starts in equilibrium, F_lag = F_s.
 
     Args:
-        law: With its port.
-        series: `velocity` [m/s] at the port; `displacement` [m] from the gas spring's reference, 0 where missing.
+        law: Law with its port.
+        series: `velocity` [m/s] at the port; `displacement` [m] from the gas spring's reference, 0 if missing.
 
     Raises:
-        MissingChannelError: There is no velocity.
+        MissingChannelError: The record has no velocity.
     """
     port = law.port
     velocity = port.motion_ratio * series["velocity"]
@@ -67,14 +67,14 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pieces:
-    """The stretches between samples cut into pieces in which F_s is straight: `ShockLaw.follow` for a whole record.
+    """The intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record.
 
     Attributes:
-        velocity: (M+1,) of the damper at the ends of the pieces [m/s], the record's first sample before them.
-        step: (M,) [s].
-        first: (N-1,) the first piece after each sample.
-        left: (M,) from a piece's end to the next sample [s].
-        between: (N-1,) from sample to sample [s].
+        velocity: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
+        step: Duration (M,) of each piece [s].
+        first: Index (N-1,) of the first piece after each sample.
+        left: Time (M,) from the end of each piece to the next sample [s].
+        between: Time (N-1,) from sample to sample [s].
     """
 
     velocity: Array
@@ -85,7 +85,7 @@ class _Pieces:
 
     @staticmethod
     def of(velocity: Array, step: Array, motion_ratio: float) -> _Pieces:
-        """Cut the stretches of steps (N-1,) [s] between port velocities (N,) [m/s]."""
+        """Divide the intervals of steps (N-1,) [s] between port velocities (N,) [m/s]."""
         count = np.minimum(np.floor(np.abs(motion_ratio * np.diff(velocity)) / STRAIGHT) + 1.0, MOST_PIECES)
         whole = count.astype(np.int64)
         first = np.concatenate([[0], np.cumsum(whole)[:-1]])
@@ -97,12 +97,12 @@ class _Pieces:
         return _Pieces(joined, (step / count)[sample], first, step[sample] * (1.0 - share), step)
 
     def at_samples(self, values: Array) -> Array:
-        """Return those of values (M+1,) at the ends of pieces that are at the samples (N,)."""
+        """Return the values at the samples (N,), given values (M+1,) at the ends of the pieces."""
         return np.concatenate([values[self.first], values[-1:]])
 
 
 def _lagged(law: Lpf1 | Lpnl2, begin: float, pieces: _Pieces) -> Array:
-    """Return F_lag (N,) [N]: over each piece as `eightpost.shock.lag.advance` does, all pieces at once."""
+    """Return F_lag (N,) [N], as `eightpost.shock.lag.advance` computes it, for all pieces at once."""
     static = _static_forces(law, pieces.velocity)
     ratio = pieces.step / law.time_constant
     rise = -np.expm1(-ratio)
@@ -127,7 +127,7 @@ def _weights(law: Lpf1 | Lpnl2, static: Array) -> Array | float:
 
 
 def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
-    """Return the valve force (N,) [N] of any law by its own functions, compiled."""
+    """Return the valve force (N,) [N] of any law from its own compiled functions."""
     from eightpost.ident.shock.laws.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
 
     own = tuple(getattr(law, name) for name in own_parameters(type(law)))

@@ -1,4 +1,4 @@
-"""A law that is known by its file alone: fitted by stepping it, from LPF1's solution."""
+"""Dynamics of a law that is known only by its file: it is fitted by stepping it, starting from LPF1's solution."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Steps for differences: of a curve parameter over the deviation of the force, of theta over its scale.
+#: Steps for differences: of a curve parameter over the force's standard deviation, of theta over its scale.
 _CURVE_STEP, _OWN_STEP = 1e-5, 1e-4
 
-#: Values of a parameter that are looked at, and how far about the declared start where its logarithm is searched.
+#: Number of values in the scan of a parameter, and half the range of the scan about the start of a logarithm.
 _SCAN, _SCANNED = 9, np.log(30.0)
 
-#: A falling curve, to ask a law whether it takes one.
+#: A falling curve, to test whether a law rejects it.
 _FALLING = StaticCurve(
     (-1.0, *[0.0] * 14), (-1.0, -1.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), 0.381, 0.0127, 1.0, 1.0, 0.0, 0.0
 )
@@ -38,12 +38,12 @@ _FALLING = StaticCurve(
 class SteppedLaw(Dynamics):
     """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
 
-    theta are its own parameters, see `OwnParameters`.
+    theta are the law's own parameters; see `OwnParameters`.
 
     Attributes:
-        limits: Of the record; LPF1's lag is found within them.
+        limits: Bounds for the record; LPF1's lag is searched within them.
         kind: The law's class.
-        own: What the law's file says of its own parameters.
+        own: The law's own parameters as declared in its file.
     """
 
     limits: Limits
@@ -56,17 +56,17 @@ class SteppedLaw(Dynamics):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Of the law's own parameters."""
+        """Names of the law's own parameters."""
         return tuple(p.name for p in self.own.declared)
 
     @property
     def units(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Of the law's own parameters, SI."""
+        """SI units of the law's own parameters."""
         return tuple(p.unit for p in self.own.declared)
 
     @property
     def needs_rise(self) -> bool:
-        """Whether the law refuses a curve that falls."""
+        """Whether the law rejects a falling curve."""
         start = self.values(self.own.start())
         try:
             self.kind(_FALLING, **dict(zip(self.names, start.tolist(), strict=True)))
@@ -75,7 +75,7 @@ class SteppedLaw(Dynamics):
         return False
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """Step every run through the law; the last answer is kept, for its slopes are asked for next."""
+        """Step every run through the law; the last result is cached, because its derivatives are needed next."""
         asked = (model, b.tobytes(), theta.tobytes())
         if not self._last or self._last[0][0] != asked:
             self._last[:] = [(asked, self._stepped(model, b, theta))]
@@ -91,11 +91,11 @@ class SteppedLaw(Dynamics):
         return np.concatenate(forces)
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        """Step every run, then low-pass."""
+        """Step every run through the law, then apply the low-pass."""
         return model.runs.rows(self.force(model, b, theta))
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """By differences, on a thinned record: the rows are the same, and a slope need not be exact."""
+        """Return derivatives by differences on a thinned record: the rows are the same, and accuracy is sufficient."""
         coarse = model.coarse
         here = self.force(coarse, b, theta)
         small = _CURVE_STEP * model.runs.deviation
@@ -114,7 +114,7 @@ class SteppedLaw(Dynamics):
         return self.own.bounds()
 
     def scale(self) -> Array:
-        """Return a tenth: of a logarithm, or of the range."""
+        """Return a tenth: of the logarithm, or of the range."""
         low, high = self.bounds()
         return np.where(self.own.logarithmic, 0.1, 0.1 * (high - low))
 
@@ -131,7 +131,7 @@ class SteppedLaw(Dynamics):
         return tuple((p.low, p.high) for p in self.own.declared)
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
-        """Return theta whose response to LPF1's curve is closest to LPF1's, each parameter scanned in turn."""
+        """Return the theta whose response to LPF1's curve is closest to LPF1's; each parameter is scanned in turn."""
         coarse, b = model.coarse, lpf1[: model.curve_count]
         wanted = model.lagged_rows(b, float(lpf1[-1]))
         theta = self.own.start()
@@ -152,7 +152,7 @@ class SteppedLaw(Dynamics):
 
 
 def _numbers(model: ForceModel, b: Array) -> CurveNumbers:
-    """Return the curve of b, straight on beyond the velocities of the record by a chord of its last part."""
+    """Return the curve of b; beyond the velocities of the record it continues with a chord of its last part."""
     inner, compression, rebound = split_coefficients(model.basis.to_curve @ b)
     force, grid = model.basis.grid_columns @ b, model.basis.grid
     last = max(grid.size // 50, 1)

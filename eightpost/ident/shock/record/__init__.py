@@ -1,1 +1,1 @@
-"""What of the records is fitted: segment, low-pass, runs, and how a lag acts on them."""
+"""Preparation of records for the fit: segment, low-pass, runs, and the effect of a lag on them."""

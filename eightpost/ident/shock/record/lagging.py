@@ -1,4 +1,4 @@
-"""The exact first-order lag of whole records: `eightpost.shock.lag` for arrays, and how it changes with tau."""
+"""The exact first-order lag of whole records: `eightpost.shock.lag` for arrays, and its derivative by tau."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ def lag(static: Array, time_constant: float, step: float) -> Array:
 
         F_lag[n+1] = (1 - r) F_lag[n] + (r - w) F_s[n] + w F_s[n+1],   r = 1 - exp(-h / tau),  w = 1 - r tau / h
 
-    It starts in equilibrium, F_lag[0] = F_s[0], and is linear in F_s: each column of a design may be lagged alone.
+    It starts in equilibrium, F_lag[0] = F_s[0], and is linear in F_s, so each column of a design may be lagged alone.
 
     Args:
-        static: (N,) F_s [N], or (N, n) columns.
+        static: Static force F_s (N,) [N], or columns (N, n).
         time_constant: tau [s], positive.
         step: h [s], positive.
 
     Returns:
-        Of the shape of `static`.
+        Lagged values with the shape of `static`.
     """
     rise, weight = _weights(time_constant, step)
-    # Along the last axis: several times as fast where columns lie one behind the other.
+    # Filtering along the last axis is several times as fast for contiguous columns.
     series = static.T
     start = (1.0 - weight) * series[..., :1]
     lagged, _ = lfilter([weight, rise - weight], [1.0, rise - 1.0], series, axis=-1, zi=start)
@@ -37,7 +37,7 @@ def lag(static: Array, time_constant: float, step: float) -> Array:
 
 
 def lag_response(frequency: Array, time_constant: float, step: float) -> NDArray[np.complex128]:
-    """Return the gain (K,) of `lag` at frequencies (K,) [Hz]: of the recursion, not of the continuous lag."""
+    """Return the gain (K,) of `lag` at frequencies (K,) [Hz], that is, of the recursion and not the continuous lag."""
     rise, weight = _weights(time_constant, step)
     delay = np.exp(-2j * np.pi * frequency * step)
     return np.asarray((weight + (rise - weight) * delay) / (1.0 + (rise - 1.0) * delay))
@@ -47,8 +47,8 @@ def lag_sensitivity(static: Array, lagged: Array, time_constant: float, step: fl
     """Return dF_lag/dtau (N,) [N/s], by differentiating the recursion of `lag`.
 
     Args:
-        static: (N,) F_s [N].
-        lagged: (N,) F_lag [N] of `lag`.
+        static: Static force F_s (N,) [N].
+        lagged: Lagged force F_lag (N,) [N], from `lag`.
         time_constant: tau [s].
         step: h [s].
     """

@@ -1,4 +1,4 @@
-"""What of a dynamometer record is fitted, and how: the dissertation's choices (3.3), moved where the record asks."""
+"""Preparation of a dynamometer record for the fit: the dissertation's choices (3.3), adapted to the record."""
 
 from __future__ import annotations
 
@@ -19,41 +19,41 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Cut-off of the low-pass [Hz] and the largest share of the sampling rate that it may be.
+#: Cutoff frequency of the low-pass [Hz] and its maximum as a share of the sampling rate.
 CUTOFF, LARGEST_SHARE = 50.0, 0.4
 
-#: Transition from low to high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
+#: Transition speed between low and high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
 TRANSITION_SPEED, TRANSITION_WIDTH = convert(15.0, "in/s", "m/s"), convert(0.5, "in/s", "m/s")
 
-#: A record that is slower than this many transition speeds has its transition moved to a share of its own speed.
+#: If a record's peak speed is below this many transition speeds, the transition moves to this share of the peak speed.
 _SLOW, _MOVED = 1.25, 0.6
 
-#: Faster records are thinned to no less than this rate after the low-pass [Hz]: the dissertation's own.
+#: Records with a higher rate are thinned after the low-pass, to at least this rate [Hz], the dissertation's own.
 WORKING_RATE = 2000.0
 
-#: Fewest samples that a fit of 26 parameters is made from.
+#: Minimum number of samples for a fit of 26 parameters.
 FEWEST = 100
 
-#: Share of the velocity's power within 20 % of its strongest frequency from which a record is a single sine.
+#: Share of the velocity's power within 20 % of its strongest frequency above which a record counts as a single sine.
 _SINGLE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A record made ready for the fit: even, low-passed, with its segment.
+    """A record prepared for the fit: resampled evenly, low-passed, with its segment.
 
-    The model is driven over all samples; only those `inside` count, the rest is the filter's edge.
+    The model is driven over all samples, but only those `inside` count; the others are the filter's edges.
 
     Attributes:
-        record: velocity [m/s], force [N], where known displacement [m] from `reference`; low-passed, (N,) each.
-        rate: Of the samples [Hz].
-        inside: (N,) whether a sample counts.
-        cutoff: Of the low-pass [Hz].
-        reference: Displacement that the gas force is stated at [m]: the mean over the segment.
-        transition_speed: [m/s].
-        transition_width: [m/s].
-        single_frequency: The frequency [Hz], where the record is essentially one sine; else None.
-        changes: Every departure from the dissertation's choices, a sentence each.
+        record: Velocity [m/s], force [N] and, if known, displacement [m] from `reference`; low-passed, (N,) each.
+        rate: Sampling rate [Hz].
+        inside: Whether each sample counts (N,).
+        cutoff: Cutoff frequency of the low-pass [Hz].
+        reference: Reference displacement of the gas force [m]: the mean over the segment.
+        transition_speed: Transition speed [m/s].
+        transition_width: Width of the transition [m/s].
+        single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
+        changes: Every departure from the dissertation's choices, one sentence each.
     """
 
     record: TimeSeries
@@ -82,7 +82,7 @@ class Prepared:
         return float(np.std(self.measured))
 
     def filtered(self, values: Array) -> Array:
-        """Return (..., N) through the record's own low-pass."""
+        """Return values (..., N) behind the record's own low-pass."""
         return lowpass(values, self.rate, self.cutoff)
 
 
@@ -93,14 +93,15 @@ def prepare(
     cutoff: float | None = None,
     transition_speed: float | None = None,
 ) -> Prepared:
-    """Make a record ready for the fit.
+    """Prepare a record for the fit.
 
     Args:
-        test: Velocity and force, perhaps displacement.
-        segment: Seconds from the record's start; default 1 to 10, or all where the record is shorter or hardly
-            moves there.
-        cutoff: Of the 8th-order zero-phase Butterworth low-pass [Hz]; default 50, at most 0.4 of the rate.
-        transition_speed: [m/s]; default 15 in/s, moved within the measured speed of a slow record.
+        test: Record of velocity and force, optionally displacement.
+        segment: Start and end [s] from the record's start; default 1 to 10, or the whole record if it is shorter or
+            the shock barely moves there.
+        cutoff: Cutoff frequency of the 8th-order zero-phase Butterworth low-pass [Hz]; default 50, at most 0.4 of the
+            sampling rate.
+        transition_speed: Transition speed [m/s]; default 15 in/s, moved within the measured speed of a slow record.
 
     Raises:
         ParameterError: An option does not suit the record.
@@ -158,14 +159,15 @@ def _cutoff(rate: float, asked: float | None, changes: list[str]) -> float:
     if asked is not None:
         if not 0.0 < asked <= highest:
             raise ParameterError(
-                f"the cut-off must lie between 0 and {highest:.4g} Hz (0.4 of the record's {rate:.4g} Hz), "
-                f"not at {asked:g} Hz"
+                f"the cutoff frequency must be between 0 and {highest:.4g} Hz (0.4 of the record's {rate:.4g} Hz), "
+                f"not {asked:g} Hz"
             )
         if asked != CUTOFF:
-            changes.append(f"cut-off {asked:g} Hz as asked, instead of {CUTOFF:g} Hz")
+            changes.append(f"cutoff frequency {asked:g} Hz as requested, instead of {CUTOFF:g} Hz")
         return asked
     if highest < CUTOFF:
-        changes.append(f"cut-off lowered from {CUTOFF:g} to {highest:.4g} Hz: 0.4 of the record's {rate:.4g} Hz")
+        why = f"0.4 of the record's {rate:.4g} Hz"
+        changes.append(f"cutoff frequency lowered from {CUTOFF:g} to {highest:.4g} Hz: {why}")
     return min(CUTOFF, highest)
 
 
@@ -186,11 +188,11 @@ def _transition(velocity: Array, asked: float | None, changes: list[str]) -> tup
     """Return transition speed and width [m/s]."""
     slower = float(min(velocity.max(), -velocity.min()))
     if not slower > 0.0:
-        raise ParameterError("the velocity never changes its sign in the segment: a shock is fitted on both strokes")
+        raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
     if asked is not None:
         if not 0.0 < asked < float("inf"):
             raise ParameterError(f"the transition speed must be positive, not {asked:g} m/s")
-        speed, why = asked, "as asked"
+        speed, why = asked, "as requested"
     elif slower < _SLOW * TRANSITION_SPEED:
         speed, why = _MOVED * slower, f"the record's slower side reaches {_inch(slower)}"
     else:

@@ -1,4 +1,4 @@
-"""The runs that are fitted together: each with its own low-pass and gas offset, one curve for all."""
+"""The runs of a fit: each with its own low-pass and gas offset, one curve for all."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Prepared records side by side; N samples and R rows in all.
+    """Prepared records that are fitted together, with N samples and R rows in total.
 
     Attributes:
-        prepared: One or more, of one transition.
-        weights: (R,) of the rows, 0 to 1.
+        prepared: One or more records with the same transition.
+        weights: Weights (R,) of the rows, 0 to 1.
     """
 
     prepared: tuple[Prepared, ...]
@@ -39,23 +39,23 @@ class Runs:
 
     @classmethod
     def of(cls, prepared: Sequence[Prepared]) -> Runs:
-        """Return prepared records as runs whose rows all weigh 1."""
+        """Return prepared records as runs whose rows all have weight 1."""
         runs = cls(tuple(prepared), np.empty(0))
         return runs.weighted(np.ones(sum(f.rows.size for f in runs.filters)))
 
     @property
     def first(self) -> Prepared:
-        """The first run: what all share is read from it."""
+        """The first run, for values that all runs share."""
         return self.prepared[0]
 
     @cached_property
     def filters(self) -> tuple[RowFilter, ...]:
-        """To the rows of each run."""
+        """The filter to the rows of each run."""
         return tuple(RowFilter.of(p.inside, p.rate, p.cutoff) for p in self.prepared)
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
-        """The samples of each run among all."""
+        """The slice of each run's samples among all samples."""
         ends = np.cumsum([0, *(len(p.record) for p in self.prepared)]).tolist()
         return tuple(slice(start, stop) for start, stop in pairwise(ends))
 
@@ -66,12 +66,12 @@ class Runs:
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """Whether a sample (N,) counts."""
+        """Whether each sample (N,) counts."""
         return np.concatenate([p.inside for p in self.prepared])
 
     @cached_property
     def measured(self) -> Array:
-        """The low-passed measured force of the samples inside [N]."""
+        """The low-passed measured force of the samples that count [N]."""
         return np.concatenate([p.measured for p in self.prepared])
 
     @cached_property
@@ -92,7 +92,7 @@ class Runs:
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """Every departure from the dissertation's choices; of several runs each with its number."""
+        """Every departure from the dissertation's choices, with the number of the run if there are several."""
         if len(self.prepared) == 1:
             return self.first.changes
         numbered = enumerate(self.prepared, start=1)
@@ -108,14 +108,14 @@ class Runs:
         return replace(self, weights=weights)
 
     def thinned(self, by: int) -> tuple[Runs, NDArray[np.intp]]:
-        """Return the runs with every `by`-th sample, at the same rows, and which samples (M,) these are."""
+        """Return the runs with every `by`-th sample, at the same rows, and the indices (M,) of these samples."""
         starts = [f.first % by for f in self.filters]
         kept = [np.arange(part.start + start, part.stop, by) for part, start in zip(self.parts, starts, strict=True)]
         prepared = tuple(_every(p, start, by) for p, start in zip(self.prepared, starts, strict=True))
         return replace(self, prepared=prepared), np.concatenate(kept)
 
     def blocks(self, duration: float) -> list[slice]:
-        """Return consecutive rows of about a duration [s] each, none across two runs."""
+        """Return consecutive blocks of rows of about a duration [s] each; no block spans two runs."""
         blocks, start = [], 0
         for f in self.filters:
             pieces = max(round(f.rows.size / (duration * f.row_rate)), 1)
@@ -138,16 +138,16 @@ def prepare_runs(
     cutoff: float | None = None,
     transition_speed: float | None = None,
 ) -> Runs:
-    """Make records ready to be fitted together; the transition is that of the fastest.
+    """Prepare records to be fitted together; all use the transition of the fastest.
 
     Args:
-        tests: One or more.
-        segment: As `prepare` has it, of each.
-        cutoff: The same.
-        transition_speed: The same.
+        tests: One or more records.
+        segment: Start and end [s] of each record; see `prepare`.
+        cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
+        transition_speed: Transition speed [m/s]; see `prepare`.
     """
     if not tests:
-        raise ParameterError("there is no record to fit; give one or more")
+        raise ParameterError("no record to fit; give one or more")
     prepared = [prepare(t, segment=segment, cutoff=cutoff, transition_speed=transition_speed) for t in tests]
     fastest = max(prepared, key=lambda p: p.transition_speed)
     speed, width = fastest.transition_speed, fastest.transition_width

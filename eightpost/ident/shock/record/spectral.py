@@ -1,8 +1,8 @@
-"""The low-pass straight to the samples that an optimiser looks at, in the frequency domain.
+"""The low-pass in the frequency domain, evaluated only at the samples that the optimiser uses.
 
-The zero-phase Butterworth of the record leaves nothing above twice its cut-off, so its output needs four samples per
-period of the cut-off and no more. A lag in front of it is one more factor: of a signal that is known beforehand, the
-lagged and low-passed samples cost one short inverse transform.
+The zero-phase Butterworth of the record passes nothing above twice its cutoff frequency, so four samples per period of
+the cutoff frequency represent its output. A lag in front of it is one more factor: for a signal that is known in
+advance, the lagged and low-passed samples cost one short inverse transform.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Spectrum = NDArray[np.complex128]
 
-#: Samples per cut-off period that are kept: the low-pass leaves 1e-5 at twice the cut-off.
+#: Samples per period of the cutoff frequency; the low-pass leaves 1e-5 at twice the cutoff frequency.
 _SAMPLES_PER_PERIOD = 4.0
 
-#: Order of the record's low-pass, and the extension at either end over the cut-off period: its slowest pole decays
+#: Order of the record's low-pass, and its extension at either end times the cutoff frequency: its slowest pole decays
 #: by exp(-2 pi 0.195 f_c t), to 4e-7 here.
 _ORDER, _EXTENSION = 8, 12.0
 
 
 @dataclass(frozen=True, slots=True)
 class RowFilter:
-    """From N samples to the R rows of a fit: low-passed without phase, thinned, the segment only.
+    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment.
 
     Attributes:
-        count: N.
-        rate: Of the samples [Hz].
-        cutoff: Of the low-pass [Hz].
-        first: The first sample inside the segment.
-        inside: How many samples are inside.
-        every: One row for so many samples.
+        count: Number N of samples.
+        rate: Sampling rate [Hz].
+        cutoff: Cutoff frequency of the low-pass [Hz].
+        first: First sample inside the segment.
+        inside: Number of samples inside the segment.
+        every: Number of samples per row.
     """
 
     count: int
@@ -60,7 +60,7 @@ class RowFilter:
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """The samples (R,) that become rows."""
+        """The indices (R,) of the samples that become rows."""
         return np.arange(self.first, self.first + self.inside, self.every)
 
     @property
@@ -69,7 +69,7 @@ class RowFilter:
         return self.rate / self.every
 
     def spectrum(self, values: Array) -> Spectrum:
-        """Return the spectrum (..., K) of values (..., N), as far as the low-pass lets it through."""
+        """Return the spectrum (..., K) of values (..., N) in the passband of the low-pass."""
         left, right, short = self._lengths()
         return np.asarray(rfft(_extended(values, left, right), axis=-1)[..., : short // 2 + 1])
 
@@ -89,7 +89,7 @@ class RowFilter:
         return self.rows_of(self.spectrum(values))
 
     def _lengths(self) -> tuple[int, int, int]:
-        """Return the samples put before and behind, and the number of samples kept of the whole."""
+        """Return the numbers of samples added before and after, and the number of samples after thinning."""
         wanted = int(np.ceil(_EXTENSION * self.rate / self.cutoff))
         left = wanted + (-(self.first + wanted)) % self.every
         short = int(next_fast_len(-(-(left + self.count + wanted) // self.every), True))
@@ -98,14 +98,14 @@ class RowFilter:
 
 @lru_cache(maxsize=64)
 def _gain(rate: float, cutoff: float, short: int, every: int) -> Array:
-    """Return the low-pass's gain at the bins that are kept, over the thinning."""
+    """Return the low-pass's gain at the remaining frequencies, over the thinning factor."""
     frequencies = np.arange(short // 2 + 1) * (rate / (short * every))
     _, response = sosfreqz(butter(_ORDER, cutoff, fs=rate, output="sos"), frequencies, fs=rate)
     return np.asarray(np.abs(response) ** 2 / every)
 
 
 def _extended(values: Array, left: int, right: int) -> Array:
-    """Return values (..., N) turned about their ends, as `lowpass` does; held where the record is too short."""
+    """Return values (..., N) extended by point reflection at their ends, as `lowpass` does; constant beyond that."""
     count = values.shape[-1]
     extended = np.empty((*values.shape[:-1], left + count + right))
     extended[..., left : left + count] = values

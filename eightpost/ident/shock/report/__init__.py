@@ -1,1 +1,1 @@
-"""What a fit says: parameters, warnings, shock file, tables and plots."""
+"""The report of a fit: parameters, warnings, shock file, tables and plots."""

@@ -1,4 +1,4 @@
-"""What a shock file says about its measurement and its fit."""
+"""The sections of a shock file that describe its measurement and its fit."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Share of the velocity's power that the stated frequency range leaves out at either end.
+#: Share of the velocity's power that is outside the stated frequency range at either end.
 _LEFT_OUT = 0.005
 
 
 def conditions_of(
     tests: Sequence[DynoTest], runs: Runs, columns: GasColumns, *, gas: str, gas_force: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return what was measured, under which conditions and over which ranges; units in the keys, SI.
+    """Return the conditions and ranges of the measurement; units in the keys, SI.
 
     Args:
-        tests: The records; build, clicks and pressure are the first's.
-        runs: What of them was fitted.
-        columns: Of the gas force, with its reference.
-        gas: The treatment of the gas force.
-        gas_force: Its preload [N] and stiffness [N/m], estimated.
+        tests: Records; build, clicks and pressure are the first's.
+        runs: Fitted part of the records.
+        columns: Columns of the gas force, with its reference.
+        gas: Treatment of the gas force.
+        gas_force: Estimated preload [N] and stiffness [N/m] of the gas force.
     """
     known = tests[0].conditions
     stated: dict[str, Any] = {"build": known.build, "clicks": known.clicks, "gas_pressure [Pa]": known.gas_pressure}
@@ -63,7 +63,7 @@ def conditions_of(
 def fit_of(
     solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float
 ) -> dict[str, Any]:
-    """Return what the fit said: JSON values, units in the keys, SI."""
+    """Return the results of the fit as JSON values, units in the keys, SI."""
     runs = solution.model.runs
     return {
         "recipe": recipe,
@@ -86,18 +86,18 @@ def fit_of(
 
 
 def digest_of(test: DynoTest) -> str:
-    """Return the SHA-256 of a test's file, or of its samples where it has none."""
+    """Return the SHA-256 of a test's file, or of its samples if it has none."""
     return test.sha256 or hashlib.sha256(test.series.time.tobytes() + test.series.values.tobytes()).hexdigest()
 
 
 def inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
-    """Return name and digest of each file that tests come from; a file with several runs once."""
+    """Return name and digest of each file that tests come from; a file with several runs is listed once."""
     files = dict.fromkeys((test.source.name, digest_of(test)) for test in tests if test.source)
     return tuple({"name": name, "sha256": digest} for name, digest in files)
 
 
 def notes_of(tests: Sequence[DynoTest]) -> list[str]:
-    """Return what is suspicious in the records; of several each with its run's number."""
+    """Return the notes on the records, with the number of the run if there are several."""
     numbered = enumerate(tests, start=1)
     return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.notes]
 
@@ -133,7 +133,7 @@ def _range(values: Array) -> list[float]:
 
 
 def _frequency_range(prepared: Prepared) -> list[float]:
-    """Return the frequencies [Hz] between which 99 % of the velocity's power lies."""
+    """Return the range of frequencies [Hz] that contains 99 % of the velocity's power."""
     velocity = prepared.record["velocity"][prepared.inside]
     power = np.cumsum(np.abs(np.fft.rfft(velocity - velocity.mean())) ** 2)
     frequency = np.fft.rfftfreq(velocity.size, prepared.step)

@@ -1,4 +1,4 @@
-"""What a fit found that a person should know before the shock is used."""
+"""Warnings about a fit that a user should know before using the shock."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.report.parameters import Parameter
     from eightpost.ident.shock.solvers.solution import Solution
 
-#: An offset that was to be taken out, or a gas force that pulls, is notable from this share of the standard deviation.
+#: Share of the standard deviation from which a remaining offset or a negative gas force is reported.
 _NOTABLE_OFFSET = 0.01
 
-#: Share of the standard deviation from which the residual says that the law does not describe the shock.
+#: Share of the standard deviation from which the residual is reported as too large for the law.
 _POOR = 0.1
 
 _IN_WORDS = {
@@ -31,22 +31,22 @@ _IN_WORDS = {
 
 
 def in_field_units(value: float, unit: str) -> tuple[float, str]:
-    """Return an SI value in the unit that people read it in: ms, lbf, lbf/in."""
+    """Return an SI value in the unit used in the field: ms, lbf, lbf/in."""
     factor, name = _IN_WORDS.get(unit, (1.0, unit))
     return factor * value, name
 
 
 def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str, rms: float) -> list[str]:
-    """Return a sentence for everything doubtful about a solution.
+    """Return a sentence for each doubt about a solution.
 
     Args:
-        solution: Of a recipe.
-        parameters: Its scalar parameters.
-        recipe: Its name.
-        gas: The treatment of the gas force.
-        rms: Of the residual [N].
+        solution: Solution of a recipe.
+        parameters: Scalar parameters of the solution.
+        recipe: Name of the recipe.
+        gas: Treatment of the gas force.
+        rms: RMS of the residual [N].
     """
-    # A gas stiffness at its lowest, 0, is no cause for doubt.
+    # A gas stiffness at its lower bound, 0, is normal.
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
     found = [] if solution.converged else [f"the fit did not converge: {solution.status}"]
     found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
@@ -61,7 +61,7 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
 
 
 def doubts(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
-    """Return a sentence for what is doubtful beside convergence, bounds and residual; arguments as of `findings`."""
+    """Return a sentence for each doubt besides convergence, bounds and residual; see `findings` for the arguments."""
     notable = _NOTABLE_OFFSET * solution.model.runs.deviation
     pulling = [_pulling(p) for p in parameters if p.name == "gas_preload" and p.value < -notable]
     offset = _offset(solution) if gas == "subtracted" else []
@@ -70,45 +70,45 @@ def doubts(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, 
 
 def _at_bound(parameter: Parameter) -> str:
     value, unit = in_field_units(parameter.value, parameter.unit)
-    return f"{parameter.name} = {value:.4g} {unit} sits at the {parameter.at_bound} end of its bounds"
+    return f"{parameter.name} = {value:.4g} {unit} is at its {parameter.at_bound} bound"
 
 
 def _unused_fading(solution: Solution) -> list[str]:
-    """Say where LPNL2's transition forces do nothing, or cannot be as high as LPF1 would need them."""
+    """Return a warning if LPNL2's transition forces have no effect, or cannot be as high as LPF1 would need them."""
     model = solution.model
     if not isinstance(model.dynamics, FadingLag):
         return []
     b, _, theta = model.split(solution.parameters)
     peak = float(np.abs(model.static(b)).max())
     if float(model.dynamics.values(theta)[1]) >= peak:
-        return ["alpha is 1 over the whole record: LPNL2 is LPF1 here, and its transition forces mean nothing"]
+        return ["alpha is 1 over the whole record: LPNL2 equals LPF1 here, and its transition forces are arbitrary"]
     if model.dynamics.bounds()[1][1] < peak:
         highest, unit = in_field_units(float(model.dynamics.bounds()[1][1]), "N")
         return [
-            f"the bound of {highest:.4g} {unit} on lag_full_force lies below the record's static force: LPNL2 cannot "
-            "become LPF1 here and may be worse"
+            f"the bound of {highest:.4g} {unit} on lag_full_force is below the record's largest static force: LPNL2 "
+            "cannot become LPF1 here and may be worse"
         ]
     return []
 
 
 def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
-    """Say where the gas stiffness was fitted to a force whose lag nothing else explained."""
+    """Return a warning if the gas stiffness was fitted without a lag that could explain part of it."""
     if not solution.model.gas.size or (recipe == "joint" and solution.model.dynamics.names):
         return []
-    return ["gas_stiffness was fitted without a lag and holds part of it; a joint LPF1 fit tells the two apart"]
+    return ["gas_stiffness was fitted without a lag and includes part of it; a joint LPF1 fit separates the two"]
 
 
 def _pulling(preload: Parameter) -> str:
     value, unit = in_field_units(preload.value, preload.unit)
     return (
         f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
-        "or the record is positive in extension: then turn force and motion (--flip force with --flip velocity or "
-        "--flip displacement), else compression and rebound are swapped"
+        "or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
+        "--flip displacement), otherwise compression and rebound are swapped"
     )
 
 
 def _offset(solution: Solution) -> list[str]:
-    """Say where a force that is held to be free of gas still has an offset at rest."""
+    """Return a warning if a force from which the gas force was subtracted still has an offset at rest."""
     runs = solution.model.runs
     columns = np.column_stack([solution.model.basis.columns[runs.inside], np.ones(int(runs.inside.sum()))])
     offset = float(linear_solution(columns, runs.measured)[-1])
@@ -116,6 +116,6 @@ def _offset(solution: Solution) -> list[str]:
         return []
     pounds, unit = in_field_units(offset, "N")
     return [
-        f"an offset of {pounds:.3g} {unit} ({offset:.3g} N) is left in the force although the gas force was said to be "
-        "subtracted; the curve passes through zero and cannot hold it: fit with gas 'estimate'"
+        f"an offset of {pounds:.3g} {unit} ({offset:.3g} N) remains in the force, although the gas force was declared "
+        "as subtracted; the curve passes through zero and cannot represent it: fit with gas 'estimate'"
     ]

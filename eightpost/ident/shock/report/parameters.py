@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _GAS_UNITS = {"gas_preload": "N", "gas_stiffness": "N/m"}
 
-#: A parameter within this share of a bound has hit it.
+#: A parameter within this share of a bound counts as at the bound.
 _AT_BOUND = 0.01
 
 
@@ -27,12 +27,12 @@ class Parameter:
     """A fitted parameter.
 
     Attributes:
-        name: As in the shock file.
-        value: In `unit`.
-        unit: SI.
-        error: Standard error by leaving out stretches of the record; None where the record does not determine it.
-        bounds: Lowest and highest value that the fit allowed; None without.
-        reach: Standard errors that the 95 % interval reaches to either side.
+        name: Name in the shock file.
+        value: Value in `unit`.
+        unit: SI unit.
+        error: Standard error from leaving out blocks of the record; None if the record does not determine it.
+        bounds: Lower and upper bound of the fit; None if unbounded.
+        reach: Half-width of the 95 % interval in standard errors.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Parameter:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The 95 % confidence interval; None where the record does not determine the parameter."""
+        """The 95 % confidence interval; None if the record does not determine the parameter."""
         if self.error is None:
             return None
         return self.value - self.reach * self.error, self.value + self.reach * self.error
@@ -85,9 +85,9 @@ def parameters_of(solution: Solution) -> tuple[Parameter, ...]:
 
 
 def _errors(jacobian: Array, covariance: Array) -> list[float | None]:
-    """Return the standard errors of values whose Jacobian by the covariance's parameters is given.
+    """Return the standard errors of values, given their Jacobian with respect to the covariance's parameters.
 
-    A value that depends on what is not determined (NaN) is not determined either.
+    A value that depends on an undetermined parameter (NaN) is undetermined too.
     """
     errors: list[float | None] = []
     for row in jacobian:

@@ -1,4 +1,4 @@
-"""The plot of Fig 3.14: force over velocity, measured and fitted."""
+"""Plots of force over velocity, measured and fitted (Fig 3.14)."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
 
-#: Samples shown as dots, and how long a stretch of the model's loop is drawn [s]: more only fills the page.
+#: Number of samples shown as dots, and duration of the model's loop [s]; more would only fill the page.
 _DOTS, _LOOP = 6000, 1.0
 
 
 def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], path: str | Path) -> None:
-    """Write a PNG of force over velocity, the gas force taken off: measured dots, model loop, static curve.
+    """Write a PNG of force over velocity without the gas force: measured dots, model loop, static curve.
 
     Args:
-        fits: One fit, or several of one record: a panel each.
-        path: Where the PNG goes; replaced whole or not at all.
+        fits: One fit, or several of one record, with a panel each.
+        path: File to write; an existing file is replaced only when the new one is complete.
     """
     shown = list(fits) if isinstance(fits, (tuple, list)) else [fits]
     figure = Figure(figsize=(7.2 * len(shown), 6.4), layout="constrained")
@@ -50,11 +50,11 @@ def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], 
 
 
 def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: str | Path) -> None:
-    """Write a PNG of peak-velocity tables and the curves through them: a colour for each setting of the adjusters.
+    """Write a PNG of peak-velocity tables and the curves through them, with a colour for each setting of the adjusters.
 
     Args:
-        found: Tables and the shocks that were made of them.
-        path: Where the PNG goes; replaced whole or not at all.
+        found: Tables and the shocks made of them.
+        path: File to write; an existing file is replaced only when the new one is complete.
     """
     figure = Figure(figsize=(7.2, 6.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -64,7 +64,7 @@ def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: s
         speed = np.concatenate([-table.speed, table.speed])
         force = np.concatenate([table.rebound, table.compression])
         axes.plot(_INCH * speed, _POUND * force, "o", color=line.get_color(), markersize=4.0)
-    axes.set_title("points of the table, and curves through them", pad=34)
+    axes.set_title("points of the table and curves through them", pad=34)
     _decorate(axes)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
@@ -76,18 +76,18 @@ def _panel(axes: Axes, fit: ShockFit) -> None:
     loop = _liveliest(fit.measured.time, velocity)
     measured, predicted = (_POUND * (series["force"] - gas) for series in (fit.measured, fit.predicted))
     axes.plot(velocity[dots], measured[dots], ".", color="0.6", markersize=2.0, label="measured")
-    axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s of it")
+    axes.plot(velocity[loop], predicted[loop], color="tab:blue", linewidth=0.9, label=f"model, {_LOOP:g} s")
     axes.plot(*_static_curve(fit.shock.law.curve), color="tab:red", linewidth=1.8, label="static curve")
     band = fit.band
     low, high = (_POUND * (band.force + sign * band.half_width) for sign in (-1.0, 1.0))
-    axes.fill_between(_INCH * band.velocity, low, high, color="tab:red", alpha=0.3, linewidth=0, label="its 95 % band")
+    axes.fill_between(_INCH * band.velocity, low, high, color="tab:red", alpha=0.3, linewidth=0, label="95 % band")
     law = law_title(fit.shock.law_name)
     axes.set_title(f"{fit.shock.name}: {law}, RMS {_POUND * fit.rms:.2f} lbf, {fit.percent:.2f} % of std", pad=34)
     _decorate(axes)
 
 
 def _liveliest(time: Array, velocity: Array) -> NDArray[np.bool_]:
-    """Return which samples (N,) lie in the second around the highest speed."""
+    """Return which samples (N,) are in the second around the highest speed."""
     middle = float(time[np.argmax(np.abs(velocity))])
     start = min(max(middle - 0.5 * _LOOP, time[0]), max(time[-1] - _LOOP, time[0]))
     return np.asarray((time >= start) & (time <= start + _LOOP))
@@ -116,5 +116,5 @@ def _decorate(axes: Axes) -> None:
 
 
 def _scaled(factor: float) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-    """Return what a second axis needs: to its unit, and back."""
+    """Return the conversions of a second axis: to its unit, and back."""
     return lambda values: values * factor, lambda values: values / factor

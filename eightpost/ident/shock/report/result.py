@@ -1,4 +1,4 @@
-"""A fitted shock with all that a person wants to know of the fit."""
+"""The result of a fit: the fitted shock, its parameters, warnings and predicted forces."""
 
 from __future__ import annotations
 
@@ -31,31 +31,31 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Velocities at which the curve's band is stated.
+#: Number of velocities at which the curve's band is stated.
 _BAND = 61
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockFit:
-    """A fitted shock and how good it is.
+    """A fitted shock and the quality of the fit.
 
     Attributes:
-        shock: What `write_shock` writes.
+        shock: Shock that `write_shock` writes.
         recipe: `joint` or `boggs`.
-        rms: Of the residual inside the segment, model and measurement through the same low-pass [N].
+        rms: RMS of the residual inside the segment, model and measurement through the same low-pass [N].
         deviation: Standard deviation of the low-passed measured force [N].
-        parameters: The scalar ones.
-        band: The 95 % band of the static curve.
-        weighed_down: Samples (of several runs: of all) that were taken as outliers.
+        parameters: Scalar parameters.
+        band: 95 % band of the static curve.
+        downweighted: Number of samples treated as outliers, over all runs.
         converged: Whether the optimiser ended at a minimum.
-        status: What happened, in words.
-        seconds: What it took.
-        changes: Every departure from the dissertation's choices, a sentence each.
-        warnings: What is wrong or doubtful, a sentence each.
-        measured: velocity [m/s], force [N] (and displacement [m] from the reference): low-passed, the segment only;
-            several runs one after the other.
-        predicted: force and, as part of it, gas_force [N]: the model's, at the times of `measured`.
-        digest: SHA-256 of the first record's file, or of its samples where it has none.
+        status: Description of how the optimiser ended.
+        seconds: Computing time [s].
+        changes: Every departure from the dissertation's choices, one sentence each.
+        warnings: Everything that is wrong or doubtful, one sentence each.
+        measured: Velocity [m/s], force [N] and, if measured, displacement [m] from the reference: low-passed, inside
+            the segment, several runs one after the other.
+        predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
+        digest: SHA-256 of the first record's file, or of its samples if it has none.
     """
 
     shock: Shock
@@ -64,7 +64,7 @@ class ShockFit:
     deviation: float
     parameters: tuple[Parameter, ...]
     band: CurveBand
-    weighed_down: int
+    downweighted: int
     converged: bool
     status: str
     seconds: float
@@ -77,7 +77,7 @@ class ShockFit:
     @property
     def verdict(self) -> Verdict:
         """Whether the shock can be used, and why (docs/verdict.md)."""
-        assert self.shock.validity is not None  # `result_of` gives it one
+        assert self.shock.validity is not None  # set by `result_of`
         return self.shock.validity.verdict
 
     @property
@@ -89,7 +89,7 @@ class ShockFit:
         """Return a parameter by its name.
 
         Raises:
-            KeyError: The law or the treatment of the gas has none of that name.
+            KeyError: The fit has no parameter of that name.
         """
         found = {parameter.name: parameter for parameter in self.parameters}
         return found[name]
@@ -97,21 +97,21 @@ class ShockFit:
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """How a fit was made: what its numbers do not say.
+    """Options and history of a fit that the solution does not contain.
 
     Attributes:
-        recipe: Its name.
-        gas: The treatment of the gas force.
-        name: Of the shock, if asked for.
+        recipe: Name of the recipe.
+        gas: Treatment of the gas force.
+        name: Name of the shock, if given.
         changes: Every departure from the dissertation's choices.
-        weighed_down: Samples that were taken as outliers.
+        downweighted: Number of samples treated as outliers.
     """
 
     recipe: str
     gas: str
     name: str | None
     changes: tuple[str, ...]
-    weighed_down: int
+    downweighted: int
 
 
 def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:
@@ -129,12 +129,12 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     warnings = (*notes_of(tests), *found, *ends)
     conditions = conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
-    said = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.weighed_down}
+    choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
-        fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | said,
+        fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
         inputs=inputs_of(tests),
         validity=shock_validity(
             tests,
@@ -152,7 +152,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         deviation=runs.deviation,
         parameters=parameters,
         band=band,
-        weighed_down=story.weighed_down,
+        downweighted=story.downweighted,
         converged=solution.converged,
         status=solution.status,
         seconds=seconds,
@@ -173,7 +173,7 @@ def _band(solution: Solution) -> CurveBand:
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:
-    """Return the law's own force and its gas force (N,) [N] over the segments, through each record's low-pass."""
+    """Return the law's own force and the gas force (N,) [N] over the segments, through each record's low-pass."""
     series = []
     for prepared, part in zip(runs.prepared, runs.parts, strict=True):
         force = prepared.filtered(simulate(law, prepared.record) + gas[part])
@@ -187,7 +187,7 @@ def _inside(series: TimeSeries, inside: NDArray[np.bool_]) -> TimeSeries:
 
 
 def _joined(series: list[TimeSeries]) -> TimeSeries:
-    """Return runs one after the other, with the channels that all have."""
+    """Return runs one after the other, with the channels that all of them have."""
     if len(series) == 1:
         return series[0]
     names = [name for name in series[0].names if all(name in s for s in series)]

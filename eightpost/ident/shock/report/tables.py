@@ -1,4 +1,4 @@
-"""Tables of fits for people: one like Table 3.4, and the parameters of each fit."""
+"""Tables of fits for the console: one like Table 3.4, and the parameters of each fit."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 def law_title(name: str) -> str:
-    """Return a law's name as people write it: LPF1, LPNL2, Polylinear, Maxwell."""
+    """Return the display name of a law: LPF1, LPNL2, Polylinear, Maxwell."""
     return name.upper() if any(letter.isdigit() for letter in name) else name.capitalize()
 
 
 def fit_table(fits: Sequence[ShockFit]) -> Table:
-    """Return a table of fits as Table 3.4 has it; the reduction is from the Polylinear of the same shock, if any."""
+    """Return a table of fits like Table 3.4; the reduction is relative to Polylinear of the same shock, if fitted."""
     table = Table("shock", title="Fits")
     table.add_column("law", no_wrap=True)
     for title in ("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s"):

@@ -1,1 +1,1 @@
-"""The ways from a record to parameters: jointly or one after the other, outliers, order, uncertainty."""
+"""The solvers of the fit: joint or step by step, with outliers, choice of the order, and uncertainty."""

@@ -1,6 +1,6 @@
 """The dissertation's recipe (3.3): the curve first, then tau on a grid, then LPNL2's parameters by constrained search.
 
-The curve is fitted without lag to the low-passed record and then held; the model's force is not low-passed again.
+The curve is fitted without lag to the low-passed record and then kept; the model's force is not low-passed again.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Spacing of the time constants that are tried [s] (3.3.2).
+#: Spacing of the time constants on the grid [s] (3.3.2).
 INCREMENT = 1e-4
 
-#: Starts of the transition forces over the peak static force.
+#: Starting values of the transition forces, relative to the peak static force.
 _STARTS = ((0.1, 0.5), (0.3, 0.9), (0.6, 1.5))
 
-_NEGATIVE = "gas stiffness held at 0: the record would make it negative"
+_NEGATIVE = "gas stiffness fixed at 0: the fit to this record would make it negative"
 
 
 @dataclass(frozen=True, slots=True)
 class Boggs:
-    """One after the other, in the order of 3.3, with the printed bounds."""
+    """Step-by-step fit in the order of 3.3, with the printed bounds."""
 
     ceiling = FORCE[1]
 
@@ -46,14 +46,14 @@ class Boggs:
         """Return the dissertation's solution.
 
         Args:
-            models: Gives the model whose cubics join the inner polynomial in a certain way: here freely.
+            models: Function that returns the model of an order and a join of the cubics; here the join is free.
 
         Raises:
             ParameterError: The dissertation has no recipe for the law.
         """
         dynamics = models.dynamics
         if not isinstance(dynamics, NoLag | FullLag | FadingLag):
-            raise ParameterError("recipe 'boggs' knows the dissertation's laws only; fit this one with 'joint'")
+            raise ParameterError("recipe 'boggs' supports the dissertation's laws only; fit this law with 'joint'")
         static = _static(models("free", INNER_ORDER))
         if isinstance(dynamics, FullLag):
             return _on_grid(static, dynamics)
@@ -73,7 +73,7 @@ def _static(model: ForceModel) -> Solution:
 
 
 def _on_grid(static: Solution, dynamics: FullLag) -> Solution:
-    """Take the best of tau = 0.1, 0.2, .. 10 ms, as far as the bounds go."""
+    """Return the best of tau = 0.1, 0.2, .. 10 ms within the bounds."""
     lowest, highest = dynamics.limits.time_constant
     first, last = int(np.ceil(lowest / INCREMENT * (1.0 - 1e-9))), int(np.floor(highest / INCREMENT * (1.0 + 1e-9)))
     grid = [number * INCREMENT for number in range(first, last + 1)]
@@ -113,14 +113,14 @@ def _constrained(static: Solution, dynamics: FadingLag) -> Solution:
 
 
 def _error(static: Solution, theta: Array) -> float:
-    """Return the mean square error over the force's variance [1], the curve held."""
+    """Return the mean square error over the force's variance [1] with a fixed curve."""
     model = static.model
     force = model.force(np.append(static.parameters, theta))[model.runs.inside]
     return float(np.mean((force - model.runs.measured) ** 2)) / model.runs.deviation**2
 
 
 def _with_theta(static: Solution, theta: Array, converged: bool, status: str) -> Solution:
-    """Add theta to the static solution; its covariance is that of theta alone, for the curve was held."""
+    """Add theta to the static solution; its covariance is that of theta alone, because the curve was fixed."""
     model, m = static.model, static.parameters.size
     parameters = np.append(static.parameters, theta)
     spread = np.zeros((parameters.size, parameters.size))

@@ -1,12 +1,12 @@
 """The joint recipe: curve, gas force and lag together, the model's force through the same low-pass as the data.
 
-Fitting the curve first and the lag after, as the dissertation does, biases both: the curve takes up what the lag
-should explain. Here LPF1 comes by variable projection (curve and gas linear inside, tau outside); a law whose force
-is not linear in the curve starts from there and moves every parameter at once.
+Fitting the curve first and the lag after, as the dissertation does, biases both: the curve absorbs what the lag should
+explain. Here LPF1 is fitted by variable projection (curve and gas are linear inside, tau is searched outside); a law
+whose force is not linear in the curve starts from LPF1's solution and changes all parameters at once.
 
-The cubics join the inner polynomial in value and slope: left free, the blend steps up or down at the transition by
-whatever the record does not see. Where a record does demand the freedom, it is given. A curve that falls while the
-velocity rises is a defect (it pushes where it should damp); where it would, it is held from falling.
+The cubics join the inner polynomial in value and slope. With a free join, the curve may jump at the transition by an
+amount that the record does not determine; the join is made free only if the record clearly requires it. A curve that
+falls with rising velocity is a defect (it pushes where it should damp), so the curve is then constrained to rise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.ident.shock.curve.fitted_curve import NOTABLE_FALL
-from eightpost.ident.shock.curve.shape import deepest_fall, hold_for, rising_hold
+from eightpost.ident.shock.curve.shape import deepest_fall, rising_constraint, shape_constraint
 from eightpost.ident.shock.force.linear import linear_solution
 from eightpost.ident.shock.laws.closed import FadingLag, FullLag, NoLag
 from eightpost.ident.shock.laws.projection import best_lag, projected
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.ident.shock.curve.basis import WorkingBasis
-    from eightpost.ident.shock.curve.shape import Hold, Shape
+    from eightpost.ident.shock.curve.shape import CurveConstraint, Shape
     from eightpost.ident.shock.force.force_model import ForceModel
     from eightpost.ident.shock.force.models import Models
     from eightpost.ident.shock.solvers.problem import Minimum
@@ -40,34 +40,34 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: How many starts of LPNL2 are followed, roughly, to their minimum.
+#: Number of starting points of LPNL2 that are optimised, roughly, to their minimum.
 _FOLLOWED = 2
 
-#: Tolerance of the guides: which start is best is known long before its minimum is.
+#: Tolerance of these rough searches: the best start is known long before its minimum is.
 _GUIDE = 1e-3
 
-#: Freedom at the transition must lower the sum of squares by this share; four parameters win 0.4 % by chance.
+#: A free join must lower the sum of squares by this share; four parameters lower it by 0.4 % by chance.
 _WORTHWHILE = 0.02
 
 _JOINED = "the outer cubics join the inner polynomial in value and slope, not freely"
-_RISING = "the curve is held to rise all over: the law needs that"
-_HELD = {
-    "auto": "the curve is held from falling while the velocity rises: this record alone would let it",
-    "monotone": "the curve is held monotone as asked",
-    "passive": "the curve is held passive as asked: its force never pushes the way the velocity goes",
+_RISING = "the curve was constrained to rise everywhere, because the law needs it"
+_CONSTRAINED = {
+    "auto": "the curve was constrained to be monotonic; the unconstrained fit to this record would fall",
+    "monotone": "the curve was constrained to be monotonic as requested",
+    "passive": "the curve was constrained to be passive as requested: its force never acts in the direction of motion",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """All parameters together; LPNL2 is never worse than LPF1, for it can say the same.
+    """Joint fit of all parameters; LPNL2 is never worse than LPF1, which it includes as a special case.
 
-    A law is sketched first, on a part of the samples where they are costly; outliers are weighed there too. What is
-    found is then followed to its minimum on the whole record.
+    A law is first fitted to a sketch, a part of the samples if they are costly; outliers are weighted there too. The
+    result is then optimised on the whole record.
 
     Attributes:
-        shape: What the curve may do.
-        order: Of the inner polynomial; None: by cross-validation.
+        shape: Constraint on the curve.
+        order: Order of the inner polynomial; None: by cross-validation.
     """
 
     shape: Shape = "auto"
@@ -75,32 +75,32 @@ class Joint:
     ceiling = float("inf")
 
     def sketch(self, models: Models) -> Sketch:
-        """Return the minimum on the record that the law is sketched on.
+        """Return the minimum on the part of the record used for the sketch.
 
         Args:
-            models: Gives the model of an order whose cubics join the inner polynomial in a certain way.
+            models: Function that returns the model of an order and a join of the cubics.
         """
         tau = _lag_of(models("slope", self.order or INNER_ORDER))
         return self._search(models, self._order(models, tau), tau)
 
-    def weighed(self, sketch: Sketch, weights: Array) -> Sketch:
-        """Return a sketch at other weights (R,) of the rows, from where it is: same order, cubics joined alike."""
+    def reweighted(self, sketch: Sketch, weights: Array) -> Sketch:
+        """Return a sketch with other weights (R,) of the rows, optimised from its minimum: same order, same join."""
         model = sketch.whole.weighted(weights)
         problem = Problem(model) if sketch.is_final else sketched(model)
         return replace(sketch, minimum=self._on(problem, sketch.minimum), models=sketch.models.weighted(weights))
 
     def reordered(self, sketch: Sketch, weights: Array) -> Sketch:
-        """Return a sketch at other weights (R,), for which the curve may be of another order."""
+        """Return a sketch with other weights (R,), with which the order of the curve may differ."""
         models = sketch.models.weighted(weights)
         order = self._order(models, sketch.tau)
-        return self.weighed(sketch, weights) if order == sketch.order else self._search(models, order, sketch.tau)
+        return self.reweighted(sketch, weights) if order == sketch.order else self._search(models, order, sketch.tau)
 
     def fit(self, models: Models) -> Solution:
-        """Return the least-squares solution of models on the whole record."""
+        """Return the solution of models on the whole record, by least squares."""
         return self.solution(self.finished(self.sketch(models)))
 
     def finished(self, sketch: Sketch) -> Sketch:
-        """Return the minimum that a sketch leads to on the whole record, its cubics released where worthwhile."""
+        """Return a sketch optimised on the whole record, its cubics joined freely where worthwhile."""
         if sketch.is_final:
             return sketch
         model = sketch.whole
@@ -117,18 +117,18 @@ class Joint:
         minimum, order = sketch.minimum, sketch.order
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
         notes += [] if sketch.is_free else [_JOINED]
-        if minimum.leans:
-            notes += [_RISING if minimum.problem.model.dynamics.needs_rise else _HELD[self.shape]]
+        if minimum.is_constrained:
+            notes += [_RISING if minimum.problem.model.dynamics.needs_rise else _CONSTRAINED[self.shape]]
         return minimum.solution(tuple(notes))
 
     def _on(self, problem: Problem, minimum: Minimum) -> Minimum:
-        """Follow a minimum of the same parameters on in another problem; what it leans on goes on to hold it."""
-        basis, hold = problem.model.basis, minimum.problem.hold
+        """Optimise a minimum of the same parameters in another problem; active constraints are kept."""
+        basis, constraint = problem.model.basis, minimum.problem.constraint
         if problem.model.dynamics.needs_rise:
-            return problem.held(rising_hold(basis, minimum.curve), minimum.parameters)
-        if hold is not None and minimum.leans:
-            return problem.held(hold, minimum.parameters)
-        return self._shaped(problem.followed(minimum.parameters))
+            return problem.constrained_minimum(rising_constraint(basis, minimum.curve), minimum.parameters)
+        if constraint is not None and minimum.is_constrained:
+            return problem.constrained_minimum(constraint, minimum.parameters)
+        return self._shaped(problem.minimum_from(minimum.parameters))
 
     def _order(self, models: Models, tau: float | None) -> int:
         return self.order or choose_order(models.runs, models.order_rows(tau))
@@ -137,10 +137,10 @@ class Joint:
         tied = models("slope", order)
         dynamics, start = tied.dynamics, projected(tied, tied.curve_rows(tau))[0]
         if tau is None:
-            return Sketch(self._settled(Problem(tied).followed(start), models("free", order)), models, order, tau)
+            return Sketch(self._settled(Problem(tied).minimum_from(start), models("free", order)), models, order, tau)
         first = tied.with_dynamics(FullLag(dynamics.limits))
-        lpf1 = Problem(first).followed(np.append(start, tau))
-        if dynamics.needs_rise:  # a step at the transition may be one down
+        lpf1 = Problem(first).minimum_from(np.append(start, tau))
+        if dynamics.needs_rise:  # a jump at the transition may be downwards
             lpf1 = replace(self, shape="monotone")._shaped(lpf1)
         else:
             lpf1 = self._settled(lpf1, models("free", order))
@@ -148,22 +148,22 @@ class Joint:
         return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_lpf1(sketch))
 
     def _beyond_lpf1(self, lpf1: Sketch) -> Minimum:
-        """Follow the best of another law's starts, or LPF1's own solution where the law has none."""
+        """Optimise the best of another law's starts, or LPF1's own solution if the law has none."""
         base, parameters = lpf1.whole, lpf1.minimum.parameters
         dynamics, problem = base.dynamics, sketched(base)
         starts = dynamics.starts(problem.model, parameters, _FOLLOWED)
         best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_lpf1(base, parameters))])
         if dynamics.needs_rise:
-            return problem.held(rising_hold(base.basis, lpf1.minimum.curve), best)
-        return self._shaped(problem.followed(best))
+            return problem.constrained_minimum(rising_constraint(base.basis, lpf1.minimum.curve), best)
+        return self._shaped(problem.minimum_from(best))
 
     def _settled(self, minimum: Minimum, free: ForceModel) -> Minimum:
-        """Return the minimum with the shape that was asked for, its cubics released where that is worthwhile."""
+        """Return the minimum with the requested shape, its cubics joined freely where that is worthwhile."""
         shaped = self._shaped(minimum)
         return min((shaped, *self._released(shaped, free)), key=lambda m: m.cost)
 
     def _released(self, minimum: Minimum, free: ForceModel) -> list[Minimum]:
-        """Follow on with cubics that join freely, where a Gauss-Newton step says that this is worthwhile."""
+        """Optimise with cubics that join freely, if a Gauss-Newton step shows that this is worthwhile."""
         model = minimum.problem.model
         if model.has_curve_of(free):
             return []
@@ -174,37 +174,41 @@ class Joint:
         step = linear_solution(jacobian, residual)
         if float(np.sum((residual - jacobian @ step) ** 2)) > (1.0 - _WORTHWHILE) * minimum.cost:
             return []
-        hold = self._hold(free.basis, same - step[: same.size])
-        return [self._shaped(problem.followed(start)) if hold is None else problem.held(hold, start)]
+        constraint = self._constraint(free.basis, same - step[: same.size])
+        return [
+            self._shaped(problem.minimum_from(start))
+            if constraint is None
+            else problem.constrained_minimum(constraint, start)
+        ]
 
     def _shaped(self, minimum: Minimum) -> Minimum:
-        """Follow on with a curve that is held to its shape, where it needs holding."""
+        """Optimise with a constraint on the shape of the curve, if the curve violates it."""
         problem, b = minimum.problem, minimum.curve
-        hold = problem.hold or self._hold(problem.model.basis, b)
-        if hold is None or hold is problem.hold or not hold.shortfall(b).any():
+        constraint = problem.constraint or self._constraint(problem.model.basis, b)
+        if constraint is None or constraint is problem.constraint or not constraint.shortfall(b).any():
             return minimum
-        return problem.held(hold, minimum.parameters)
+        return problem.constrained_minimum(constraint, minimum.parameters)
 
-    def _hold(self, basis: WorkingBasis, b: Array) -> Hold | None:
-        """Return what a curve b is to be held to, if anything."""
+    def _constraint(self, basis: WorkingBasis, b: Array) -> CurveConstraint | None:
+        """Return the constraint for a curve b, if any."""
         if self.shape == "free" or (self.shape == "auto" and deepest_fall(basis, b) <= NOTABLE_FALL):
             return None
-        return hold_for(basis, b, self.shape)
+        return shape_constraint(basis, b, self.shape)
 
 
 def _best(problem: Problem, starts: Sequence[Array]) -> Array:
-    """Return where the best of some starts leads, roughly."""
+    """Return the end of a rough search from the best of some starting points."""
     if len(starts) == 1:
         return starts[0]
-    guides = [replace(problem, tolerance=_GUIDE).followed(start) for start in starts]
+    guides = [replace(problem, tolerance=_GUIDE).minimum_from(start) for start in starts]
     return min(guides, key=lambda guide: guide.cost).parameters
 
 
 def _like(lpf1: Minimum, dynamics: FadingLag, weights: Array) -> Minimum:
-    """Return LPF1's minimum said by a law that fades, at weights (R,) of the rows."""
+    """Return LPF1's minimum as parameters of a law that fades, with weights (R,) of the rows."""
     model = lpf1.problem.model.with_dynamics(dynamics).weighted(weights)
     same = np.append(lpf1.parameters[:-1], dynamics.like_lpf1(model, lpf1.parameters))
-    return Problem(model, lpf1.problem.hold).at(same, "LPF1's solution: no fading of the lag is better")
+    return Problem(model, lpf1.problem.constraint).at(same, "LPF1's solution: no fading of the lag is better")
 
 
 def _lag_of(model: ForceModel) -> float | None:
@@ -215,5 +219,5 @@ def _lag_of(model: ForceModel) -> float | None:
 
 
 def _order_note(order: int, asked: int | None) -> str:
-    why = "as asked" if asked else "cross-validation finds no more in the record"
+    why = "as requested" if asked else "cross-validation finds no benefit of a higher order"
     return f"inner polynomial of order {order} instead of {INNER_ORDER}: {why}"

@@ -1,8 +1,8 @@
-"""The order of the inner polynomial by cross-validation on stretches of the record that are left out.
+"""The order of the inner polynomial by cross-validation on blocks of the record that are left out.
 
-The lowest order that predicts as well as any leaves an error of the curve that is just about its scatter, which no
-interval counts; so the next higher one is taken. The nominal 95 % intervals of 200 random shocks then hold the truth in
-94.0 %; with the lowest order within 0.2 % of the best it was 89.1 % (tests/ident/test_coverage.py).
+The lowest order that predicts as well as any other has an error of the curve of about its standard error, which no
+interval includes, so the next higher order is used. The nominal 95 % intervals of 200 random shocks then contain the
+true value in 94.0 %; with the lowest order within 0.2 % of the best it was 89.1 % (tests/ident/test_coverage.py).
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Orders that are tried: the dissertation's is the upper end.
+#: Orders to compare, up to the dissertation's.
 ORDERS = (3, 5, 7, 9, 11, 13, INNER_ORDER)
 
-#: An order is as good as the best while its error is within this share of it.
+#: An order counts as equal to the best if its error is within this share of the best.
 _AS_GOOD = 5e-4
 
 
-#: A block's leverage is taken as at most 1 less this: what a block alone says cannot be predicted without it.
+#: Upper bound of a block's leverage is 1 minus this, because a block that alone determines a direction has leverage 1.
 _CLEAR = 1e-8
 
 
 def choose_order(runs: Runs, columns: Array) -> int:
-    """Return the order next above the lowest whose fit predicts stretches of the record best that it has not seen.
+    """Return the next order above the lowest one that predicts left-out blocks of the record as well as the best.
 
     Args:
-        runs: With target and weights.
-        columns: (R, n) at the rows: the force is linear in them, lag and all. The last are the powers of the inner
-            polynomial.
+        runs: Runs with target and weights.
+        columns: Columns (R, n) at the rows; the force, lag included, is linear in them. The last columns are the powers
+            of the inner polynomial.
     """
     errors = left_out_errors(runs, columns, [columns.shape[1] - INNER_ORDER + order for order in ORDERS])
     good = np.flatnonzero(errors <= (1.0 + _AS_GOOD) * errors.min())
@@ -48,14 +48,14 @@ def choose_order(runs: Runs, columns: Array) -> int:
 
 
 def left_out_errors(runs: Runs, columns: Array, counts: Sequence[int]) -> Array:
-    """Return the RMS errors [N] at rows that their own block's fit has not seen, in closed form.
+    """Return the RMS errors [N] of predictions of each block by a fit to all other blocks, in closed form.
 
     Without block b the error there is r_b + Q_b (I - Q_b' Q_b)^-1 Q_b' r_b, with Q'Q = I and r the residual.
 
     Args:
-        runs: With target and weights.
-        columns: (R, n).
-        counts: How many of the first columns are fitted, for each error.
+        runs: Runs with target and weights.
+        columns: Columns (R, n).
+        counts: Number of leading columns to fit, for each error.
     """
     root = np.sqrt(runs.weights)
     size = np.linalg.norm(columns, axis=0)

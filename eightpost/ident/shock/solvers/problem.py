@@ -1,4 +1,4 @@
-"""The nonlinear least-squares problem of the joint recipe, and where the optimiser ended."""
+"""The nonlinear least-squares problem of the joint recipe, and its minimum."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from scipy.optimize import least_squares
 from eightpost.ident.shock.force.linear import solved
 from eightpost.ident.shock.solvers.solution import Solution
 from eightpost.ident.shock.solvers.uncertainty import covariance
-from eightpost.ident.shock.solvers.walled import Walls, least_squares_between
+from eightpost.ident.shock.solvers.walled import Inequalities, constrained_least_squares
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.shock.curve.shape import Hold
+    from eightpost.ident.shock.curve.shape import CurveConstraint
     from eightpost.ident.shock.force.force_model import ForceModel
 
     Array = NDArray[np.float64]
 
-#: Of the residual; a curve at the edge of falling needs many.
+#: Maximum number of evaluations of the residual; a curve at its constraint needs many.
 _EVALUATIONS = 200
 
-#: Share of the sum of squares that a step must win for another one.
+#: Relative decrease of the sum of squares below which the search stops.
 TOLERANCE = 1e-6
 
-#: A curve that leans on its hold by 1 N counts, in the uncertainty, as a force error of so many N all along.
+#: In the covariance, a violation of an active constraint by 1 N counts like a force error of this many N everywhere.
 _STIFF = 10.0
 
 
@@ -36,13 +36,13 @@ class Problem:
     """Weighted force error of a model at the rows.
 
     Attributes:
-        model: Of the force.
-        hold: What its curve is held to, if anything.
-        tolerance: Share of the sum of squares that a step must win for another one.
+        model: Model of the force.
+        constraint: Constraint on the curve, if any.
+        tolerance: Relative decrease of the sum of squares below which the search stops.
     """
 
     model: ForceModel
-    hold: Hold | None = None
+    constraint: CurveConstraint | None = None
     tolerance: float = TOLERANCE
 
     def residual(self, parameters: Array) -> Array:
@@ -55,13 +55,13 @@ class Problem:
         return np.asarray(np.sqrt(self.model.runs.weights)[:, None] * self.model.rows_jacobian(parameters))
 
     def at(self, parameters: Array, status: str) -> Minimum:
-        """Return parameters that are taken as they are."""
+        """Return given parameters as a minimum, without a search."""
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
-    def followed(self, start: Array) -> Minimum:
-        """Follow a start (n + g + k,) to its minimum, all parameters at once; a linear problem is solved.
+    def minimum_from(self, start: Array) -> Minimum:
+        """Optimise all parameters from a start (n + g + k,), without constraints on the curve.
 
-        Nothing is held.
+        A linear problem is solved directly.
         """
         if not self.model.dynamics.names and not self.model.gas.size:
             columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
@@ -82,16 +82,16 @@ class Problem:
         status = f"{result.message} {result.nfev} evaluations."
         return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
 
-    def held(self, hold: Hold, start: Array) -> Minimum:
-        """Follow a start (n + g + k,) to the minimum whose curve keeps what it is held to."""
-        problem, (low, high) = replace(self, hold=hold), self.model.bounds()
-        matrix = np.zeros((hold.floor.size, low.size))
-        matrix[:, : self.model.curve_count] = hold.matrix
-        ended = least_squares_between(
+    def constrained_minimum(self, constraint: CurveConstraint, start: Array) -> Minimum:
+        """Optimise all parameters from a start (n + g + k,) with a constraint on the curve."""
+        problem, (low, high) = replace(self, constraint=constraint), self.model.bounds()
+        matrix = np.zeros((constraint.floor.size, low.size))
+        matrix[:, : self.model.curve_count] = constraint.matrix
+        ended = constrained_least_squares(
             self.residual,
             self.jacobian,
             np.clip(start, low, high),
-            Walls(matrix, hold.floor + hold.clear).and_bounds(low, high),
+            Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
             tolerance=self.tolerance,
             evaluations=_EVALUATIONS,
         )
@@ -100,15 +100,15 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """Where the optimiser ended.
+    """The end of a search.
 
     Attributes:
-        problem: What was minimised.
-        parameters: (n + g + k,).
-        residual: There [N].
-        jacobian: Of the residual, there.
+        problem: Problem that was minimised.
+        parameters: Parameters (n + g + k,) at the minimum.
+        residual: Residual at the minimum [N].
+        jacobian: Jacobian of the residual at the minimum.
         converged: Whether it is a minimum.
-        status: In words.
+        status: Description of how the search ended.
     """
 
     problem: Problem
@@ -125,27 +125,27 @@ class Minimum:
 
     @property
     def curve(self) -> Array:
-        """Its curve b (n,)."""
+        """The curve's coefficients b (n,)."""
         return self.parameters[: self.problem.model.curve_count]
 
     @property
-    def leans(self) -> bool:
-        """Whether the curve leans on what it is held to."""
-        return bool(len(self._touched()))
+    def is_constrained(self) -> bool:
+        """Whether constraints on the curve are active."""
+        return bool(len(self._active_rows()))
 
     def solution(self, notes: tuple[str, ...]) -> Solution:
-        """Return what the recipe hands back, with its notes."""
+        """Return the solution with notes."""
         model = self.problem.model
         spread = covariance(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
         return Solution(model, self.parameters, spread, self.converged, self.status, notes)
 
-    def _touched(self) -> Array:
-        hold = self.problem.hold
-        return np.empty((0, self.curve.size)) if hold is None else hold.touched(self.curve)
+    def _active_rows(self) -> Array:
+        constraint = self.problem.constraint
+        return np.empty((0, self.curve.size)) if constraint is None else constraint.active_rows(self.curve)
 
     def _stiff(self) -> Array:
-        """Return rows (T, n + g + k) that keep the curve from moving where it leans on what it is held to."""
-        touched = self._touched()
+        """Return rows (T, n + g + k) that fix the curve in the directions of its active constraints."""
+        touched = self._active_rows()
         rows = np.zeros((len(touched), self.parameters.size))
         rows[:, : self.curve.size] = _STIFF * np.sqrt(self.residual.size) * touched
         return rows

@@ -1,8 +1,8 @@
-"""Samples that do not belong to the shock: spikes and dropouts, weighed down so that they bend nothing.
+"""Treatment of outliers: spikes and dropouts that would distort the fit are replaced or down-weighted.
 
-Two stages, as the faults are of two kinds. A spike of a sample or two is found in the raw force, against the model and
-a running median of what the model leaves: on a clean record nothing is found and nothing changes. A fault that lasts
-is found at the rows of the fit, whose weights are then those of a bounded influence (Huber, or Tukey's bisquare).
+There are two stages for two kinds of faults. A spike of one or two samples is found in the raw force by comparison with
+the model and a running median of the remainder; on a clean record nothing is found and nothing changes. A longer
+fault is found at the rows of the fit, whose weights then limit its influence (Huber's, or Tukey's bisquare weights).
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: `auto`: only where there are outliers; `none`; `huber` and `tukey`: these weights in any case.
+#: `auto`: only if there are outliers; `none`; `huber` and `tukey`: these weights in any case.
 Robust = Literal["auto", "none", "huber", "tukey"]
 
-#: From the median absolute deviation to the standard deviation of a normal distribution.
+#: Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 _NORMAL = 1.4826
 
-#: A raw sample is a spike from so many noise deviations, ...
+#: A raw sample is a spike if it exceeds this many standard deviations of the noise, ...
 _SPIKE = 10.0
 
-#: ... and from this share of the force's deviation off a running median of so many samples, which follows what lasts
-#: longer than half of them. Smaller ones drown in the low-pass.
+#: ... and differs by this share of the force's standard deviation from a running median of this many samples. The
+#: median follows anything longer than half of its samples; smaller spikes have no effect after the low-pass.
 _SPIKES = ((5, 0.1), (7, 0.25))
 
-#: Records with fewer samples per period of the cut-off are too coarse to tell a spike from the motion.
+#: Below this number of samples per period of the cutoff frequency, spikes cannot be distinguished from the motion.
 _FINE = 10.0
 
-#: Tuning constants of Huber and Tukey, in deviations: wide, for a residual of lag and curve is no normal noise.
+#: Tuning constants of Huber and Tukey, in standard deviations; wide, because the residual is not normal noise.
 _HUBER, _TUKEY = 2.5, 9.0
 
-#: `auto` weighs rows from so many deviations, and from this share of the force's deviation.
+#: `auto` weights rows if one exceeds this many standard deviations, and this share of the force's standard deviation.
 _FAR, _FAR_SHARE = 8.0, 0.5
 
-#: More than this share is no outliers but a law or a curve that does not fit: `auto` leaves it to be seen.
+#: Above this share the law or the curve does not fit, rather than samples being outliers; `auto` then changes nothing.
 _MOST_OUTLIERS = 0.05
 
-#: A weight under this counts as weighed down.
+#: A row counts as down-weighted below this weight.
 _DOWN = 0.5
 
 
 def spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return a raw signal (N,) with its spikes taken off, and which samples (N,) these were.
+    """Return a raw signal (N,) without its spikes, and which samples (N,) were spikes.
 
     Args:
-        raw: Measured.
-        predicted: By a model; what it does not say is followed by a running median.
+        raw: Measured signal.
+        predicted: Signal predicted by a model; a running median follows the remainder.
         deviation: Standard deviation of the signal.
     """
     left, clean = raw - predicted, raw
@@ -70,12 +70,12 @@ def spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, ND
 
 
 def without_spikes(test: DynoTest, prepared: Prepared, force: Array) -> tuple[DynoTest, int]:
-    """Return a test whose force has no spikes over the prepared stretch, and how many samples were replaced.
+    """Return a test whose force has no spikes over the prepared segment, and the number of replaced samples.
 
     Args:
-        test: As measured.
-        prepared: What of it is fitted.
-        force: (N,) predicted at the prepared record's samples [N].
+        test: Measured test.
+        prepared: Prepared part of the test.
+        force: Force (N,) predicted at the prepared record's samples [N].
     """
     if test.series.sample_rate < _FINE * prepared.cutoff:
         return test, 0
@@ -90,7 +90,7 @@ def without_spikes(test: DynoTest, prepared: Prepared, force: Array) -> tuple[Dy
 
 
 def without_motion_spikes(test: DynoTest) -> tuple[DynoTest, dict[str, int]]:
-    """Return a test whose motion has no single samples out of line, and how many were replaced in each channel."""
+    """Return a test whose motion has no outlying single samples, and the number of replaced samples by channel."""
     found: dict[str, int] = {}
     series = test.series
     for name in ("velocity", "displacement"):
@@ -108,7 +108,7 @@ def without_motion_spikes(test: DynoTest) -> tuple[DynoTest, dict[str, int]]:
 
 
 def weights_for(robust: Robust) -> Callable[[Array, float], Array] | None:
-    """Return what gives row weights (R,) of residuals (R,) [N] and the force's deviation [N]; None: all weigh 1."""
+    """Return the function of residuals (R,) and the force's standard deviation [N] that gives weights (R,), or None."""
     kinds: dict[str, Callable[[Array, float], Array] | None] = {
         "none": None,
         "huber": lambda residual, _: huber(residual),
@@ -119,19 +119,19 @@ def weights_for(robust: Robust) -> Callable[[Array, float], Array] | None:
 
 
 def huber(residual: Array) -> Array:
-    """Return Huber's weights (R,): 1 up to a number of deviations, then falling as 1 / |r|."""
+    """Return Huber's weights (R,): 1 up to a number of standard deviations, then falling as 1 / |r|."""
     size = np.abs(residual) / (_HUBER * _scale(residual))
     return np.asarray(1.0 / np.maximum(size, 1.0))
 
 
 def tukey(residual: Array) -> Array:
-    """Return Tukey's bisquare weights (R,): 0 beyond a number of deviations."""
+    """Return Tukey's bisquare weights (R,): 0 beyond a number of standard deviations."""
     size = np.minimum(np.abs(residual) / (_TUKEY * _scale(residual)), 1.0)
     return np.asarray((1.0 - size**2) ** 2)
 
 
-def weighed_down(weights: Array) -> int:
-    """Return how many rows count for less than half."""
+def downweighted_rows(weights: Array) -> int:
+    """Return the number of rows with a weight below one half."""
     return int(np.sum(weights < _DOWN))
 
 
@@ -139,7 +139,7 @@ def _only_where_far(residual: Array, deviation: float) -> Array:
     size = np.abs(residual)
     far = size > max(_FAR * _scale(residual), _FAR_SHARE * deviation)
     weights = tukey(residual)
-    few = weighed_down(weights) <= _MOST_OUTLIERS * weights.size
+    few = downweighted_rows(weights) <= _MOST_OUTLIERS * weights.size
     return weights if far.any() and few else np.ones_like(residual)
 
 

@@ -1,4 +1,4 @@
-"""A first force model, good enough to see by it which samples do not belong."""
+"""A first force model that is accurate enough to find outlying samples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Of the inner polynomial: enough for a guide.
+#: Order of the inner polynomial.
 _ORDER = 5
 
 

@@ -1,4 +1,4 @@
-"""A first solution on a part of the samples, which says how the curve goes and which rows are outliers."""
+"""A first solution on a part of the samples, which determines the shape of the curve and the outliers."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ _ROUGH = 1e-5
 
 
 def sketched(model: ForceModel) -> Problem:
-    """Return the problem that a model of the whole record is sketched by."""
+    """Return the problem with which a model of the whole record is sketched."""
     rough = model.dynamics.sketched_on(model)
     return Problem(model) if rough is model else Problem(rough, tolerance=_ROUGH)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sketch:
-    """A minimum on the record that a law is sketched on: the thinned one, where the law is costly.
+    """A minimum on the samples used for sketching a law: a thinned record, if the law is costly.
 
     Attributes:
-        minimum: There.
-        models: Of the whole record, at the weights that it was found with.
-        order: Of the inner polynomial.
-        tau: The best single lag behind the curve [s]; None for a law without lag.
-        lpf1: The minimum of LPF1 that the search began at, for a law that has one.
+        minimum: Minimum on these samples.
+        models: Models of the whole record, with the weights used for the minimum.
+        order: Order of the inner polynomial.
+        tau: Time constant of the best single lag behind the curve [s]; None for a law without lag.
+        lpf1: Minimum of LPF1 from which the search started, for a law that has one.
     """
 
     minimum: Minimum
@@ -53,18 +53,18 @@ class Sketch:
 
     @property
     def error(self) -> Array:
-        """The force error at the rows (R,) [N], all weighing alike."""
+        """The force error at the rows (R,) [N], without weights."""
         model = self.minimum.problem.model
         return np.asarray(model.rows(self.minimum.parameters) - model.runs.target)
 
     @property
     def weights(self) -> Array:
-        """Of the rows (R,)."""
+        """The weights of the rows (R,)."""
         return self.models.runs.weights
 
     @property
     def is_free(self) -> bool:
-        """Whether its cubics join the inner polynomial freely."""
+        """Whether the cubics join the inner polynomial freely."""
         return not self.minimum.problem.model.has_curve_of(self.models("slope", self.order))
 
     @property

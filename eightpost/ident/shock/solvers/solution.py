@@ -1,4 +1,4 @@
-"""What a recipe hands back."""
+"""The solution that a recipe returns."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Parameters of a force model that a recipe arrived at.
+    """Parameters of a force model found by a recipe.
 
     Attributes:
-        model: The force model, with the gas columns that were left in.
-        parameters: (n + g + k,) curve, gas, theta.
-        covariance: (n + g + k, n + g + k); NaN rows for what the record does not determine or the recipe held.
+        model: Force model, with the gas columns that were kept.
+        parameters: Parameters (n + g + k,) of curve, gas, theta.
+        covariance: Covariance (n + g + k, n + g + k); NaN rows for parameters that are undetermined or were fixed.
         converged: Whether the optimiser ended at a minimum.
-        status: What happened, in words.
-        notes: What the recipe changed on its way, a sentence each.
+        status: Description of how the optimiser ended.
+        notes: Changes that the recipe made, one sentence each.
     """
 
     model: ForceModel

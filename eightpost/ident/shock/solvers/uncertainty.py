@@ -1,8 +1,9 @@
-"""How well parameters and curve are determined, honest where neighbouring residuals say the same.
+"""Uncertainty of parameters and curve, valid for correlated residuals.
 
-The residual of a damper model is no white noise: it is what the law cannot say, and it lasts as long as the motion
-does. So the rows are cut into blocks, and what counts is how much the solution would move if each block were left
-out (the delete-a-block jackknife, to first order: a sandwich covariance with the leverage of the blocks taken out).
+The residual of a damper model is not white noise: it is what the law does not describe, and its correlation lasts as
+long as that of the motion. So the rows are divided into blocks, and the uncertainty follows from the change of the
+solution when a block is left out (delete-a-block jackknife to first order: a sandwich covariance corrected for
+leverage).
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ if TYPE_CHECKING:
 #: Length of a block [s]: ten periods of 20 Hz, and some 30 blocks in the dissertation's nine seconds.
 BLOCK = 0.3
 
-#: Fewest blocks: shorter records have shorter blocks.
+#: Minimum number of blocks; shorter records have shorter blocks.
 _FEWEST_BLOCKS = 20
 
-#: What the intervals cover.
+#: Level of the confidence intervals.
 LEVEL = 0.95
 
 #: Singular values of the scaled Jacobian below this share of the largest are directions without information.
 _NO_INFORMATION = 1e-7
 
-#: A block's leverage in a direction is taken as at most this: one that alone says something is not left out whole.
+#: Upper bound of a block's leverage in a direction, so that a block that alone determines it is not left out entirely.
 _MOST_LEVERAGE = 0.98
 
 
@@ -41,9 +42,9 @@ class CurveBand:
     """The 95 % band of a static curve, point by point.
 
     Attributes:
-        velocity: (M,) [m/s].
-        force: (M,) F_s [N].
-        half_width: (M,) [N].
+        velocity: Velocities (M,) [m/s].
+        force: Static forces F_s (M,) [N].
+        half_width: Half-widths of the band (M,) [N].
     """
 
     velocity: Array
@@ -52,13 +53,13 @@ class CurveBand:
 
 
 def blocks_of(runs: Runs) -> list[slice]:
-    """Return the blocks of rows that are taken as independent."""
+    """Return the blocks of rows that are treated as independent."""
     total = sum(f.rows.size / f.row_rate for f in runs.filters)
     return runs.blocks(min(BLOCK, total / _FEWEST_BLOCKS))
 
 
 def quantile(runs: Runs) -> float:
-    """Return how many standard errors a 95 % interval reaches: Student's t by the number of blocks."""
+    """Return the half-width of a 95 % interval in standard errors: Student's t for the number of blocks."""
     freedom = max(len(blocks_of(runs)) - 1, 1)
     return float(student.ppf(0.5 + 0.5 * LEVEL, freedom))
 
@@ -66,8 +67,8 @@ def quantile(runs: Runs) -> float:
 def covariance(jacobian: Array, residual: Array, runs: Runs) -> Array:
     """Return the covariance (n, n) of parameters from a Jacobian (R + T, n) and a residual (R,).
 
-    Rows beyond the R of the runs are no data: they stiffen and do not scatter. What the record does not determine is
-    NaN.
+    Rows beyond the R rows of the runs are not data: they add stiffness but no scatter. Parameters that the record does
+    not determine are NaN.
     """
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
@@ -84,7 +85,7 @@ def covariance(jacobian: Array, residual: Array, runs: Runs) -> Array:
 
 
 def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:
-    """Return how the solution moves (B, n), in orthogonal coordinates, when each block is left out.
+    """Return the changes of the solution (B, n), in orthogonal coordinates, when each block is left out.
 
     Without block b: (I - Q_b' Q_b)^-1 Q_b' r_b.
     """
@@ -101,11 +102,11 @@ def curve_band(columns: Array, b: Array, covariance: Array, velocity: Array, rea
     """Return the band of a curve.
 
     Args:
-        columns: (M, n) of the curve at velocities (M,) [m/s].
-        b: (n,) of the curve.
-        covariance: (n, n) of b.
-        velocity: (M,) [m/s].
-        reach: Standard errors that the band reaches.
+        columns: Columns (M, n) of the curve at velocities (M,) [m/s].
+        b: Coefficients (n,) of the curve.
+        covariance: Covariance (n, n) of b.
+        velocity: Velocities (M,) [m/s].
+        reach: Half-width of the band in standard errors.
     """
     variance = np.einsum("mi,ij,mj->m", columns, covariance, columns)
     return CurveBand(velocity, columns @ b, reach * np.sqrt(np.maximum(variance, 0.0)))

@@ -1,4 +1,4 @@
-"""A validation as one page that loads nothing."""
+"""The report of a validation as one self-contained page."""
 
 from eightpost.ident.validation.report.page import write_validation_report
 

@@ -20,7 +20,7 @@ _POINTS = 500
 
 
 def bump_figure(record: Record, cases: tuple[Case, ...]) -> Figure:
-    """Return the figure of a bump record: its fastest event each way in time, and all events over velocity."""
+    """Return the figure of a bump record: the fastest event of each direction in time, and all events over velocity."""
     first = _bump(cases[0])
     events = _drawn(first.events)
     width = 0.62 / len(events)
@@ -31,7 +31,7 @@ def bump_figure(record: Record, cases: tuple[Case, ...]) -> Figure:
     ]
     panels.append(Panel(Axis("velocity", "m/s"), force, (0.64, 1.0), (0.0, 1.0), "force over velocity"))
     low_pass = f"low-pass {first.prediction.cutoff:g} Hz"
-    caption = f"{record.name}: force in time and over velocity, as Fig 3.24 and 3.25; {low_pass}."
+    caption = f"{record.name}: force over time and over velocity, as in Fig 3.24 and 3.25; {low_pass}."
     figure = Figure(caption, 400, panels)
     _draw(figure, events, first.prediction.measured, first.prediction.measured, ("measured", MEASURED))
     for case, name, color in zip(cases, names_of(cases), COLORS * len(cases), strict=False):
@@ -51,7 +51,7 @@ def _draw(
 
 
 def _drawn(events: tuple[BumpEvent, ...]) -> list[BumpEvent]:
-    """Return the fastest event in compression and the fastest in rebound, in time."""
+    """Return the fastest event in compression and the fastest in rebound, in the order of time."""
     ends = {max(events, key=lambda e: e.speed).start, min(events, key=lambda e: e.speed).start}
     return [event for event in events if event.start in ends]
 

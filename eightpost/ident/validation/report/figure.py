@@ -1,4 +1,4 @@
-"""A figure as plotly's JSON, its numbers in SI with the unit of each axis: the page shows either unit system."""
+"""A figure as plotly's JSON, with numbers in SI and the unit of each axis, so that the page can show either system."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: First and last of something [1].
+#: First and last value of a range [1].
 Span = tuple[float, float]
 
-#: Width of every figure [px]: that of a landscape A4 page within its margins, so that paper shows what the screen does.
+#: Width of every figure [px]: that of a landscape A4 page within its margins, so that print and screen look the same.
 WIDTH = 1000
 
-#: Colours that can be told apart with colour-blindness (Okabe and Ito 2008), one for each shock of a record.
+#: Colours that remain distinct with colour-blindness (Okabe and Ito 2008), one for each shock of a record.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56a4d8", "#7a5c00")
 MEASURED = "#9aa4b1"
 
-#: Space that axis labels take beside a panel and above it [px].
+#: Space for axis labels next to a panel and above it [px].
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 58, 44
 
 _AXIS = {"gridcolor": "#e6e9ee", "zerolinecolor": "#c3cad3", "linecolor": "#b9c1cb", "ticks": "outside", "ticklen": 3,
@@ -36,10 +36,10 @@ class Axis:
     """An axis of a panel.
 
     Attributes:
-        title: What is on it.
-        unit: SI; empty for a plain number. The page writes the unit behind the title.
+        title: Name of the quantity on the axis.
+        unit: SI unit; empty for a plain number. The page appends the unit to the title.
         kind: `linear` or `log`.
-        span: Fixed range in plotly's terms, for axes without unit; None lets it follow the data.
+        span: Fixed range in plotly's terms, for axes without unit; None: the range follows the data.
     """
 
     title: str
@@ -50,14 +50,14 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A place in a figure.
+    """A panel of a figure.
 
     Attributes:
-        x: The horizontal axis.
-        y: The vertical one.
-        column: First and last of the figure's width [1].
-        row: First and last of its height [1], from below.
-        title: Above it.
+        x: Horizontal axis.
+        y: Vertical axis.
+        column: Start and end as shares of the figure's width [1].
+        row: Start and end as shares of the figure's height [1], from below.
+        title: Heading above the panel.
     """
 
     x: Axis
@@ -72,9 +72,9 @@ class Figure:
     """A figure under construction.
 
     Args:
-        caption: Below it.
-        height: [px].
-        panels: Where its axes are.
+        caption: Text below the figure.
+        height: Height [px].
+        panels: Panels with their axes and positions.
     """
 
     caption: str
@@ -85,7 +85,7 @@ class Figure:
     _named: set[str] = field(default_factory=set)
 
     def line(self, panel: int, x: Array, y: Array, *, name: str, color: str, dash: str = "solid") -> None:
-        """Draw a line in a panel, counted from 0; a name stands in the legend once. What was measured is broader."""
+        """Draw a line in a panel, counted from 0; a name is in the legend once. Measured lines are wider."""
         width = 4.0 if color == MEASURED else 1.4
         self._add(panel, x, y, name, mode="lines", line={"color": color, "width": width, "dash": dash})
 
@@ -101,7 +101,7 @@ class Figure:
         self._add(panel, x, y, name, mode="lines+markers", marker=marker, line=line)
 
     def bubbles(self, panel: int, x: Array, y: Array, values: Array, *, unit: str, greatest: float) -> None:
-        """Draw a disc for each value, its area and colour by the value, which is written above it."""
+        """Draw a disc for each value, with area and colour by the value, and the value written above it."""
         sizes = 10.0 + 26.0 * np.sqrt(np.abs(values) / greatest)
         marker = {"color": _numbers(values), "size": _numbers(sizes), "colorscale": "YlOrRd", "reversescale": True,
                   "cmin": 0.0, "cmax": greatest, "opacity": 0.9,
@@ -114,7 +114,7 @@ class Figure:
         }
 
     def band(self, panel: int, start: float, stop: float) -> None:
-        """Shade a span of a panel's horizontal axis, which must have no unit system but SI."""
+        """Shade a span of a panel's horizontal axis, whose unit must be the same in both unit systems."""
         x, y = _axes(panel)
         self._shapes.append({"type": "rect", "xref": x, "yref": f"{y} domain", "x0": start, "x1": stop, "y0": 0,
                              "y1": 1, "fillcolor": "#eceff3", "line": {"width": 0}, "layer": "below"})  # fmt: skip
@@ -126,7 +126,7 @@ class Figure:
                              "y1": value, "line": {"color": "#5b6675", "width": 1, "dash": "dot"}})  # fmt: skip
 
     def content(self) -> dict[str, Any]:
-        """Return what the page's script draws."""
+        """Return the content that the page's script draws."""
         layout: dict[str, Any] = {
             "width": WIDTH,
             "height": self.height,
@@ -157,12 +157,12 @@ class Figure:
 def grid(
     count: int, columns: int, *, gap: tuple[float, float]
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return column and row [1] of each of so many panels, row by row from above.
+    """Return column and row [1] of each panel of a grid, row by row from above.
 
     Args:
-        count: Of panels.
-        columns: In a row.
-        gap: Between columns and between rows [1].
+        count: Number of panels.
+        columns: Number of panels in a row.
+        gap: Gaps between columns and between rows [1].
     """
     rows = -(-count // columns)
     width, height = (1.0 - gap[0] * (columns - 1)) / columns, (1.0 - gap[1] * (rows - 1)) / rows
@@ -197,7 +197,7 @@ def _heading(panel: Panel) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[float]:
-    """Return values with six digits of the largest: finer than a screen."""
+    """Return values rounded to six digits of the largest, finer than a screen's resolution."""
     array = np.asarray(values, dtype=np.float64)
     top = float(np.abs(array).max(initial=0.0))
     digits = 5 - int(np.floor(np.log10(top))) if top > 0.0 else 0

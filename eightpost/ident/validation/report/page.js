@@ -24,7 +24,7 @@
   const scaled = (values, by) => (by === 1 ? values : values.map((value) => value * by));
   const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
-  /** A trace in the units that are chosen; what a bubble says is its value to three digits. */
+  /** Return a trace in the chosen units; a bubble's text is its value to three digits. */
   function trace(units, given) {
     const drawn = { ...given, name: plain(given.name), legendgroup: plain(given.legendgroup),
       x: scaled(given.x, factor(units[given.xaxis])), y: scaled(given.y, factor(units[given.yaxis])) };
@@ -61,7 +61,7 @@
     if (window.Plotly) places.forEach(draw);
   }
 
-  /** Draw those that nobody has come near to yet, one after the other, so that paper has them all. */
+  /** Draw the remaining plots one after the other, so that all of them can be printed. */
   function drawRest() {
     const left = places.find((place) => place.late !== false);
     if (!left) {
@@ -73,9 +73,9 @@
     setTimeout(drawRest, 0);
   }
 
-  // The tables follow the units even where the plots cannot be drawn.
+  // The tables follow the units even if the plots cannot be drawn.
   for (const box of document.querySelectorAll("input[name=units]")) {
-    box.checked = box.value === "us"; // a browser that reloads keeps what was chosen
+    box.checked = box.value === "us"; // a browser keeps the old choice when it reloads the page
     box.addEventListener("change", switchUnits);
   }
   try {

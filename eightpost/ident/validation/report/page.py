@@ -1,4 +1,4 @@
-"""report.html: one validation in one file that loads nothing, for the screen and for paper."""
+"""report.html: one validation as a self-contained file, for the screen and for printing."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ _UNITS = ("N", "m", "m/s", "N/m", "J", "N2/Hz")
 def write_validation_report(
     path: str | Path, study: ValidationStudy, *, limit: float | None = None, title: str = "Shock validation"
 ) -> Path:
-    """Write a validation as an interactive page; it replaces an old one only when it is whole.
+    """Write a validation as an interactive page; an existing file is replaced only when the new one is complete.
 
     Args:
-        path: The file, such as out/report.html.
-        study: What was validated.
-        limit: Highest error [percent of standard deviation], for the verdict.
+        path: File to write, such as out/report.html.
+        study: Validation to show.
+        limit: Maximum error [percent of standard deviation], for the verdict.
         title: Heading of the page.
 
     Returns:
-        The file.
+        Path of the written file.
     """
     path = Path(path)
     content = page(study, limit=limit, title=title)
@@ -90,7 +90,7 @@ def page(study: ValidationStudy, *, limit: float | None, title: str) -> str:
 
 
 def _sections(study: ValidationStudy) -> Iterator[tuple[str, str, list[ResultTable], list[Figure]]]:
-    """Return identifier, heading, tables and figures of each kind of record that there is."""
+    """Yield identifier, heading, tables and figures of each kind of record in the study."""
     random, static, bump = (study.of_kind(kind) for kind in ("random", "static", "bump"))
     if random:
         yield "random", "Random records", [random_table(study)], [random_figure(*found) for found in random]
@@ -114,7 +114,7 @@ def _sections(study: ValidationStudy) -> Iterator[tuple[str, str, list[ResultTab
 
 
 def _placed(section: tuple[str, str, list[ResultTable], list[Figure]], figures: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a section for the template; its figures are added to those of the page and known by their place."""
+    """Return a section for the template; its figures are appended to those of the page and referenced by index."""
     identifier, heading, tables, drawn = section
     places = [(len(figures) + k, figure.caption, figure.height) for k, figure in enumerate(drawn)]
     figures += [figure.content() for figure in drawn]
@@ -135,7 +135,7 @@ def unit(si: str) -> Markup:
 
 
 def caption(text: str) -> Markup:
-    """Return a caption with the units in braces in both systems."""
+    """Return a caption with the units in braces shown in both systems."""
     return Markup(escape(text).replace("{N}", unit("N")))
 
 

@@ -1,4 +1,4 @@
-"""Random records: force over velocity, force and error in time, the residual's coherence and spectrum."""
+"""Figures of random records: force over velocity, force and error over time, the residual's coherence and spectrum."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Dots of a record, and points of a line: more only fills the page.
+#: Number of dots of a record and of points of a line; more would only fill the page.
 _DOTS, _POINTS = 3000, 500
 
-#: What is drawn of the traces in time, about the highest speed [s].
+#: Duration of the traces over time, around the highest speed [s].
 _SPAN = 1.0
 
-#: What is drawn as a loop [s]: more hides what was measured.
+#: Duration of the loop [s]; a longer one would hide the measured dots.
 _LOOP = 0.25
 
 _FORCE, _TIME, _FREQUENCY = Axis("force", "N"), Axis("time [s]"), Axis("frequency [Hz]")
 _PANELS = (
     Panel(Axis("velocity", "m/s"), _FORCE, (0.0, 0.3), (0.0, 1.0), "force over velocity"),
     Panel(_TIME, _FORCE, (0.37, 0.67), (0.6, 1.0), "force"),
-    Panel(_TIME, Axis("error", "N"), (0.37, 0.67), (0.0, 0.39), "error, measured less predicted"),
+    Panel(_TIME, Axis("error", "N"), (0.37, 0.67), (0.0, 0.39), "error, measured minus predicted"),
     Panel(_FREQUENCY, Axis("", span=(0.0, 1.03)), (0.74, 1.0), (0.6, 1.0), "coherence of error and velocity"),
     Panel(_FREQUENCY, Axis("density", "N2/Hz", "log"), (0.74, 1.0), (0.0, 0.39), "spectrum of the error"),
 )
@@ -41,8 +41,8 @@ def random_figure(record: Record, cases: tuple[Case, ...]) -> Figure:
     """Return the figure of a random record with all its shocks."""
     caption = (
         f"{record.name}: force over velocity, the record as dots and a quarter of a second of each prediction as a "
-        "loop; one second of force and error; coherence of the error with the velocity, above the dotted line more "
-        "than chance (5 %); spectrum of the error under that of the measured force."
+        "loop; one second of force and error; coherence of the error with the velocity, significant (5 %) above the "
+        "dotted line; spectrum of the error below that of the measured force."
     )
     figure = Figure(caption, 470, _PANELS)
     first = _random(cases[0])
@@ -73,7 +73,7 @@ def _random(case: Case) -> RandomValidation:
 
 
 def _liveliest(time: Array, velocity: Array, span: float) -> NDArray[np.intp]:
-    """Return samples of a span [s] around the highest speed, about 500 of them at most."""
+    """Return the samples of a span [s] around the highest speed, at most about 500."""
     middle = float(time[np.argmax(np.abs(velocity))])
     start = min(max(middle - 0.5 * span, float(time[0])), max(float(time[-1]) - span, float(time[0])))
     inside = np.flatnonzero((time >= start) & (time <= start + span))

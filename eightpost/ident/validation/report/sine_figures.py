@@ -1,4 +1,4 @@
-"""Sine records: the map of the error, the error over frequency (Fig 3.20), and the loops (Fig 3.21)."""
+"""Figures of sine records: the map of the error, the error over frequency (Fig 3.20), and the loops (Fig 3.21)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Loops on a figure, and points of a loop.
+#: Number of loops in a figure and in a row, and number of points of a loop.
 _LOOPS, _COLUMNS, _POINTS = 15, 5, 160
 
-#: Amplitudes within this share of each other are one (the actuator does not meet its command exactly).
+#: Amplitudes within this share of each other are one group, because the actuator does not follow its command exactly.
 _ALIKE = 0.1
 
 
@@ -32,7 +32,7 @@ def sine_figures(rows: list[tuple[Case, ...]]) -> Iterator[Figure]:
     """Return the figures of the sine records of one damper.
 
     Args:
-        rows: The cases of each record, the same shocks in the same order.
+        rows: Cases of each record, with the same shocks in the same order.
     """
     if len(rows) > 1:
         yield _map(rows)
@@ -44,7 +44,7 @@ def sine_figures(rows: list[tuple[Case, ...]]) -> Iterator[Figure]:
 
 
 def _map(rows: list[tuple[Case, ...]]) -> Figure:
-    """Return the error as a disc at each amplitude and peak speed, a panel for each shock."""
+    """Return the error as a disc at each amplitude and peak speed, with a panel for each shock."""
     names = names_of(rows[0])
     amplitude = np.array([sine(cases[0]).amplitude for cases in rows])
     speed = np.array([sine(cases[0]).speed for cases in rows])
@@ -61,7 +61,7 @@ def _map(rows: list[tuple[Case, ...]]) -> Figure:
 
 
 def _over_frequency(rows: list[tuple[Case, ...]]) -> Figure:
-    """Return the error over frequency, a panel for each amplitude (Fig 3.20)."""
+    """Return the error over frequency, with a panel for each amplitude (Fig 3.20)."""
     groups = _amplitudes(rows)
     names = names_of(rows[0])
     places = grid(len(groups), min(len(groups), 5), gap=(0.06, 0.22))
@@ -95,7 +95,7 @@ def _length(amplitude: float) -> str:
 
 
 def _loops(rows: list[tuple[Case, ...]], over: str) -> Figure:
-    """Return the last period of each record, force over velocity or displacement, measured beside predicted."""
+    """Return the last period of each record as force over velocity or displacement, measured and predicted."""
     columns = min(len(rows), _COLUMNS)
     places = grid(len(rows), columns, gap=(0.055, 0.13))
     unit = "m/s" if over == "velocity" else "m"

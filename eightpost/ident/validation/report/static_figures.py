@@ -1,4 +1,4 @@
-"""Static records: force in time with what was averaged (Fig 3.22), force over displacement (Fig 3.23)."""
+"""Figures of static records: force over time with the averaged parts (Fig 3.22), force over displacement (Fig 3.23)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Points of a trace in time.
+#: Number of points of a trace over time.
 _POINTS = 1500
 
 _HOLD = "#4b5563"
@@ -35,8 +35,8 @@ def static_figure(record: Record, cases: tuple[Case, ...]) -> Figure:
         Panel(Axis("displacement", "m"), _FORCE, (0.6, 1.0), (0.0, 1.0), "force at the holds"),
     )
     caption = (
-        f"{record.name}: what is averaged is shaded. The distance between the directions is twice the seal drag; "
-        "a law's drag is a function of velocity, so that at rest it predicts the gas force alone."
+        f"{record.name}: the averaged times are shaded. The distance between the directions is twice the seal drag; "
+        "a law's drag is a function of velocity, so at rest it predicts the gas force alone."
     )
     figure = Figure(caption, 430, panels)
     first = _static(cases[0])
@@ -55,12 +55,12 @@ def static_figure(record: Record, cases: tuple[Case, ...]) -> Figure:
 
 
 def overlay(found: tuple[tuple[Record, tuple[Case, ...]], ...]) -> Figure:
-    """Return the measured holds of several static records in one, each from its own first hold (Fig 3.23)."""
+    """Return the measured holds of several static records in one figure, relative to the first hold (Fig 3.23)."""
     panels = (
         Panel(Axis("displacement from the first hold", "m"), Axis("force from the first hold", "N"), (0, 1), (0, 1)),
     )
     figure = Figure(
-        "Force over displacement of all static records, each from its first hold, as Fig 3.23.", 420, panels
+        "Force over displacement of all static records, relative to the first hold of each, as Fig 3.23.", 420, panels
     )
     for (record, cases), color in zip(found, COLORS * len(found), strict=False):
         holds = _static(cases[0]).holds
