@@ -39,7 +39,7 @@ class FitParameter(NamedTuple):
     scale: str
     """"logarithmic" or "linear": scale of the steps of the search."""
     above: str = ""
-    """Name of the parameter that must stay below this one; empty if there is none."""
+    """Name of the parameter that must stay below this one; empty without such a condition."""
     gap: float = 0.0
     """Minimum distance to the parameter named by `above`, in `unit`."""
 

@@ -37,7 +37,7 @@ def fit_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
     return declared
 
 
-def _found() -> dict[str, type[ShockLaw]]:
+def _law_classes() -> dict[str, type[ShockLaw]]:
     """Return the laws by name, those with few parameters first."""
     laws: dict[str, type[ShockLaw]] = {}
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
@@ -52,4 +52,4 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
 
 
 #: All laws by the name used in files and on the command line.
-LAWS: Mapping[str, type[ShockLaw]] = _found()
+LAWS: Mapping[str, type[ShockLaw]] = _law_classes()

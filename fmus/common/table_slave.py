@@ -18,13 +18,13 @@ _KINDS = {"Real": Real, "Boolean": Boolean}
 class TableSlave(Fmi2Slave):
     """Slave that keeps every variable in `self.values`; a model reads inputs and parameters there and writes outputs.
 
-    No exception may leave a slave, because pythonfmu answers one with fmi2Fatal and damages the interpreter's memory. So
-    errors are logged with their reason, the old values are kept, and the next step is rejected (fmi2Discard); the step
-    after that is accepted again. Parameters that contradict each other make every step fail until they are corrected,
-    and a failed initialization makes all steps fail.
+    No exception may leave a slave, because pythonfmu answers one with fmi2Fatal and damages the interpreter's memory.
+    So errors are logged with their reason, the old values are kept, and the next step is rejected (fmi2Discard); the
+    step after that is accepted again. Parameters that contradict each other make every step fail until they are
+    corrected, and a failed initialization makes all steps fail.
 
-    A model defines three methods: `initialise` (a consistent start from inputs and parameters), `advance` (one step) and
-    `refresh` (the parameters have changed).
+    A model defines three methods: `initialise` (a consistent start from inputs and parameters), `advance` (one step)
+    and `refresh` (the parameters have changed).
     """
 
     def __init__(self, table_file, **kwargs):

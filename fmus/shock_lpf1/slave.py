@@ -1,7 +1,7 @@
 """shock_lpf1 for PythonFMU: a curve behind a first-order lag (Eq 3.24).
 
-The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same law
-files that the library uses for fits. Absolute names would make two FMUs in one process share code.
+The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same
+law files that the library uses for fits. Absolute names would make two FMUs in one process share code.
 """
 
 from importlib import import_module

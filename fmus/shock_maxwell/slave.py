@@ -1,7 +1,7 @@
 """shock_maxwell for PythonFMU: a curve and a stiffness in series.
 
-The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same law
-files that the library uses for fits. Absolute names would make two FMUs in one process share code.
+The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same
+law files that the library uses for fits. Absolute names would make two FMUs in one process share code.
 """
 
 from importlib import import_module

@@ -21,14 +21,14 @@ INNER = (2600.0, 90.0, -1500.0, 60.0, 700.0, *[0.0] * 10)
 
 @lru_cache
 def motion(seed, duration=10.5):
-    """Displacement and velocity of a Table 3.2 multisine at 20 kHz."""
+    """Return displacement and velocity of a Table 3.2 multisine at 20 kHz."""
     drive = random_multisine(seed, duration=duration, rate=FINE, draws=8).series
     velocity = np.gradient(drive["displacement"], 1.0 / FINE)
     return drive.with_channel("velocity", "m/s", velocity)
 
 
 def sampled(series, force, rate, seed, noise=1.0):
-    """What a dynamometer with 1 N, 10 um and 0.5 mm/s of noise reads at a rate."""
+    """Return the record of a dynamometer with 1 N, 10 um and 0.5 mm/s of noise at a sampling rate."""
     every = round(FINE / rate)
     generator = np.random.default_rng(seed)
     channels = {
@@ -46,7 +46,7 @@ def sampled(series, force, rate, seed, noise=1.0):
 
 @pytest.fixture(scope="session")
 def curve():
-    """A curve of the class: its cubics go on from the inner polynomial in value and slope."""
+    """Return a curve whose cubics join the inner polynomial in value and slope, as in a fit."""
     k = np.arange(1, 16)
     compression = (float(np.sum(INNER)), float(k @ INNER), -150.0, 30.0)
     rebound = (float((-1.0) ** k @ INNER), float(-((-1.0) ** (k - 1) * k) @ INNER), 200.0, -60.0)
@@ -67,7 +67,7 @@ def law_record():
 
 
 def digressive(velocity):
-    """A smooth asymmetric valve with a steep nose [N]: not a polynomial."""
+    """Return the force [N] of a smooth asymmetric valve, steep near zero velocity and not a polynomial."""
     nose = 5200.0 * velocity / np.sqrt(1.0 + (velocity / 0.0762) ** 2) + 1500.0 * velocity
     return nose * (1.0 - 0.2 * np.tanh(velocity / 0.15))
 
@@ -92,5 +92,5 @@ def gas_port():
 
 @pytest.fixture(scope="session")
 def basis():
-    """The dissertation's transition."""
+    """Return the basis with the dissertation's transition."""
     return CurveBasis(0.381, 0.0127)

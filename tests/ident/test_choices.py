@@ -1,4 +1,4 @@
-"""Wrong choices are refused by name; what is doubtful is said."""
+"""Unknown options are rejected by name; doubtful results are reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.shock import Lpf1
 
 @pytest.fixture(scope="module")
 def laggard(curve, law_record):
-    """A shock whose lag of 15 ms is beyond the dissertation's bounds."""
+    """Return a record of a shock whose lag of 15 ms is beyond the dissertation's bounds."""
     return law_record(Lpf1(curve, 1.5e-2), 1)
 
 
@@ -31,7 +31,7 @@ def test_an_unknown_choice_is_refused(laggard, choice, message):
         fit_shock(laggard, **{"law": "lpf1", **choice})
 
 
-def test_a_bound_that_is_hit_is_reported(laggard):
+def test_a_parameter_at_its_bound_is_reported(laggard):
     fit = fit_shock(laggard, "lpf1")
     assert fit.parameter("time_constant").at_bound == "upper"
     assert any("time_constant = 1" in warning and "at its upper bound" in warning for warning in fit.warnings)
@@ -45,14 +45,14 @@ def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
     assert lpnl2.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
 
 
-def test_a_curve_that_turns_back_is_named_with_its_velocities(basis, curve):
+def test_a_falling_curve_is_reported_with_its_velocities(basis, curve):
     coefficients = curve_coefficients(curve)
     coefficients[15] -= 300.0
     _, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
     assert any("not monotone" in warning and "14.6 to 15.3 in/s" in warning for warning in warnings)
 
 
-def test_an_end_slope_out_of_proportion_gives_way_to_a_robust_one(basis, curve):
+def test_an_implausible_end_slope_is_replaced_by_a_robust_one(basis, curve):
     coefficients = curve_coefficients(curve)
     coefficients[15:19] = coefficients[15], 900.0, 0.0, -500.0  # falls at the end
     found, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))

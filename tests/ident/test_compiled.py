@@ -1,4 +1,4 @@
-"""A law's own functions run as machine code that is kept on disk, and never when a law's file has changed."""
+"""A law's own functions are compiled, cached on disk, and compiled again when a law's file changes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_machine_code_is_found_on_disk_the_second_time(record):
     assert not again.stats.cache_misses
 
 
-def test_it_is_looked_for_under_another_number_when_a_file_changes(tmp_path):
+def test_the_cache_key_changes_when_a_file_changes(tmp_path):
     path = tmp_path / "law.py"
     numbers = []
     for factor in (1, 2):
@@ -49,7 +49,7 @@ def test_it_is_looked_for_under_another_number_when_a_file_changes(tmp_path):
     assert min(numbers) > 0
 
 
-def test_a_varying_lag_that_does_not_vary_is_the_lag():
+def test_a_varying_lag_with_a_constant_time_constant_is_the_lag():
     columns = np.random.default_rng(3).normal(size=(300, 4))
     found = lagged_columns(columns, np.full(300, 1.3e-3), 5e-4)
     np.testing.assert_allclose(found, lag(columns, 1.3e-3, 5e-4), rtol=1e-10, atol=1e-12)

@@ -56,7 +56,7 @@ def linear_problem(seed=1):
 
 
 def test_the_covariance_is_that_of_fits_without_one_block_each():
-    """Every fit made anew: the delete-a-block jackknife."""
+    """Every fit is repeated without one block: the delete-a-block jackknife."""
     jacobian, y = linear_problem()
     runs = runs_of((600,))
     solution = np.linalg.lstsq(jacobian, y, rcond=None)[0]
@@ -89,7 +89,7 @@ def test_a_band_has_the_deviation_of_the_sum_that_the_curve_is():
     band = curve_band(columns, b, np.array([[4.0, -1.0], [-1.0, 9.0]]), np.array([0.0, 0.1, 0.2]), 2.0)
     assert band.force.tolist() == [10.0, 8.0, -3.0]
     assert band.half_width == pytest.approx([4.0, 2.0 * 36.0**0.5, 18.0], rel=1e-14)
-    # A variance that rounding made negative is none.
+    # A variance that is negative by rounding counts as zero.
     assert curve_band(columns, b, -1e-20 * np.eye(2), band.velocity, 2.0).half_width.tolist() == [0.0, 0.0, 0.0]
 
 

@@ -1,4 +1,4 @@
-"""The 95 % intervals hold the truth in 95 % of random shocks, residuals coloured as a dynamometer's are."""
+"""The 95 % intervals contain the true values in 95 % of random shocks, with residuals coloured as on a dynamometer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RANGES = {
 
 
 def random_shock(kind, generator):
-    """A rising curve of the class, seventh order inside, its cubics joined in value and slope; its law, and gas."""
+    """Return a random law with gas: a rising curve of seventh order, its cubics joined in value and slope."""
     while True:
         curve, port = any_curve(generator), any_gas(generator)
         own = [generator.uniform(*ends) for ends in RANGES[kind].values()]
@@ -34,7 +34,7 @@ def random_shock(kind, generator):
 
 
 def any_curve(generator):
-    """The same curve, though it may fall."""
+    """Return such a curve, which may fall."""
     inner = np.zeros(15)
     inner[:7] = generator.uniform(0.7, 1.3, 7) * (2600.0, 90.0, -1500.0, 60.0, 700.0, -20.0, -100.0)
     free = np.concatenate([inner, generator.uniform(-200.0, 200.0, 2), generator.uniform(-200.0, 200.0, 2)])
@@ -43,12 +43,12 @@ def any_curve(generator):
 
 
 def any_gas(generator):
-    """Its gas force."""
+    """Return a random gas force."""
     return Port(gas_preload=generator.uniform(100.0, 300.0), gas_stiffness=generator.uniform(300.0, 1200.0))
 
 
 def coloured(generator, count):
-    """Noise of 8 N with a corner at 8 Hz, and 3 N of white noise."""
+    """Return noise of 8 N with a corner at 8 Hz, plus 3 N of white noise."""
     pole = np.exp(-2.0 * np.pi * 8.0 / 2000.0)
     slow = np.zeros(count)
     drive = generator.standard_normal(count) * np.sqrt(1.0 - pole**2)
@@ -58,7 +58,7 @@ def coloured(generator, count):
 
 
 def hits(seed, kind=Lpf1):
-    """Return which of its own parameters, the gas force's two and six points of the curve are in their intervals."""
+    """Return which own parameters, gas parameters and six points of the curve have the truth in their intervals."""
     generator = np.random.default_rng(seed)
     law = random_shock(kind, generator)
     drive = random_multisine(seed % 25, duration=10.5, rate=RATE, draws=2).series
@@ -87,7 +87,7 @@ def hits(seed, kind=Lpf1):
 
 
 def test_the_intervals_of_a_few_random_shocks_hold_the_truth():
-    """Four cases of nine intervals: a covariance that takes the residual for white noise fails here."""
+    """Four cases of nine intervals; a covariance for white noise would fail here."""
     assert np.mean([hits(seed) for seed in range(4)]) > 0.8
 
 
@@ -101,7 +101,7 @@ def test_the_intervals_of_200_random_shocks_hold_the_truth_in_95_percent():
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", [Lpnl2, Maxwell])
 def test_the_intervals_of_40_random_shocks_of_the_other_laws_hold_the_truth(kind):
-    """LPNL2 96.1 % of 440 intervals, Maxwell 96.4 % of 360; of 40 cases one interval may well hold only 85 %."""
+    """LPNL2 96.1 % of 440 intervals, Maxwell 96.4 % of 360; a single interval may reach only 85 % of 40 cases."""
     share = np.mean([hits(seed, kind) for seed in range(2000, 2040)], axis=0)
     assert (share > 0.80).all(), share
     assert share.mean() == pytest.approx(0.95, abs=0.04)

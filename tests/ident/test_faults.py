@@ -1,4 +1,4 @@
-"""Injected faults: each is put right, said, or refused; none bends a fit silently."""
+"""Injected faults are corrected, reported or rejected; none distorts a fit without a warning."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def with_force(test, force):
 
 @few
 @given(seed=st.integers(0, 10_000), count=st.integers(20, 200), size=st.floats(1500.0, 8000.0))
-def test_spikes_are_taken_off_and_counted(record, seed, count, size):
+def test_spikes_are_removed_and_counted(record, seed, count, size):
     generator = np.random.default_rng(seed)
     force = record.series["force"].copy()
     where = generator.choice(np.arange(2500, 19000, 3), count, replace=False)
@@ -42,7 +42,7 @@ def test_spikes_are_taken_off_and_counted(record, seed, count, size):
 
 @few
 @given(start=st.integers(3000, 17000), length=st.integers(60, 200))
-def test_a_dropout_is_weighed_down_or_doubted(record, start, length):
+def test_a_dropout_is_downweighted_or_reported(record, start, length):
     force = record.series["force"].copy()
     force[start : start + length] = 5000.0
     fit = fit_shock(with_force(record, force), "lpf1")
@@ -53,7 +53,7 @@ def test_a_dropout_is_weighed_down_or_doubted(record, start, length):
 
 @few
 @given(seed=st.integers(0, 10_000), share=st.floats(1.0, 4.0))
-def test_a_force_of_noise_is_doubted(record, seed, share):
+def test_a_noisy_force_is_reported(record, seed, share):
     noise = np.random.default_rng(seed).standard_normal(len(record.series))
     force = record.series["force"] + share * 10.0 * record.series["force"].std() * noise
     fit = fit_shock(with_force(record, force), "lpf1")

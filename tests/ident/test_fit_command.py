@@ -1,4 +1,4 @@
-"""`eightpost fit`: what a file holds is fitted, and what is suspicious in it is said."""
+"""`eightpost fit`: tables and runs of a file are fitted, and suspicious records are reported."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def fit(tmp_path, monkeypatch):
     return call
 
 
-def test_what_is_suspicious_in_the_record_is_a_reason_on_the_screen_and_in_the_file(fit, record):
+def test_a_suspicious_record_is_a_reason_on_the_screen_and_in_the_file(fit, record):
     shown, shock = fit(table(record, duration=3.0, warming=20.0))
     assert any("temperature" in warning for warning in shock["fit"]["warnings"])
     verdict = Verdict.from_json(shock["validity"]["verdict"])
@@ -68,7 +68,7 @@ def test_the_tables_of_a_file_are_fitted_together_and_a_note_names_its_run(fit, 
     assert not any(w.startswith("run 1: ") for w in shock["fit"]["warnings"])
 
 
-def test_a_record_is_split_into_its_runs_only_where_that_is_asked_for(fit):
+def test_a_record_is_split_into_its_runs_only_on_request(fit):
     time = np.arange(500 * 8) / 500.0
     amplitude = np.select([time < 3.0, time < 5.0], [0.01, 0.0], 0.02)
     phase = 4.0 * np.pi * time

@@ -32,7 +32,7 @@ def fitted():
 
 @pytest.fixture(scope="module")
 def built(fitted, tmp_path_factory, one_platform):
-    """FMUs of the fitted shocks by target and law."""
+    """Return FMUs of the fitted shocks by target and law."""
     folder = tmp_path_factory.mktemp("fitted")
     files = [folder / f"{law}.json" for law in fitted]
     for shock, path in zip(fitted.values(), files, strict=True):
@@ -45,20 +45,20 @@ def built(fitted, tmp_path_factory, one_platform):
 
 
 def driven(shock, test):
-    """What the shock is driven with: the prepared record, its displacement from the shock's reference."""
+    """Return the prepared record that drives the shock, with displacement from the shock's reference."""
     prepared = prepare(test)
     about = prepared.record["displacement"] + prepared.reference - shock.conditions["displacement_reference [m]"]
     return prepared, prepared.record.with_channel("displacement", "m", about)
 
 
 def percent(prepared, force):
-    """RMS of measured less predicted force in percent of the measured force's standard deviation."""
+    """Return the RMS of measured minus predicted force in percent of the measured force's standard deviation."""
     error = prepared.measured - prepared.filtered(force)[prepared.inside]
     return 100.0 * np.sqrt(np.mean(error**2)) / prepared.deviation
 
 
 def ramped(path, series):
-    """The native FMU's force along a record: its inputs go linearly from sample to sample."""
+    """Return the native FMU's force along a record, with inputs that change linearly from sample to sample."""
     inputs = {v.name: v.valueReference for v in read_model_description(str(path)).modelVariables
               if v.causality == "input"}  # fmt: skip
     step = 1.0 / series.sample_rate
@@ -84,7 +84,7 @@ def ramped(path, series):
 
 
 def held(path, series):
-    """An FMU's force along a record by FMPy's own input: each step has the values of its end."""
+    """Return an FMU's force along a record with FMPy's input function: each step has the values of its end."""
     step = 1.0 / series.sample_rate
     time = np.arange(len(series)) * step
     signals = np.zeros(len(series), dtype=[(name, float) for name in ("time", "velocity", "displacement")])

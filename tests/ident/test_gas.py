@@ -1,4 +1,4 @@
-"""The gas force is estimated, left to the car, or gone already; the curve always passes through zero."""
+"""The gas force is estimated, left to the car, or already subtracted; the curve always passes through zero."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_the_reference_travels_with_the_shock(with_gas):
     assert offset == pytest.approx(-0.01 * fit.shock.law.port.gas_stiffness, abs=0.5)
 
 
-def test_a_gas_that_pulls_is_doubted(with_gas):
+def test_a_gas_force_that_pulls_is_reported(with_gas):
     """The same record seen from the other end: every channel negated, compression and rebound swapped."""
     series = with_gas.series
     mirrored = type(series)(series.time, -series.values, series.names, series.units)

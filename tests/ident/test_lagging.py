@@ -1,4 +1,4 @@
-"""The lag of whole records is the scalar law's, and its derivative is its derivative."""
+"""The lag of whole records agrees with the scalar law's, and its sensitivity is its derivative by tau."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_filter_is_the_scalar_law_stepped(static, time_constant, step):
     np.testing.assert_allclose(lag(static, time_constant, step), expected, rtol=1e-12, atol=1e-12 * 3000.0)
 
 
-def test_columns_are_lagged_each_for_itself():
+def test_each_column_is_lagged_independently():
     columns = np.random.default_rng(0).normal(size=(300, 4))
     together = lag(columns, 1.3e-3, 5e-4)
     for column, lagged in zip(columns.T, together.T, strict=True):

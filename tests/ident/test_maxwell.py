@@ -1,4 +1,4 @@
-"""Maxwell's law is fitted to what it describes, and gives a curve that it takes to what it does not."""
+"""Fits of Maxwell's law: known shocks are recovered, and the fitted curve always rises."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def test_stiffness_and_curve_come_back(curve, law_record):
     assert np.abs(curve_forces(fit.shock.law.curve, velocity) - true).max() < 0.02 * np.abs(true).max()
 
 
-def test_the_curve_rises_all_over_where_the_record_alone_would_not_let_it(curve, law_record):
-    """Slow and sampled at 500 Hz; a shock that gives way a little at its transition, where a blend is narrow."""
+def test_the_curve_rises_everywhere_although_the_unconstrained_fit_would_fall(curve, law_record):
+    """The record is slow and sampled at 500 Hz, and the shock's force falls a little in the narrow transition."""
     stepped = fit_shock(falling(law_record(Lpf1(curve, 5e-3), 4, rate=500.0, slower=6.0)), "maxwell")
     assert stepped.shock.law.curve.falls_at() is None
     assert any("constrained to rise everywhere" in change for change in stepped.changes)
 
 
 def falling(test):
-    """The record with a force that falls by a tenth of its range about 0.6 of its speed."""
+    """Return the record with a force that falls by a tenth of its range near 0.6 of its peak speed."""
     velocity, force = test.series["velocity"], test.series["force"]
     fast = 0.6 * min(velocity.max(), -velocity.min())
     drop = 0.1 * np.ptp(force) * 0.5 * (1.0 + np.tanh((np.abs(velocity) - fast) / (0.02 * fast)))

@@ -1,4 +1,4 @@
-"""Measured records, where EIGHTPOST_DATA names their folder: nothing of them is shipped."""
+"""Measured records, if EIGHTPOST_DATA names their folder; none of them is part of the project."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read(name):
 @pytest.mark.parametrize("name", RECORDS)
 def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
     record = read(name)
-    # Least squares, for their RMS is what is compared; weighing outliers down leaves more of it.
+    # Plain least squares, because RMS errors are compared; down-weighting outliers would increase them.
     fits = {law: fit_shock(record, law, robust="none") for law in ("polylinear", "lpf1", "lpnl2")}
     assert fits["polylinear"].rms > 1.5 * fits["lpf1"].rms
     assert fits["lpnl2"].rms <= 1.001 * fits["lpf1"].rms

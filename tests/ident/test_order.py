@@ -1,4 +1,4 @@
-"""Cross-validation in closed form is what leaving stretches out and fitting again gives."""
+"""Cross-validation in closed form agrees with repeated fits without each block."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def runs(curve, law_record):
 
 @pytest.fixture(scope="module")
 def columns(runs):
-    """Powers of the velocity at the rows, low-passed."""
+    """Return powers of the velocity at the rows, low-passed."""
     speed = runs.velocity / np.abs(runs.velocity).max()
     return runs.rows(np.array([speed**k for k in range(1, 16)])).T
 
@@ -40,7 +40,7 @@ def test_the_left_out_error_is_that_of_fits_without_each_block(runs, columns):
     np.testing.assert_allclose(left_out_errors(runs, columns, [3, 9]), expected, rtol=1e-6)
 
 
-def test_what_a_block_alone_says_does_not_spoil_the_error(runs, columns):
+def test_a_column_that_one_block_alone_determines_does_not_spoil_the_error(runs, columns):
     """A column that is not 0 in one row only cannot be predicted there, and changes nothing elsewhere."""
     alone = np.zeros((columns.shape[0], 1))
     alone[700] = 1.0
@@ -50,8 +50,8 @@ def test_what_a_block_alone_says_does_not_spoil_the_error(runs, columns):
     assert more == pytest.approx(plain, rel=0.02)
 
 
-def test_the_order_taken_is_the_next_above_the_lowest_that_predicts_as_well(runs, columns):
-    """A force of the fifth order, and noise: the seventh is taken, but for a few draws that feign more."""
+def test_the_chosen_order_is_the_next_above_the_lowest_that_predicts_as_well(runs, columns):
+    """For a force of the fifth order with noise the seventh is chosen, except for a few draws of noise."""
     generator = np.random.default_rng(1)
     truth = columns[:, :5] @ np.array([900.0, 100.0, -300.0, 50.0, 400.0])
     orders = [
@@ -62,7 +62,7 @@ def test_the_order_taken_is_the_next_above_the_lowest_that_predicts_as_well(runs
 
 
 def with_force(runs, force):
-    """The runs with another force at the rows."""
+    """Return the runs with another force at the rows."""
     values = runs.first.record["force"].copy()
     values[runs.filters[0].rows] = force
     record = runs.first.record.with_channel("force", "N", values)

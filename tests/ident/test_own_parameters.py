@@ -1,4 +1,4 @@
-"""A law's own parameters stay inside what its file declares, those that hang on another one too."""
+"""A law's own parameters stay within the declared bounds, including those that depend on another parameter."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_start_that_breaks_a_gap_is_moved_inside():
     assert third == pytest.approx(100.0)
 
 
-def test_what_is_above_something_unknown_is_refused():
+def test_a_parameter_above_an_undeclared_one_is_rejected():
     with pytest.raises(ValueError, match="second is above 'first', which must be declared before it"):
         OwnParameters(CHAIN[1:])
 

@@ -1,4 +1,4 @@
-"""What is fitted follows the record, and every departure from the dissertation's choices is said."""
+"""The preparation follows the record, and every departure from the dissertation's choices is reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.shock import Lpf1
 from eightpost.signals import TimeSeries
 
 
-def said(changes, *words):
+def reported(changes, *words):
     return any(all(word in change for word in words) for change in changes)
 
 
@@ -23,7 +23,7 @@ def record(curve, law_record):
     return law_record(Lpf1(curve, 1.3e-3), 1)
 
 
-def test_the_dissertation_record_is_taken_as_it_is(record):
+def test_the_dissertations_record_is_used_unchanged(record):
     prepared = prepare(record)
     assert prepared.changes == ()
     assert prepared.cutoff == 50.0
@@ -34,9 +34,9 @@ def test_the_dissertation_record_is_taken_as_it_is(record):
 
 def test_a_100_hz_record_lowers_the_cutoff(curve, law_record):
     fit = fit_shock(law_record(Lpf1(curve, 1.5e-2), 1, rate=100.0), "lpf1")
-    assert said(fit.changes, "cutoff", "50", "40")
-    assert said(fit.changes, "longest tau 50 ms")
-    assert said(fit.changes, "shortest tau 1 ms")
+    assert reported(fit.changes, "cutoff", "50", "40")
+    assert reported(fit.changes, "longest tau 50 ms")
+    assert reported(fit.changes, "shortest tau 1 ms")
     assert fit.parameter("time_constant").value == pytest.approx(1.5e-2, rel=0.1)
 
 
@@ -46,23 +46,23 @@ def test_a_slow_record_moves_the_transition(curve, law_record):
     slower = min(found.compression_speed, found.rebound_speed)
     assert found.transition_speed == pytest.approx(0.6 * slower, rel=0.05)
     assert found.transition_width == pytest.approx(found.transition_speed / 30.0)
-    assert said(fit.changes, "transition moved from 15 in/s", "its width")
+    assert reported(fit.changes, "transition moved from 15 in/s", "its width")
 
 
-def test_a_side_without_data_beyond_the_transition_goes_on_straight(record):
+def test_a_side_without_data_beyond_the_transition_continues_straight(record):
     fit = fit_shock(record, "lpf1", transition_speed=1.5)
-    assert said(fit.changes, "straight line", "compression")
-    assert said(fit.changes, "straight line", "rebound")
+    assert reported(fit.changes, "straight line", "compression")
+    assert reported(fit.changes, "straight line", "rebound")
     assert fit.shock.law.curve.compression[2:] == (0.0, 0.0)
     assert fit.percent < 1.0
 
 
-def test_a_short_record_is_fitted_whole_less_the_edges(record):
+def test_a_short_record_is_fitted_except_for_its_edges(record):
     short = DynoTest(record.series.window(0.0, 4.0))
     prepared = prepare(short)
     inside = prepared.record.time[prepared.inside]
     assert (inside[0], inside[-1]) == pytest.approx((0.12, 3.88), abs=1e-3)
-    assert said(prepared.changes, "filter's edges", "4 s")
+    assert reported(prepared.changes, "filter's edges", "4 s")
 
 
 def test_seconds_count_from_the_start_of_the_record(record):
@@ -82,26 +82,26 @@ def test_an_idle_start_is_not_fitted_alone(record):
         series.names,
         series.units,
     )
-    assert said(prepare(DynoTest(joined)).changes, "the whole record", "peak speed")
+    assert reported(prepare(DynoTest(joined)).changes, "the whole record", "peak speed")
 
 
 def test_an_uneven_record_is_resampled(record):
     series = record.series.window(0.0, 3.0)
     time = series.time + 1e-2 * np.sin(3.0 * series.time)
-    assert said(prepare(DynoTest(TimeSeries(time, series.values, series.names, series.units))).changes, "resampled")
+    assert reported(prepare(DynoTest(TimeSeries(time, series.values, series.names, series.units))).changes, "resampled")
 
 
 def test_a_fast_record_is_thinned(curve, law_record):
     prepared = prepare(law_record(Lpf1(curve, 1.3e-3), 1, rate=10000.0))
     assert prepared.rate == pytest.approx(2000.0)
-    assert said(prepared.changes, "every 5th sample")
+    assert reported(prepared.changes, "every 5th sample")
 
 
 def test_options_are_reported(record):
     prepared = prepare(record, segment=(2.0, 6.0), cutoff=80.0, transition_speed=0.3)
-    assert said(prepared.changes, "seconds 2 to 6", "requested")
-    assert said(prepared.changes, "cutoff frequency 80 Hz", "requested")
-    assert said(prepared.changes, "transition moved", "requested")
+    assert reported(prepared.changes, "seconds 2 to 6", "requested")
+    assert reported(prepared.changes, "cutoff frequency 80 Hz", "requested")
+    assert reported(prepared.changes, "transition moved", "requested")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_single_sine_is_recognised_and_its_stiffness_not_guessed(curve):
     test = DynoTest(TimeSeries.from_channels(time, channels))
     assert single_frequency(velocity, 500.0) == pytest.approx(1.1, abs=0.1)
     fit = fit_shock(test, "lpf1")
-    assert said(fit.changes, "one sine of 1.", "cannot be distinguished")
+    assert reported(fit.changes, "one sine of 1.", "cannot be distinguished")
     assert fit.shock.law.port.gas_stiffness == 0.0
 
 

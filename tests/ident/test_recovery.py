@@ -1,4 +1,4 @@
-"""A known shock comes back from its record."""
+"""Fits recover known shocks from their records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.shock import Lpf1, Lpnl2, read_shock, write_shock
 
 
 def curve_error(found, truth):
-    """RMS error of the curve over its fitted range, in percent of the truth's RMS."""
+    """Return the RMS error of the curve over its fitted range, in percent of the true curve's RMS."""
     velocity = np.linspace(-found.rebound_speed, found.compression_speed, 500)
     true = curve_forces(truth, velocity)
     return 100.0 * np.sqrt(np.mean((curve_forces(found, velocity) - true) ** 2) / np.mean(true**2))
@@ -78,7 +78,7 @@ def test_a_fit_is_saved_and_read_back(curve, law_record, tmp_path):
     assert back.conditions["velocity_range [m/s]"][1] == back.law.curve.compression_speed
 
 
-def test_the_ends_go_on_upward_and_the_range_is_the_measured_one(curve, law_record):
+def test_the_end_slopes_are_positive_and_the_range_is_the_measured_one(curve, law_record):
     test = law_record(Lpf1(curve, 1.3e-3), 1)
     found = fit_shock(test, "lpf1").shock.law.curve
     assert found.compression_slope >= 0.0

@@ -1,4 +1,4 @@
-"""Tables and plots say what a fit found."""
+"""Tables and plots of fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The curve's order follows the record, its shape what was asked for, and several runs share one curve."""
+"""Order and shape of the curve follow the record and the options, and several runs share one curve."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def test_a_passive_curve_never_pushes_with_the_motion(falling):
     assert np.diff(force).min() < 0.0
 
 
-def test_a_free_curve_that_falls_is_named(falling):
+def test_a_free_curve_that_falls_is_reported(falling):
     fit = fit_shock(falling, "lpf1", shape="free")
     assert any("not monotone" in warning for warning in fit.warnings)
 
 
-def test_a_noisy_record_asks_for_no_more_than_it_holds(curve, law_record):
+def test_a_noisy_record_gets_no_higher_order_than_it_determines(curve, law_record):
     test = law_record(Lpf1(curve, 1.3e-3), 1)
     noise = lowpass(np.random.default_rng(5).standard_normal(len(test.series)), 2000.0, 8.0)
     force = test.series["force"] + 20.0 * noise / noise.std()
@@ -56,7 +56,7 @@ def test_a_noisy_record_asks_for_no_more_than_it_holds(curve, law_record):
     assert fit.shock.law.curve.inner[13:] == (0.0, 0.0)
 
 
-def test_an_order_can_be_asked_for(curve, law_record):
+def test_an_order_can_be_requested(curve, law_record):
     fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1", order=9)
     assert fit.shock.law.curve.inner[9:] == (0.0,) * 6
     with pytest.raises(ParameterError, match="1 to 15, not 16"):

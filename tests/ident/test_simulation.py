@@ -1,4 +1,4 @@
-"""A simulated record is the scalar law stepped through it, for every law and any port."""
+"""A simulated record equals the scalar law stepped through it, for every law and any port."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ velocities = arrays(np.float64, 30, elements=st.floats(-2.5, 2.5, allow_subnorma
 
 
 def stepped(law, series):
-    """The slow way: response and follow of the scalar law, which the FMU ships."""
+    """Return the force by stepping the scalar law with `follow` and `response`, as the FMU does."""
     velocity, displacement = series["velocity"].tolist(), series["displacement"].tolist()
     steps = [series.duration / (len(series) - 1)] * (len(series) - 1) if series.is_uniform else np.diff(series.time)
     lagged = law.static_force(velocity[0])

@@ -1,4 +1,4 @@
-"""A sketch on a part of the samples saves time and changes nothing."""
+"""A sketch on a part of the samples saves time without changing the result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from eightpost.shock import LAWS
 
 @pytest.fixture(scope="module")
 def faulty(digressive_record):
-    """A digressive valve whose force sticks for 30 ms, twice."""
+    """Return a record of a digressive valve whose force is constant for 30 ms, twice."""
     test = digressive_record(1)
     force = test.series["force"].copy()
     for start in (4000, 9000):

@@ -1,4 +1,4 @@
-"""Least squares between inequalities ends where the conditions of Karush, Kuhn and Tucker constraint."""
+"""Least squares under inequality constraints ends where the Karush-Kuhn-Tucker conditions are satisfied."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_no_feasible_direction_lowers_the_sum_of_squares(seed):
     np.testing.assert_allclose(touched.T @ push, gradient, atol=1e-3 * np.linalg.norm(columns.T @ target))
 
 
-def test_a_start_outside_the_walls_comes_inside():
+def test_a_start_that_violates_the_constraints_becomes_feasible():
     columns, target = np.eye(2), np.array([1.0, 1.0])
     inequalities = Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
     found = linear(columns, target, inequalities, np.array([5.0, 5.0]))
@@ -70,7 +70,7 @@ def test_a_nonlinear_problem_ends_where_a_general_solver_ends():
     np.testing.assert_allclose(found.x, expected.x, atol=1e-4)
 
 
-def test_too_few_evaluations_are_said():
+def test_too_few_evaluations_are_reported():
     found = constrained_least_squares(
         lambda x: np.array([np.exp(x[0]) - 5.0]), lambda x: np.array([[np.exp(x[0])]]), np.array([-4.0]),
         Inequalities(np.empty((0, 1)), np.empty(0)), tolerance=1e-12, evaluations=2,
@@ -80,7 +80,7 @@ def test_too_few_evaluations_are_said():
 
 
 @pytest.mark.parametrize("height", [0.5, 2.0])
-def test_the_nearest_point_of_a_wall_is_on_it(height):
+def test_the_nearest_point_to_a_constraint_is_on_its_boundary(height):
     inequalities = Inequalities(np.array([[0.0, 1.0]]), np.array([height]))
     found = linear(np.eye(2), np.zeros(2), inequalities, np.zeros(2))
     np.testing.assert_allclose(found.x, [0.0, height], atol=1e-6)

@@ -1,4 +1,4 @@
-"""The C sources of every FMU, and a compiler to look at them with."""
+"""Fixtures: the C sources of every FMU, compilers and instances."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-W
 def source_folders(
     tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly
 ) -> dict[str, Path]:
-    """Model -> folder with the sources of its FMU."""
+    """Return the folder with an FMU's sources by model."""
     products = [shock_product(shock, name) for name, shock in shocks.items()]
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
     folders = {}
@@ -61,7 +61,7 @@ def assembly(fmus: dict[str, Path]) -> Assembly:
 
 @pytest.fixture(scope="session")
 def headers() -> Path:
-    """The folder of the FMI headers that fmpy carries."""
+    """Return the folder of fmpy's FMI headers."""
     spec = importlib.util.find_spec("fmpy")
     assert spec is not None and spec.origin is not None
     return Path(spec.origin).with_name("c-code")
@@ -85,7 +85,7 @@ def compiler(headers: Path) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def c_level() -> ModuleType:
-    """The module tests/native/host.py."""
+    """Return the module tests/native/host.py."""
     name = "eightpost_tests_host"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("host.py"))
@@ -97,7 +97,7 @@ def c_level() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def folders(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Native FMUs unpacked, by name."""
+    """Return unpacked native FMUs by name."""
     found = {}
     for name, path in fmus.items():
         found[name] = tmp_path_factory.mktemp(name)

@@ -1,4 +1,4 @@
-"""An FMU at the level of C: every call returns its status, every message is kept."""
+"""Access to an FMU's C functions: every call returns its status, and all messages are kept."""
 
 import ctypes
 
@@ -10,7 +10,7 @@ MODEL_EXCHANGE, CO_SIMULATION = fmi2.fmi2ModelExchange, fmi2.fmi2CoSimulation
 
 
 class Host:
-    """One instance at the level of C: statuses are returned, messages are kept."""
+    """An instance whose C functions are called directly: statuses are returned, messages are kept."""
 
     def __init__(self, folder, *, logging=False, guid=None, name="instance", kind=fmi2.fmi2CoSimulation):
         self.description = read_model_description(str(folder))
@@ -81,7 +81,7 @@ class Host:
         return [v.name for v in self.description.modelVariables if v.causality == "input"]
 
     def run(self, steps=20, time=0.0, seed=1):
-        """Random inputs, 1 ms steps; all variables after each."""
+        """Make steps of 1 ms with random inputs; return all variables after each."""
         rng, rows = np.random.default_rng(seed), []
         for k in range(steps):
             values = dict(zip(self.inputs(), rng.uniform(-0.3, 0.3, len(self.inputs())), strict=True))

@@ -1,4 +1,4 @@
-"""Calls in the wrong order, bad values, bad arguments: refused with the reason, and nothing else happens."""
+"""Calls in the wrong order, bad values and bad arguments are refused with the reason and have no other effect."""
 
 import ctypes
 import math
@@ -45,7 +45,7 @@ def test_a_step_begins_where_the_last_one_ended_and_ends_by_the_stop_time(host):
 
 @pytest.mark.parametrize("time", [-3e6, 3e6])
 def test_a_large_time_may_be_off_by_a_billionth_of_itself(host, time):
-    """3 ms of 3e6 s; at small times a nanosecond."""
+    """At 3e6 s the tolerance is 3 ms; at small times it is a nanosecond."""
     for off in (0.004, -0.004):
         fmu = host("lpf1").start(time, stop=time + 1.0)
         assert fmu.step(time + off, 0.5) == ERROR
@@ -58,7 +58,7 @@ def test_a_large_time_may_be_off_by_a_billionth_of_itself(host, time):
     assert small.step(0.2, 0.8 + 5e-10) == OK
 
 
-def test_a_host_that_adds_up_its_time_is_honest(host):
+def test_a_host_may_add_up_its_time_with_rounding(host):
     fmu, time = host("lpf1").start(0.0, stop=10.0), 0.0
     for _ in range(30000):
         assert fmu.step(time, 1.0 / 3000.0) == OK
@@ -77,30 +77,30 @@ def test_fixed_parameters_are_locked_after_initialization_and_tunable_ones_live(
     assert fmu.step(0.0) == OK
 
 
-def test_a_refusal_says_in_full_which_function_refused_what_and_why(host):
+def test_the_message_of_a_refusal_names_function_variable_and_reason(host):
     fmu = host("lpnl2").start()
     one = ctypes.c_size_t(1)
 
-    def told(status):
+    def message(status):
         (message,) = (text for _, _, text in fmu.messages)
         fmu.messages.clear()
         return status, message
 
     reference, flag = (ctypes.c_uint * 1)(4321), (ctypes.c_int * 1)()
-    assert told(fmu.call("GetReal", reference, one, (ctypes.c_double * 1)())) == (
+    assert message(fmu.call("GetReal", reference, one, (ctypes.c_double * 1)())) == (
         ERROR, "fmi2GetReal: value reference 4321 is not a Real variable of this FMU",
     )  # fmt: skip
-    assert told(fmu.call("GetBoolean", reference, one, flag)) == (
+    assert message(fmu.call("GetBoolean", reference, one, flag)) == (
         ERROR, "fmi2GetBoolean: value reference 4321 is not a Boolean variable of this FMU",
     )  # fmt: skip
-    assert told(fmu.set(force=1.0)) == (ERROR, "fmi2SetReal: force is computed by the FMU and cannot be set")
-    assert told(fmu.set(time_constant=-1.0))[1].startswith("fmi2SetReal: time_constant = -1 s must be at least ")
-    assert told(fmu.set(velocity=math.nan)) == (
+    assert message(fmu.set(force=1.0)) == (ERROR, "fmi2SetReal: force is computed by the FMU and cannot be set")
+    assert message(fmu.set(time_constant=-1.0))[1].startswith("fmi2SetReal: time_constant = -1 s must be at least ")
+    assert message(fmu.set(velocity=math.nan)) == (
         ERROR, "fmi2SetReal: velocity = not a number m/s must be finite; the old value is kept",
     )  # fmt: skip
     car = fmu = host("seven_dof").start()
     (fixed, *_) = (v.name for v in car.description.modelVariables if v.variability == "fixed" and v.type == "Boolean")
-    assert told(car.call("SetBoolean", (ctypes.c_uint * 1)(car.references[fixed]), one, flag)) == (
+    assert message(car.call("SetBoolean", (ctypes.c_uint * 1)(car.references[fixed]), one, flag)) == (
         ERROR, f"fmi2SetBoolean: {fixed} is fixed: set it before initialization ends",
     )  # fmt: skip
 
@@ -134,7 +134,7 @@ def test_inputs_set_at_once_equal_those_set_one_by_one_from_the_last(host, name)
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_of_all_inputs_set_at_once_none_is_taken_where_one_is_no_number(host, name, bad):
+def test_no_input_is_set_if_one_of_them_is_not_finite(host, name, bad):
     fmu = host(name).start()
     before, good = fmu.all(), dict.fromkeys(fmu.inputs(), 0.2)
     for variable in good:
@@ -149,7 +149,7 @@ def test_of_all_inputs_set_at_once_none_is_taken_where_one_is_no_number(host, na
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_parameters_outside_their_range_are_refused_and_nothing_of_the_call_is_done(host, name):
+def test_parameters_outside_their_range_are_refused_and_the_call_has_no_effect(host, name):
     fmu = host(name)
     bounded = [v for v in fmu.description.modelVariables if v.causality == "parameter" and v.min is not None]
     first = fmu.inputs()[0]
@@ -173,7 +173,7 @@ def test_values_that_overflow_discard_the_step_and_leave_everything(host):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_transition_that_reaches_zero_velocity_keeps_initialization_open(host, name):
-    """Its speed is 0.381 m/s."""
+    """The transition speed is 0.381 m/s."""
     fmu = host(name)
     assert fmu.call("EnterInitializationMode") == OK
     assert fmu.set_named({"curve.transition_width": 0.7621}) == OK
@@ -195,7 +195,7 @@ def test_a_car_whose_state_overflows_discards_the_step_and_leaves_everything(hos
     assert fmu.step(1e-3) == OK
 
 
-def test_parameters_that_do_not_fit_each_other_keep_initialization_open_until_they_do(host):
+def test_contradicting_parameters_keep_initialization_open_until_they_are_corrected(host):
     fmu = host("lpnl2")
     assert fmu.call("EnterInitializationMode") == OK
     assert fmu.set(lag_zero_force=1.0) == OK
@@ -206,7 +206,7 @@ def test_parameters_that_do_not_fit_each_other_keep_initialization_open_until_th
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_null_and_unknown_references_are_errors_and_reset_makes_all_well(host, name):
+def test_null_and_unknown_references_are_errors_and_reset_restores_the_instance(host, name):
     fmu = host(name).start()
     one, number = ctypes.c_size_t(1), (ctypes.c_double * 1)()
     for function in ("GetReal", "SetReal", "GetBoolean", "SetBoolean"):

@@ -1,4 +1,4 @@
-"""Directional derivatives are slopes of the outputs on every side of the curve; input derivatives last for one step."""
+"""Directional derivatives are slopes of the outputs on each side of the curve; input derivatives apply to one step."""
 
 import ctypes
 from dataclasses import replace
@@ -22,7 +22,7 @@ PORT = {
 
 
 def slopes(fmu, unknowns, knowns, direction):
-    """The status of fmi2GetDirectionalDerivative, and its results."""
+    """Return the status of fmi2GetDirectionalDerivative, and its results."""
     size, results = ctypes.c_size_t, (ctypes.c_double * len(unknowns))(*[np.nan] * len(unknowns))
     status = fmu.call(
         "GetDirectionalDerivative",
@@ -45,7 +45,7 @@ def set_up(fmu, law):
 @pytest.mark.parametrize("damper_velocity", VELOCITIES)
 @pytest.mark.parametrize("name", LAWS)
 def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, shocks, name, damper_velocity):
-    """With the lagged force held, in which the step before left a lag."""
+    """The lagged force is fixed at a value that differs from the static force after a step."""
     fmu, velocity = host(name), damper_velocity / PORT["motion_ratio"]
     law = set_up(fmu, shocks[name].law)
     fmu.set_named({"velocity": velocity, "displacement": 0.01})
@@ -62,7 +62,7 @@ def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, sho
 
 @pytest.mark.parametrize("name", LAWS)
 def test_at_the_ends_of_the_fit_a_shock_is_still_within_it(host, shocks, name):
-    """The slope there is that from inside, and nothing is told."""
+    """The slope there is that from inside, and beyond_fit is 0."""
     fmu, law = host(name).start(), shocks[name].law
     for k, edge in enumerate((law.curve.compression_speed, -law.curve.rebound_speed)):
         fmu.set_named({"velocity": edge, "displacement": 0.0})
@@ -75,7 +75,7 @@ def test_at_the_ends_of_the_fit_a_shock_is_still_within_it(host, shocks, name):
         assert status == OK
         assert found == pytest.approx(difference / (edge - inside), rel=1e-4, abs=1.0)
         fmu.set_named({"velocity": edge * 1.001})
-        assert fmu.step(0.1 * k + 0.05, 0.05) == ERROR  # it begins where the last one ended
+        assert fmu.step(0.1 * k + 0.05, 0.05) == ERROR  # a step must start where the last one ended
     assert fmu.step(0.2, 0.1) == OK
     assert fmu.get("beyond_fit") == [1.0]
 
@@ -92,7 +92,7 @@ def test_a_cars_derivative_along_one_input_is_its_direct_term(host, name):
 
 
 def test_a_cars_derivatives_along_several_inputs_are_rows_of_its_direct_terms(host):
-    """Between steps d y = D d u; friction follows the state, and adds nothing."""
+    """Between steps d y = D d u; friction depends on the state and adds nothing."""
     fmu = host("quarter_car").start()
     assert fmu.step(0.0, 1e-3) == OK
     inputs = ["force", "road", "aero_force"]
@@ -118,7 +118,7 @@ def ramp(fmu, name, slope):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_an_input_derivative_lasts_for_one_step(host, shocks, name):
-    """The first step takes the velocity from 0.1 to 0.2 m/s, where the second holds it."""
+    """The first step changes the velocity from 0.1 to 0.2 m/s, the second holds it."""
     fmu, law = host(name).start(), shocks[name].law
     fmu.set_named({"velocity": 0.1, "displacement": 0.0})
     assert ramp(fmu, "velocity", 50.0) == OK

@@ -1,4 +1,4 @@
-"""The elementary functions of the C core, against Python's own, to a few roundings over all that they take."""
+"""The elementary functions of the C core agree with Python's to a few roundings over their whole range."""
 
 import ctypes
 import math
@@ -13,7 +13,7 @@ EPSILON = np.finfo(float).eps
 
 @pytest.fixture(scope="module")
 def library(compiler, tmp_path_factory):
-    """The functions as a shared library of their own."""
+    """Return the functions as a shared library."""
     folder = tmp_path_factory.mktemp("elementary")
     source = ROOT / "fmus" / "common" / "elementary.c"
     path = compiler(source.parent, ["-O1", "-fPIC", "-shared", str(source)], folder / "elementary.so")
@@ -32,14 +32,14 @@ def sine_and_cosine(library, x):
 
 
 def signed(*ranges):
-    """Random numbers of both signs, of every size between powers of ten."""
+    """Return random numbers of both signs, of every size between powers of ten."""
     rng = np.random.default_rng(0)
     sizes = np.concatenate([10.0 ** rng.uniform(low, high, 1500) for low, high in ranges])
     return [*sizes.tolist(), *(-sizes).tolist()]
 
 
 def worst(function, truth, numbers):
-    """Largest error in units of the truth's own rounding."""
+    """Return the largest error in units of the rounding of the reference."""
     return max(abs(function(x) - truth(x)) / (EPSILON * abs(truth(x))) for x in numbers)
 
 
@@ -75,7 +75,7 @@ def test_the_hyperbolic_tangent_is_right_odd_and_one_at_its_ends(library):
 
 @pytest.mark.parametrize("highest", [0, 3, 6])
 def test_sine_and_cosine_are_right_to_a_few_roundings_of_one_up_to_a_million(library, highest):
-    """And to the rounding of the angle itself, which the truth shares."""
+    """The error includes the rounding of the angle, which the reference shares."""
     for x in (0.0, math.pi / 4, math.pi / 2, math.pi, *signed((-9, highest))):
         sine, cosine = sine_and_cosine(library, x)
         assert sine == pytest.approx(math.sin(x), abs=2.0 * EPSILON)
@@ -86,7 +86,7 @@ def test_a_small_sine_keeps_its_digits(library):
     assert worst(lambda x: sine_and_cosine(library, x)[0], math.sin, signed((-300, -0.2))) < 2.0
 
 
-def test_of_larger_angles_as_much_is_right_as_is_known_of_them(library):
+def test_larger_angles_are_accurate_to_their_own_rounding(library):
     for x in signed((6.1, 14.9)):
         assert sine_and_cosine(library, x) == pytest.approx((math.sin(x), math.cos(x)), abs=4.0 * EPSILON * abs(x))
     for x in (1e15, -1e300, math.inf, -math.inf):

@@ -1,4 +1,4 @@
-"""Many instances, threads, lives, places and messages."""
+"""Instances: creation, many at once, threads, reset, folders and messages."""
 
 import ctypes
 import gc
@@ -22,17 +22,17 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "reason"),
     [
         ({"guid": "{0}"}, "the GUID of modelDescription.xml is not that of this binary"),
         ({"name": ""}, "the instance has no name"),
         ({"kind": 0}, "for co-simulation only"),
     ],
 )
-def test_what_is_no_instance_of_this_fmu_is_refused_with_the_reason(folders, options, said, c_level):
+def test_an_invalid_instantiation_is_refused_with_the_reason(folders, options, reason, c_level):
     fmu = c_level.Host(folders["lpnl2"], **options)
     assert fmu.c is None
-    assert said in fmu.said()
+    assert reason in fmu.said()
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -123,7 +123,7 @@ def test_creation_that_runs_out_of_memory_gives_no_instance_and_keeps_nothing(ho
     assert not held
 
 
-def test_a_name_is_read_from_where_it_begins_to_where_it_ends(host):
+def test_the_instance_name_is_copied_exactly(host):
     fmu = host("lpf1")
     guid, free = fmu.description.guid.encode(), fmu.slave.dll.fmi2FreeInstance
     free.argtypes = [ctypes.c_void_p]
@@ -138,7 +138,7 @@ def test_a_name_is_read_from_where_it_begins_to_where_it_ends(host):
             free(c)
 
 
-def test_errors_are_always_logged_and_the_rest_only_where_asked_for(host):
+def test_errors_are_always_logged_and_other_messages_only_on_request(host):
     quiet, loud = host("lpnl2"), host("lpnl2", logging=True)
     for fmu in (quiet, loud):
         fmu.start()
@@ -169,7 +169,7 @@ def test_unknown_log_categories_are_refused(host):
 
 
 @pytest.mark.parametrize("place", ["with space", "únïcödé 車", "50%", "#1", "a+b"])
-def test_any_folder_will_do_read_only_and_without_an_environment(folders, tmp_path, place):
+def test_any_folder_works_even_read_only_and_without_an_environment(folders, tmp_path, place):
     folder = tmp_path / place
     shutil.copytree(folders["seven_dof"], folder)
     for path in (folder, *folder.rglob("*")):
@@ -187,8 +187,8 @@ def test_any_folder_will_do_read_only_and_without_an_environment(folders, tmp_pa
 
 
 @pytest.mark.parametrize("step", [1e-7, 3.3e-5, 1e-3, 0.05])
-def test_steps_of_any_size_land_where_they_should(host, step):
-    """One step, or ten of a tenth: the same for held inputs, since the step is exact."""
+def test_the_result_does_not_depend_on_the_step_size(host, step):
+    """One step equals ten steps of a tenth for held inputs, because the step is exact."""
     for name in ALL:
         whole, parts = host(name).start(-1.5), host(name).start(-1.5)
         values = dict.fromkeys(whole.inputs(), 0.05)

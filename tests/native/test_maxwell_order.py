@@ -57,7 +57,7 @@ class Curve:
         return (1.0 - share) * inner + share * outer
 
     def parameters(self) -> dict[str, float]:
-        """The values of the FMU's parameters."""
+        """Return the values of the FMU's parameters."""
         top = self.nose * self.v_t
         values = {f"curve.inner[{k}]": 0.0 for k in range(1, 16)}
         values |= {"curve.inner[1]": top, "curve.inner[3]": -self.bend * top}
@@ -71,7 +71,7 @@ class Curve:
 
 
 def rising_curve(rng):
-    """Noses of 1e3 to 3e4 N.s/m, slopes that change up to thirtyfold in 5 to 40 mm/s, scales from 0.5 to 2."""
+    """Return a curve: 1e3 to 3e4 N.s/m near zero, changing up to thirtyfold in 5 to 40 mm/s; scales from 0.5 to 2."""
     while True:
         nose, bend, v_t = 10.0 ** rng.uniform(3.0, 4.5), rng.uniform(0.0, 0.3), rng.uniform(0.1, 0.4)
         curve = Curve(
@@ -91,14 +91,14 @@ def rising_curve(rng):
 
 
 def drive(rng):
-    """A velocity of three sines: v(t) [m/s]."""
+    """Return a velocity of three sines: v(t) [m/s]."""
     size = rng.uniform(0.2, 0.5) * np.array([1.0, 0.4, 0.2])
     omega, phase = 2.0 * np.pi * rng.uniform((2.0, 5.0, 8.0), (5.0, 8.0, 12.0)), rng.uniform(0.0, 6.28, 3)
     return lambda t: float(size @ np.sin(omega * t + phase))
 
 
 def integrated(curve, stiffness, velocity, times):
-    """F [N] at `times` of F' = k (v - w), F = f(w), begun in equilibrium."""
+    """Return F [N] at `times` of F' = k (v - w), F = f(w), starting in equilibrium."""
 
     def rate(t, force):
         return [stiffness * (velocity(t) - velocity_under(curve, force[0]))]
@@ -108,12 +108,12 @@ def integrated(curve, stiffness, velocity, times):
 
 
 def velocity_under(curve, force):
-    """w [m/s] with f(w) = `force` [N]."""
+    """Return w [m/s] with f(w) = `force` [N]."""
     return brentq(lambda w: curve.force(w) - force, -5.0, 5.0, xtol=1e-15, rtol=1e-14)
 
 
 def solution(rate, start, times):
-    """y (n, N) at `times`, in steps of at most half a millisecond: none misses a kink of the drive."""
+    """Return y (n, N) at `times`, in steps of at most 0.5 ms so that no kink of the drive is missed."""
     solved = solve_ivp(rate, (0.0, times[-1]), start, "Radau", times, rtol=1e-8, atol=1e-7, max_step=5e-4)
     assert solved.success
     return solved.y
@@ -134,7 +134,7 @@ def stepped(fmu, time, start, end, step):
 
 
 def ramped(fmu, curve, stiffness, velocity, finer):
-    """F (N,) [N] at multiples of `COARSEST`, the velocity ramped over steps `finer` times finer."""
+    """Return F (N,) [N] at multiples of `COARSEST`, with the velocity ramped over steps `finer` times finer."""
     step = COARSEST / finer
     ends = [velocity(k * step) for k in range(round(DURATION / step) + 1)]
     begun(fmu, curve, stiffness, ends[0])
@@ -152,7 +152,7 @@ def random_cases():
 
 
 def relative(found, exact):
-    """RMS error over the standard deviation."""
+    """Return the RMS error over the standard deviation."""
     return np.sqrt(np.mean((found - exact) ** 2)) / np.std(exact)
 
 
@@ -173,7 +173,7 @@ def test_ramped_velocities_of_a_smooth_drive_give_second_order_in_the_step(compo
 
 
 def test_a_step_over_a_ramp_is_far_closer_however_many_kinks_it_crosses(component):
-    """The drive is linear between multiples of the coarsest step, so that the error is the FMU's own."""
+    """The drive is linear between multiples of the coarsest step, so the error is that of the FMU itself."""
     fmu, times, errors = component("maxwell"), np.arange(31) * COARSEST, []
     for curve, stiffness, velocity in random_cases()[:12]:
         knots = [velocity(t) for t in times]
@@ -192,7 +192,7 @@ ACROSS = np.array([-1.0, 1.0])
 
 
 def quarter_car():
-    """x = (z_1, z_2, z_1', z_2'), u = (road, force): A, B."""
+    """Return A and B for x = (z_1, z_2, z_1', z_2'), u = (road, force)."""
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
     a[2:, :2] = -np.array([[SPRING, -SPRING], [-SPRING, SPRING + TIRE]]) / np.array(MASSES)[:, None]
@@ -201,14 +201,14 @@ def quarter_car():
 
 
 def road(t):
-    """Smooth, 20 mm [m]."""
+    """Return a smooth road of 20 mm [m]."""
     return 0.02 * np.sin(2.0 * np.pi * 3.0 * t) ** 3 + 0.004 * np.sin(2.0 * np.pi * 16.0 * t) ** 3
 
 
 def coupled(fmu, curve, stiffness, finer):
-    """F (N,) [N]: the car first, under the force's last slope, then the shock under the ramp to its velocity."""
+    """Return F (N,) [N]: first the car, with the force extrapolated, then the shock, with the velocity interpolated."""
     h, (a, b) = COARSEST / finer, quarter_car()
-    ramp = np.zeros((8, 8))  # inputs that go linearly, exactly: x, u, h u'
+    ramp = np.zeros((8, 8))  # exact for inputs that change linearly: x, u, h u'
     ramp[:4, :4], ramp[:4, 4:6], ramp[4:6, 6:] = a * h, b * h, np.eye(2)
     over = expm(ramp)[:4]
     begun(fmu, curve, stiffness, 0.0)

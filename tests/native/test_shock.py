@@ -45,13 +45,13 @@ moves = st.lists(
 
 
 def parameters_of(name, variables):
-    """Values for those of the parameters that an FMU has."""
+    """Return values for the parameters that an FMU has."""
     ranges = PARAMETERS | (RISING if name == "maxwell" else {})
     return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
 
 
 def law_with(law, values):
-    """The library's law with the FMU's parameter values."""
+    """Return the library's law with the FMU's parameter values."""
     curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
     for name, value in values.items():
         if name.startswith("curve."):
@@ -90,7 +90,7 @@ def run_fmu(fmu, ramps):
 
 
 def reached(ramps):
-    """The same moves with the velocity that slope times step reaches, to its last bit."""
+    """Return the same moves with the velocity that slope times step reaches, to its last bit."""
     return [
         (step, start, start + (end - start) / step * step if end != start else start, x)
         for step, start, end, x in ramps
@@ -99,7 +99,7 @@ def reached(ramps):
 
 @pytest.fixture
 def loaded():
-    """The FMU of a property: loaded once, begun anew for each example."""
+    """Return the FMU of a property test: loaded once, restarted for each example."""
     return []
 
 
@@ -189,5 +189,5 @@ def test_a_maxwell_fmu_refuses_what_the_law_refuses(component, python_component,
     with pytest.raises(ValueError, match=r"rise"):
         law_with(shocks["maxwell"].law, values)
     for load in (component, python_component):
-        with pytest.raises(StepError, match=r"rise|must be positive under a Maxwell law"):
+        with pytest.raises(StepError, match=r"rise|must be positive for a Maxwell law"):
             load("maxwell", **values).end_initialization()

@@ -19,7 +19,7 @@ PURE = {"memcpy", "memset", "memcmp", "strcmp", "strlen"}
 
 
 def compiled(compiler, folder, output, *options):
-    """Compile each source by itself; return object by source name."""
+    """Compile each source separately; return the objects by source name."""
     return {
         source.name: compiler(folder, ["-O1", "-fno-pie", "-c", *options, str(source)], output / f"{source.stem}.o")
         for source in sorted(folder.glob("*.c"))
@@ -105,7 +105,7 @@ SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_numbers_that_are_none_find_nothing_under_the_sanitizers(model, source_folders, compiler, tmp_path):
+def test_numbers_that_are_not_finite_cause_no_finding_of_the_sanitizers(model, source_folders, compiler, tmp_path):
     folder = source_folders[model]
     options = [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "odd_numbers.c")]
     program = compiler(folder, options, tmp_path / "odd_numbers")
@@ -114,10 +114,12 @@ def test_numbers_that_are_none_find_nothing_under_the_sanitizers(model, source_f
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_random_call_sequences_find_nothing_under_the_sanitizers(model, source_folders, compiler, tmp_path):
+def test_random_call_sequences_cause_no_finding_of_the_sanitizers(model, source_folders, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""
     folder = source_folders[model]
-    options = ["-DLONGEST_STEP=1.0"] if model == "assembly" else []  # it cuts a step into pieces of half a millisecond
+    options = (
+        ["-DLONGEST_STEP=1.0"] if model == "assembly" else []
+    )  # it divides a step into micro steps of half a millisecond
     options += [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
     program = compiler(folder, options, tmp_path / "call_sequences")
     ran = subprocess.run(

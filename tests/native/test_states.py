@@ -1,4 +1,4 @@
-"""Saved states and derivatives."""
+"""Saved and serialized states, and derivatives."""
 
 import ctypes
 import json
@@ -86,7 +86,7 @@ NOT_A_NUMBER = struct.pack("<d", math.nan)
 
 
 @pytest.mark.parametrize(
-    ("place", "word", "said"),
+    ("place", "word", "reason"),
     [
         (PHASE, struct.pack("<q", 3), "its phase is unknown"),
         (PHASE, struct.pack("<q", -1), "its phase is unknown"),
@@ -97,18 +97,18 @@ NOT_A_NUMBER = struct.pack("<d", math.nan)
     ],
 )
 @pytest.mark.parametrize("name", ALL)
-def test_a_state_that_no_instance_has_is_refused_though_its_checksum_is_right(host, name, c_level, place, word, said):
+def test_a_state_that_no_instance_has_is_refused_though_its_checksum_is_right(host, name, c_level, place, word, reason):
     fmu = host(name).start()
     fmu.run(3)
     content = c_level.packed(fmu, c_level.saved(fmu))
     assert c_level.unpacked(fmu, signed(content, {}))[0] == OK
     assert c_level.unpacked(fmu, signed(content, {place: word}))[0] == ERROR
-    assert f"this state is not valid for this FMU: {said}" in fmu.said()
+    assert f"this state is not valid for this FMU: {reason}" in fmu.said()
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_no_word_of_a_state_may_be_what_is_no_number(host, name, c_level):
-    """A lagged force that is none went on as an index (a count of pieces) and as an exponent."""
+def test_no_word_of_a_state_may_be_nan(host, name, c_level):
+    """A lagged force that is not a number was once used as an index (a count of pieces) and as an exponent."""
     fmu = host(name).start()
     fmu.run(3)
     content = c_level.packed(fmu, c_level.saved(fmu))
@@ -123,17 +123,17 @@ def test_parameters_in_a_state_are_in_their_range_and_fit_each_other(host, c_lev
     content = c_level.packed(fmu, c_level.saved(fmu))
     numbers = struct.unpack(f"<{len(content) // 8 - HEADER}d", content[8 * HEADER :])
     at = {name: numbers.index(value) for name, value in values.items()}
-    for name, value, said in (
+    for name, value, reason in (
         ("motion_ratio", -1.0, "motion_ratio is out of its range"),
         ("lag_zero_force", 1.0, "lag_zero_force must be greater than lag_full_force"),
     ):
         assert c_level.unpacked(fmu, signed(content, {at[name]: struct.pack("<d", value)}))[0] == ERROR
-        assert said in fmu.said()
+        assert reason in fmu.said()
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
 def test_a_state_of_another_fmu_is_refused(host, name, c_level):
-    """It may be shorter: to read it as one's own would go beyond its end."""
+    """It may be shorter, so reading it as a state of this FMU would go beyond its end."""
     fmu, stranger = host(name).start(), host("polylinear").start()
     state = c_level.saved(stranger)
     assert fmu.call("SetFMUstate", state) == ERROR
@@ -154,7 +154,7 @@ def derivative(fmu, output, known):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_directional_derivatives_between_steps_equal_differences_over_a_step_of_nothing(host, name, c_level):
+def test_directional_derivatives_between_steps_equal_differences_over_a_tiny_step(host, name, c_level):
     fmu, change = host(name).start(), 1e-6
     fmu.set_named(dict.fromkeys(fmu.inputs(), 0.11))
     fmu.step(0.0, 0.02)

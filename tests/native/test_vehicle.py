@@ -31,7 +31,7 @@ def scale_of(model):
 
 
 def drive(fmu, model, moves):
-    """Outputs after each (step, inputs at its start, inputs at its end)."""
+    """Return the outputs after each (step, inputs at its start, inputs at its end)."""
     time, rows = 0.0, []
     for step, start, end in moves:
         fmu.set(model.input_names, start)
@@ -53,7 +53,7 @@ def random_moves(model, count, seed, *, held):
 
 
 def close(found, expected, relative):
-    """To a share of each output's size over the run."""
+    """Compare outputs relative to each output's size over the run."""
     worst = (np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
     assert worst < relative, worst
 
@@ -145,7 +145,7 @@ def test_without_friction_the_step_is_the_linear_one_bit_for_bit(component):
 
 @pytest.fixture
 def for_every_processor(fmus, tmp_path):
-    """Cars compiled from their sources alone, which hold nothing for AVX (fmus/common/wide.h)."""
+    """Return cars compiled from their sources alone, without AVX code (fmus/common/wide.h)."""
     loaded = []
 
     def load(name, **parameters):
@@ -171,8 +171,8 @@ def test_a_processor_with_avx_gives_the_bits_of_one_without(component, for_every
     assert found[0].tobytes() == found[1].tobytes()
 
 
-def test_a_cars_library_goes_on_with_avx_where_the_processor_has_it_and_elsewhere_never(fmus):
-    """vzeroupper ends a function that used wide registers."""
+def test_a_cars_library_uses_avx_only_if_the_processor_supports_it(fmus):
+    """The instruction vzeroupper ends a function that used wide registers."""
     content = {n.split("/")[1]: c for n, c in read_archive(fmus["seven_dof"]).items() if n.startswith("binaries/")}
     wide = {name for name, library in content.items() if b"\xc5\xf8\x77" in library}
     assert this_platform().name in content
@@ -219,7 +219,7 @@ def test_static_values_move_the_outputs(component):
 
 
 def random_model(states, seed):
-    """Stable modes, mixed by a random orthogonal matrix; overdamped and oscillating ones."""
+    """Return stable modes, overdamped and oscillating, mixed by a random orthogonal matrix."""
     rng = np.random.default_rng(seed)
     pairs = states // 3
     A = np.diag(-rng.uniform(1.0, 400.0, states))

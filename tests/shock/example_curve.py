@@ -1,10 +1,10 @@
-"""The curve that the tests of the laws share."""
+"""The static curve used by the tests of the laws."""
 
 from eightpost.shock import StaticCurve
 
 
 def curve(**changes):
-    """A curve of the size of a stock-car shock: digressive, stiffer in rebound, rising all over."""
+    """Return a curve of the size of a stock-car shock: digressive, stiffer in rebound, rising everywhere."""
     values = {
         "inner": (1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
         "compression": (1490.0, 900.0, 40.0, 5.0),

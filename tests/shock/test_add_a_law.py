@@ -1,4 +1,4 @@
-"""docs/add_a_law.md, followed to the letter in a copy of the sources: a law is one file and one folder."""
+"""docs/add_a_law.md followed literally in a copy of the sources: a law is one file and one folder."""
 
 import os
 import re
@@ -21,7 +21,7 @@ FILE = re.compile(r"^`([\w./]+)`:\n\n(`{3,})\w+\n(.*?)^\2$", re.MULTILINE | re.D
 #: Commands, each on its line.
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
-#: Builds both FMUs of the new law, drives them and compares with the law: what is said must hold of any law.
+#: Builds both FMUs of the new law, drives them and compares with the law; every check must hold for any law.
 USE = """
 import sys
 from pathlib import Path
@@ -65,7 +65,7 @@ print(name)
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory):
-    """The sources with the files of the page."""
+    """Return a copy of the sources with the files of the page."""
     folder = tmp_path_factory.mktemp("copy")
     for name in ("builder", "cosim", "docs", "eightpost", "examples", "fmus"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -97,7 +97,7 @@ def test_the_new_law_is_built_for_both_targets_and_both_are_the_law(copy):
     assert run(copy, "-c", USE, *LAWS).strip() == "share"
 
 
-def test_the_tables_of_the_documentation_take_it(copy):
+def test_the_tables_of_the_documentation_include_the_new_law(copy):
     (command,) = (line for block in COMMANDS.findall(PAGE) for line in block.splitlines() if line.startswith("python "))
     run(copy, *command.split()[1:])
     page = (copy / "docs" / "ports.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A shock file gives back the shock that was written, and says what is wrong with a bad one."""
+"""Shock files: round trips, and errors of bad files."""
 
 import json
 
@@ -66,7 +66,7 @@ def test_a_bad_shock_file_is_refused_with_the_reason(document, tmp_path, change,
     assert str(path) in str(caught.value)
 
 
-def test_a_file_that_is_missing_or_no_json_is_refused(tmp_path):
+def test_a_file_that_is_missing_or_not_json_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match="no such file"):
         read_shock(tmp_path / "none.json")
     (tmp_path / "broken.json").write_text('{\n "a": 1,\n')

@@ -1,4 +1,4 @@
-"""The laws give what their equations say (Eq 3.23 to 3.25), exactly and for any step."""
+"""The laws satisfy their equations (Eq 3.23 to 3.25), exactly and for any step."""
 
 from dataclasses import replace
 from math import exp
@@ -81,7 +81,7 @@ def test_the_inner_polynomial_has_the_rest_of_the_share():
     assert line.force(-0.395) == pytest.approx(-0.75 * 395.0 - 125.0, rel=1e-12)
 
 
-def test_a_curve_that_falls_is_told_with_the_slowest_velocity_where_it_does():
+def test_falls_at_returns_the_slowest_velocity_at_which_a_curve_falls():
     rising = curve(
         inner=(1000.0, *[0.0] * 14), compression=(1000.0, 1000.0, 0.0, 0.0), rebound=(-1000.0, -1000.0, 0.0, 0.0)
     )
@@ -98,7 +98,7 @@ def test_a_curve_that_falls_is_told_with_the_slowest_velocity_where_it_does():
     assert replace(rising, rebound=(-990.0, -1000.0, 0.0, 0.0), transition_width=1e-3).falls_at() == pytest.approx(
         -0.381, abs=1e-3
     )
-    # Flat from the start: the first of 256 looks tells.
+    # Flat from the start: found at the first of 256 steps.
     assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
 
 
@@ -115,18 +115,18 @@ def test_beyond_the_fitted_range_the_curve_is_a_straight_line(beyond):
     assert c.force(-1.1 - beyond) == pytest.approx(c.force(-1.1) - 3500.0 * beyond, rel=1e-12)
 
 
-def test_beyond_fit_is_told():
+def test_beyond_fit_is_reported():
     law = LAWS["lpnl2"]
     assert [law.response(0.0, v, 0.0).beyond_fit for v in (-1.2, -1.0, 1.1, 1.3)] == [1, 0, 0, 1]
 
 
-def test_the_lag_covers_1_less_1_over_e_of_a_step_in_one_time_constant():
+def test_the_lag_covers_1_minus_1_over_e_of_a_step_in_one_time_constant():
     law, static = LAWS["lpf1"], LAWS["lpf1"].static_force(0.2)
     assert law.advance(0.0, 0.2, 0.2, TAU) == pytest.approx(static * (1.0 - exp(-1.0)), rel=1e-14)
 
 
 @given(forces, forces, forces, st.floats(1e-7, 0.05), st.floats(0.01, 0.99))
-def test_one_step_of_the_lag_equals_two_for_a_static_force_that_runs_straight(lagged, start, end, step, split):
+def test_one_step_of_the_lag_equals_two_for_a_linear_static_force(lagged, start, end, step, split):
     law = LAWS["lpf1"]
     middle = start + split * (end - start)
     halves = law.advance_lag(law.advance_lag(lagged, start, middle, split * step), middle, end, (1 - split) * step)
@@ -195,7 +195,7 @@ def test_a_gas_spring_acts_through_the_motion_ratio_twice():
     assert response.force == pytest.approx(0.8 * (90.0 + 700.0 * 0.8 * 0.02), rel=1e-14)
 
 
-def test_a_port_adds_nothing_and_scales_nothing_unless_it_is_told_to():
+def test_a_default_port_adds_nothing_and_scales_nothing():
     response = Polylinear(curve()).response(0.0, 0.1, 0.02)
     assert response.force == response.static_force == curve().force(0.1)
     assert Polylinear(curve()).response(0.0, -0.1, 0.02).force == curve().force(-0.1)
@@ -207,14 +207,14 @@ def test_the_scales_act_on_their_own_side():
     assert law.static_force(-0.3) == 0.5 * curve().force(-0.3)
 
 
-def test_a_core_sees_the_scales_on_their_own_side_too():
+def test_the_scales_act_on_their_own_side_in_the_core_functions_too():
     valve = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5)).valve
     for velocity, scale in ((0.3, 1.5), (1e-3, 1.5), (-1e-3, 0.5), (-0.3, 0.5)):
         assert valve_force(valve, velocity) == scale * curve().force(velocity)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_a_core_which_a_fit_compiles_is_the_law_itself(law):
+def test_the_core_functions_give_the_same_results_as_the_law(law):
     own = tuple(getattr(law, name) for name in own_parameters(type(law)))
     core, piece = law_module(type(law)), Piece(0.1, 0.3, 500.0, 1700.0, 1e-3)
     assert core.advance_core(300.0, piece, own, law.valve) == law.advance_piece(300.0, piece)
@@ -226,8 +226,8 @@ def test_a_core_which_a_fit_compiles_is_the_law_itself(law):
     ("start", "end", "count"),
     [(0.1, 0.1, 1), (0.1, 0.1124, 1), (0.1, 0.1126, 2), (-0.2, 0.25, 37), (0.0, 5.001, 401), (0.0, 90.0, 1000)],
 )
-def test_a_step_is_followed_in_equal_pieces_of_at_most_a_hundredth_of_damper_velocity(start, end, count):
-    """At 0.8 of damper travel per port travel; never more than a thousand."""
+def test_a_step_is_divided_into_equal_pieces_of_at_most_a_hundredth_of_damper_velocity(start, end, count):
+    """The motion ratio is 0.8; there are never more than a thousand pieces."""
     pieces = []
 
     class Recorder(Polylinear):

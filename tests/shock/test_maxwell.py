@@ -1,4 +1,4 @@
-"""Maxwell: a curve and a spring in series, for any step; against a stiff solver, its limits, and energy."""
+"""Maxwell's law (a curve and a spring in series) for any step: a stiff solver as reference, its limits, and energy."""
 
 from dataclasses import replace
 from itertools import pairwise, product
@@ -21,7 +21,7 @@ STIFFNESS = 3.5e6
 
 
 def straight(slope, **changes):
-    """A straight line; slope [N.s/m]."""
+    """Return a straight line with a slope [N.s/m]."""
     at = slope * 0.381
     return curve(
         inner=(at, *[0.0] * 14), compression=(at, at, 0.0, 0.0), rebound=(-at, -at, 0.0, 0.0), compression_slope=slope,
@@ -37,7 +37,7 @@ steps = st.floats(1e-9, 10.0)
 
 
 def exact(law, force, velocity, stop):
-    """F [N] by Radau at 1e-10, w by Brent's method; velocity(t) at the damper."""
+    """Return F [N] by Radau at 1e-10, with w by Brent's method, for a damper velocity(t)."""
 
     def rate(t, forces):
         w = brentq(lambda w: law.static_force(w) - forces[0], -50.0, 50.0, xtol=1e-15, rtol=1e-15)
@@ -56,7 +56,7 @@ def followed(law, force, velocity, stop, count):
 
 
 def slow_sine(t):
-    """Inside the inner polynomial: a smooth curve."""
+    """Return a velocity [m/s] within the inner polynomial, where the curve is smooth."""
     return 0.3 * np.sin(2.0 * np.pi * 8.0 * t)
 
 
@@ -67,8 +67,8 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert np.diff(np.log2(errors)) == pytest.approx(-2.0, abs=0.1)
 
 
-def test_with_that_of_a_held_velocity_even_faster():
-    """The curve's bow over a part's chord is corrected for: 2.5e-7 N of 124 N in eight steps."""
+def test_the_error_under_a_held_velocity_falls_even_faster():
+    """Because of the correction for the curve's deviation from its chord: 2.5e-7 N of 124 N in eight steps."""
     truth = exact(LAW, 0.0, lambda t: 0.05, 1e-3)
     errors = [abs(followed(LAW, 0.0, lambda t: 0.05, 1e-3, n) - truth) for n in (4, 8, 16)]
     assert np.diff(np.log2(errors)).max() < -3.0
@@ -76,12 +76,12 @@ def test_with_that_of_a_held_velocity_even_faster():
 
 @pytest.mark.parametrize("velocity", [0.05, 0.3, -0.9, 1.6])
 def test_one_step_however_large_the_jump_is_accurate(velocity):
-    """In parts of 0.01 m/s of w: within 1e-4 of the force, kinks of the curve on the way."""
+    """Within 1e-4 of the force, in parts of 0.01 m/s of w and across kinks of the curve."""
     truth = exact(LAW, 0.0, lambda t: velocity, 1.5e-3)
     assert LAW.follow(0.0, velocity, velocity, 1.5e-3) == pytest.approx(truth, rel=1e-4)
 
 
-def test_a_fast_drive_through_all_of_the_curve_is_followed_at_a_millisecond():
+def test_a_fast_drive_over_the_whole_curve_is_accurate_at_a_step_of_a_millisecond():
     def drive(t):
         return 0.9 * np.sin(2.0 * np.pi * 8.0 * t + 0.5)
 
@@ -112,7 +112,7 @@ def test_a_soft_spring_holds_its_force():
 
 
 def test_where_the_curve_is_flat_the_valve_moves_at_once():
-    """Almost flat beyond the fit: from there the force is reached in the time to the flat part alone."""
+    """The curve is almost flat beyond the fit: the time to reach a force there is the time to the flat part alone."""
     law = Maxwell(curve(compression_slope=1e-9), STIFFNESS)
     top = law.static_force(1.2)
     assert law.follow(top, 1.9, 1.9, 1e-9) == pytest.approx(top, rel=1e-9)
@@ -121,7 +121,7 @@ def test_where_the_curve_is_flat_the_valve_moves_at_once():
 
 @few
 @given(velocities, velocities, velocities, steps, stiffnesses)
-def test_the_force_never_leaves_what_it_lies_between(before, start, end, step, stiffness):
+def test_the_force_stays_between_its_start_and_the_static_forces(before, start, end, step, stiffness):
     law = Maxwell(curve(), stiffness)
     forces = [law.static_force(v) for v in (before, start, end)]
     force = law.follow(forces[0], start, end, step)
@@ -138,7 +138,7 @@ def test_in_equilibrium_it_stays(velocity, step):
 @few
 @given(st.floats(-1e4, 1e4), velocities, velocities, steps, st.floats(0.05, 0.95))
 def test_two_steps_give_what_one_gives(force, start, end, step, split):
-    """Within 1e-4 of the forces on the way: the parts of a step are chosen by what is left of it."""
+    """To 1e-4 of the forces, because the parts of a step depend on its remaining length."""
     middle = start + split * (end - start)
     halves = LAW.follow(LAW.follow(force, start, middle, split * step), middle, end, (1.0 - split) * step)
     size = max(abs(force), abs(LAW.static_force(start)), abs(LAW.static_force(end)))
@@ -147,7 +147,7 @@ def test_two_steps_give_what_one_gives(force, start, end, step, split):
 
 @few
 @given(st.floats(-8e3, 8e3), velocities)
-def test_the_velocity_under_a_force_is_found_from_anywhere(force, guess):
+def test_the_velocity_under_a_force_is_found_from_any_guess(force, guess):
     found = velocity_under(force, guess, LAW.static_force(guess), LAW.valve)
     assert LAW.static_force(found) == pytest.approx(force, rel=1e-13, abs=1e-11)
 
@@ -155,7 +155,7 @@ def test_the_velocity_under_a_force_is_found_from_anywhere(force, guess):
 @few
 @given(st.floats(-6e3, 6e3), velocities, velocities, steps)
 def test_static_forces_are_as_good_as_velocities(force, start, end, step):
-    """What a caller that knows no velocities gets, in one piece."""
+    """The result of one piece for a caller that does not know the velocities."""
     by_velocity = LAW.advance(force, start, end, step)
     by_force = LAW.advance_lag(force, LAW.static_force(start), LAW.static_force(end), step)
     assert by_force == pytest.approx(by_velocity, rel=1e-11, abs=1e-9)
@@ -163,8 +163,8 @@ def test_static_forces_are_as_good_as_velocities(force, start, end, step):
 
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
-def test_it_gives_no_more_energy_than_it_has_taken(seed):
-    """Work at the port since rest is what the spring holds and what the valves have burnt: never negative."""
+def test_it_returns_no_more_energy_than_it_has_absorbed(seed):
+    """The work at the port since rest is the energy stored in the spring plus that dissipated: never negative."""
     rng, h, work, force = np.random.default_rng(seed), 2e-4, 0.0, 0.0
     v = np.cumsum(rng.normal(0.0, 0.05, 60))
     v -= np.linspace(v[0], 0.0, v.size)
@@ -176,7 +176,7 @@ def test_it_gives_no_more_energy_than_it_has_taken(seed):
 
 
 def test_its_loop_opens_like_a_lag_of_slope_over_stiffness():
-    """At a small amplitude about rest: the phase of a first-order lag."""
+    """At a small amplitude about rest the phase is that of a first-order lag."""
     slope, frequency = 1800.0 / 0.381, 20.0
     omega, h, force = 2.0 * np.pi * frequency, 1e-4, 0.0
     t = np.arange(2001) * h
@@ -207,7 +207,7 @@ def test_the_motion_ratio_and_the_scales_are_the_valves():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"inner": (-10.0, *[0.0] * 14)}, r"does not rise with velocity at 0.0046\d* m/s"),
         ({"compression": (1490.0, 900.0, -900.0, 0.0)}, r"at 0\.\d+ m/s .* fit a monotone curve, or use LPF1"),
@@ -216,8 +216,8 @@ def test_the_motion_ratio_and_the_scales_are_the_valves():
         ({"rebound_slope": 0.0}, r"at -1.1 m/s"),
     ],
 )
-def test_a_curve_that_falls_is_refused_and_where_is_said(changes, said):
-    with pytest.raises(ValueError, match=said):
+def test_a_falling_curve_is_rejected_with_the_velocity(changes, message):
+    with pytest.raises(ValueError, match=message):
         Maxwell(curve(**changes), STIFFNESS)
 
 
@@ -235,8 +235,8 @@ def test_a_scale_of_zero_is_refused(name):
 
 @few
 @given(st.lists(st.floats(-5e3, 5e3), min_size=15, max_size=15), velocities, velocities, velocities, steps)
-def test_its_core_comes_back_with_a_number_under_any_curve(inner, before, start, end, step):
-    """A fit may try a curve that falls before it settles on one that does not."""
+def test_its_core_function_returns_a_number_for_any_curve(inner, before, start, end, step):
+    """During a fit the curve may fall, although the fitted curve does not."""
     valve = Valve(curve(inner=tuple(inner)).numbers(), 1.0, 1.0)
     statics = (valve_force(valve, start), valve_force(valve, end))
     force = advance_core(valve_force(valve, before), Piece(start, end, *statics, step), (STIFFNESS,), valve)

@@ -1,4 +1,4 @@
-"""The parts of Maxwell's step: each does what its name says, and in few evaluations of the curve."""
+"""The functions of Maxwell's step: each is correct and needs few evaluations of the curve."""
 
 from math import copysign, exp, inf
 
@@ -33,7 +33,7 @@ velocities = st.floats(-1.5, 1.5)
 
 @pytest.fixture
 def evaluations(monkeypatch):
-    """A list that grows by the velocity of each evaluation of the curve."""
+    """Return a list to which each evaluation of the curve appends its velocity."""
     seen, force = [], maxwell.valve_force
 
     def counted(valve, velocity):
@@ -45,7 +45,7 @@ def evaluations(monkeypatch):
 
 
 def test_the_velocity_under_a_force_takes_few_evaluations_from_any_guess(evaluations):
-    """Two thousand random forces and guesses: at most 10 evaluations, and 4 for half of them."""
+    """For two thousand random forces and guesses: at most 10 evaluations, with a median of 4."""
     rng, counts = np.random.default_rng(1), []
     for force, guess in zip(rng.uniform(-8e3, 8e3, 2000), rng.uniform(-2.0, 2.0, 2000), strict=True):
         evaluations.clear()
@@ -69,7 +69,7 @@ def test_the_first_secant_is_over_a_millimetre_per_second(evaluations):
 
 @given(velocities)
 def test_the_room_is_the_distance_to_the_next_kink_of_the_curve(w):
-    """Scales of both sides are equal: no kink at zero."""
+    """The scales of both sides are equal, so there is no kink at zero."""
     for side in (1.0, -1.0):
         ahead = [side * (kink - w) for kink in KINKS if side * (kink - w) > 1e-9]
         assert room_before_kink(w, 0.3 * side, LAW.valve) == pytest.approx(min(ahead, default=inf), rel=1e-9)
@@ -108,7 +108,7 @@ def test_a_time_constant_is_the_slope_of_the_chord_over_the_stiffness():
     tangent = (LAW.static_force(0.1 + 1e-6) - LAW.static_force(0.1 - 1e-6)) / 2e-6
     for change in (0.0, -1e-12):
         assert time_constant(0.1, force, change, STIFFNESS, LAW.valve) == pytest.approx(tangent / STIFFNESS, rel=1e-4)
-    # Under a curve that falls, as a fit may try it, nothing lags.
+    # A falling curve, as may occur during a fit, causes no lag.
     assert time_constant(0.1, force + 1e3, 0.01, STIFFNESS, LAW.valve) == 0.0
 
 
@@ -126,7 +126,7 @@ def test_w_follows_as_a_first_order_lag_for_any_time_constant():
 def test_the_time_across_is_when_w_has_moved_by_the_room(w, v, end, tau, step):
     whole = followed(w, v, end, tau, step) - w
     gaps = v - w, end - w
-    if min(gaps) * max(gaps) < 0.0 or abs(whole) < 1e-6:  # a step is cut so that w goes one way
+    if min(gaps) * max(gaps) < 0.0 or abs(whole) < 1e-6:  # a step is divided so that w is monotonic
         return
     room = 0.3 * abs(whole)
     time = time_across(room, abs(whole), w, v, end, tau, step)
@@ -150,19 +150,19 @@ def test_the_time_across_takes_few_steps(monkeypatch):
     assert max(counts) <= 60
 
 
-def test_a_crossing_comes_earlier_by_what_the_bow_has_gained():
-    """w is ahead by 1e-3 and changes by 0.1 / 0.01 m/s2."""
+def test_the_curves_deviation_from_its_chord_makes_a_crossing_earlier():
+    """w is ahead by 1e-3 m/s and changes at 0.1 / 0.01 m/s2."""
     assert time_less_bow(1e-2, 1e-3, 1e-2, 0.1) == pytest.approx(1e-2 - 1e-4)
     assert time_less_bow(1e-2, -1e-3, 1e-2, 0.1) == pytest.approx(1e-2 + 1e-4)
     assert time_less_bow(1e-2, 1e-3, 1e-2, -0.1) == pytest.approx(1e-2 + 1e-4)
-    # By more than half of it, it says nothing.
+    # A reduction by more than half is not applied.
     assert time_less_bow(1e-4, 1e-3, 1e-2, 0.1) == 1e-4
     assert time_less_bow(1e-2, 1e-3, 1e-2, 0.0) == 1e-2
 
 
 @pytest.mark.parametrize("step", [1e-6, 1e-4, 1e-3, 1e-1])
-def test_the_bow_adds_what_its_integral_says(step):
-    """z / 6 of four bows over the chord's slope for short steps, 1 / z of them for long ones."""
+def test_the_correction_for_the_curves_deviation_is_that_of_the_exact_integral(step):
+    """Four deviations over the chord's slope, times z / 6 for short steps and 1 / z for long ones."""
     w, change, tau = 0.05, 0.2, 1e-3
     force = LAW.static_force(w)
     bow = LAW.static_force(w + 0.5 * change) - (force + 0.5 * STIFFNESS * tau * change)
@@ -172,7 +172,7 @@ def test_the_bow_adds_what_its_integral_says(step):
 
 
 @given(velocities, velocities, velocities, st.floats(1e-5, 1e-2), st.floats(1e5, 1e8))
-def test_a_chords_time_constant_is_that_of_the_chord_to_where_it_leads(w, v, end, step, stiffness):
+def test_a_chords_time_constant_is_consistent_with_the_w_that_results(w, v, end, step, stiffness):
     force = LAW.static_force(w)
     towards = v - w if abs(v - w) >= abs(end - w) else end - w
     if towards == 0.0:
@@ -188,7 +188,7 @@ def test_a_chords_time_constant_is_that_of_the_chord_to_where_it_leads(w, v, end
 
 
 def test_a_chord_takes_few_evaluations(evaluations):
-    """Secants: two or three evaluations, ten at most."""
+    """Secants need two or three evaluations, at most ten."""
     rng, counts = np.random.default_rng(3), []
     for _ in range(1000):
         w = rng.uniform(-1.0, 1.0)

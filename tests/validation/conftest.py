@@ -1,4 +1,4 @@
-"""Shocks whose every parameter is known, and the records that they would give on a dynamometer."""
+"""Shocks with known parameters, and the dynamometer records that they would give."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REFERENCE = 3.0 * INCH
 
 
 def _curve():
-    """A digressive curve whose cubics go on from the inner polynomial in value and slope."""
+    """Return a digressive curve whose cubics join the inner polynomial in value and slope."""
     inner = (2600.0, 90.0, -1500.0, 60.0, 700.0, *[0.0] * 10)
     k = np.arange(1, 16)
     compression = (float(np.sum(inner)), float(k @ inner), -150.0, 30.0)
@@ -36,30 +36,30 @@ def _curve():
 
 
 def shock_of(law, name="known", **conditions):
-    """A shock file's content around a law."""
+    """Return a shock with a given law."""
     return Shock(name, law, conditions={"displacement_reference [m]": REFERENCE, **conditions})
 
 
 @pytest.fixture(scope="session")
 def truth():
-    """The law behind the records: 1.7 ms of lag."""
+    """Return the true law of the records, with a lag of 1.7 ms."""
     return Lpf1(_curve(), port=GAS, time_constant=1.7e-3)
 
 
 @pytest.fixture(scope="session")
 def lagged(truth):
-    """The truth as a shock."""
+    """Return a shock with the true law."""
     return shock_of(truth)
 
 
 @pytest.fixture(scope="session")
 def static_curve(truth):
-    """The truth without its lag."""
+    """Return a shock with the true law without its lag."""
     return shock_of(Polylinear(truth.curve, port=GAS))
 
 
 def record(law, displacement, rate, *, noise=1.0, extra=None, conditions=None):
-    """A record of a law along a displacement (N,) [m] with 1 N, 10 um and 0.5 mm/s of noise."""
+    """Return a record of a law for a displacement (N,) [m] with 1 N, 10 um and 0.5 mm/s of noise."""
     time = np.arange(displacement.size) / rate
     velocity = np.gradient(displacement, 1.0 / rate)
     channels = {"velocity": ("m/s", velocity), "displacement": ("m", displacement)}
@@ -76,7 +76,7 @@ def record(law, displacement, rate, *, noise=1.0, extra=None, conditions=None):
 
 
 def sine_path(amplitude, velocity, periods=4, rate=2000.0):
-    """A sine of Table 3.3 [in, in/s] with rest before and after it."""
+    """Return a sine of Table 3.3 [in, in/s] with rest before and after it."""
     frequency = velocity / (2.0 * np.pi * amplitude)
     time = np.arange(round(max(periods / frequency, 0.8) * rate) + 1) / rate
     count = np.floor(time[-1] * frequency)
@@ -85,7 +85,7 @@ def sine_path(amplitude, velocity, periods=4, rate=2000.0):
 
 
 def ramps(times, positions, rate):
-    """Straight lines between positions [in] at times [s]."""
+    """Return straight lines between positions [in] at times [s]."""
     time = np.arange(round(times[-1] * rate) + 1) / rate
     return INCH * np.interp(time, times, positions)
 
@@ -108,7 +108,7 @@ def static_path(rate=100.0, hold=20.0):
 
 
 def dragged(path, drag):
-    """A drag [N] that keeps the direction of the last motion: Coulomb's, as a seal has it at rest."""
+    """Return a Coulomb drag [N] that keeps the direction of the last motion at rest, like that of a seal."""
     way = np.sign(np.round(np.gradient(path), 9))
     moved = np.maximum.accumulate(np.where(way != 0.0, np.arange(way.size), 0))
     return drag * way[moved]

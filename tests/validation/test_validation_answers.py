@@ -1,4 +1,4 @@
-"""Known answers: what was put into a record comes out of its validation."""
+"""Known properties of a record are recovered by its validation."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from .conftest import INCH, TABLE_3_3, dragged, record, shock_of, sine_path, sta
 
 def test_the_true_law_leaves_the_noise(lagged, random_test):
     found = validate_random(lagged, record_of(random_test(1)))
-    # 1 N and 0.5 mm/s times up to 7 kN.s/m of damping; the 50 Hz low-pass of 1 kHz leaves 5 % of their power.
+    # Noise: 1 N, and 0.5 mm/s times up to 7 kN.s/m of damping; the 50 Hz low-pass of 1 kHz leaves 5 % of their power.
     assert found.rms < 0.6
     assert found.percent < 0.1
     assert found.prediction.offset == pytest.approx(0.0, abs=0.05)
@@ -120,7 +120,7 @@ def test_the_true_law_meets_the_peaks_of_a_bump(lagged, bump_test):
 
 
 def test_the_low_pass_of_the_random_test_would_round_off_a_bump(lagged, bump_test):
-    """A curve of a low-passed velocity is not the low-passed force: why bumps have a higher cut-off."""
+    """A curve of a low-passed velocity is not the low-passed force, so bumps need a higher cutoff frequency."""
     narrow = validate_bump(lagged, record_of(bump_test), cutoff=50.0)
     assert narrow.percent > 3.0
     assert max(abs(event.peak_error) for event in narrow.events) > 1.0

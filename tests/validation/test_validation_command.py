@@ -35,8 +35,8 @@ def run(folder, monkeypatch):
 def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
     done = run("lpf1.json", "static.json", "data", "--configuration", "random.csv=1", "--report", "out/page.html")
     assert done.exit_code == 0, done.output
-    for said in ("random: random", "bump: bump", "sine: sine", "Random records", "Sines of known", "Bump records"):
-        assert said in done.output
+    for text in ("random: random", "bump: bump", "sine: sine", "Random records", "Sines of known", "Bump records"):
+        assert text in done.output
     assert "1: Build 1, 1 click, 50 psi" in done.output
     assert "29.1" in done.output  # printed, Polylinear of configuration 1
     page = (folder / "out" / "page.html").read_text(encoding="utf-8")
@@ -52,14 +52,14 @@ def test_an_error_over_the_limit_exits_1_and_is_named(run):
     assert run("lpf1.json", "data/random.csv", "--limit", "1").exit_code == 0
 
 
-def test_a_kind_that_is_told_is_taken(run):
+def test_a_given_kind_is_used(run):
     done = run("lpf1.json", "data", "--kind", "random", "--kind", "bump.csv=bump")
     assert "sine: random, given by the user" in done.output
     assert "bump: bump, given by the user" in done.output
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("data",), "no shock file"),
         (("lpf1.json",), "no record"),
@@ -74,9 +74,9 @@ def test_a_kind_that_is_told_is_taken(run):
         (("lpf1.json", "data", "--units", "force"), "CHANNEL=UNIT"),
     ],
 )
-def test_wrong_input_exits_2_with_a_message_and_writes_nothing(run, folder, words, said):
+def test_wrong_input_exits_2_with_a_message_and_writes_nothing(run, folder, words, message):
     before = sorted(folder.rglob("*"))
     done = run(*words)
     assert done.exit_code == 2, done.output
-    assert said in done.output
+    assert message in done.output
     assert sorted(folder.rglob("*")) == before

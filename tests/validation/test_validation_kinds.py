@@ -1,4 +1,4 @@
-"""A record is known by how it moves."""
+"""The kind of a record is recognised from its motion."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def test_a_fast_step_is_a_bump(bump_test):
 
 
 @pytest.mark.parametrize("name", ["static_test", "bump_test"])
-def test_the_integrated_velocity_serves_where_no_displacement_was_measured(request, name):
+def test_the_velocity_is_integrated_if_displacement_was_not_measured(request, name):
     test = request.getfixturevalue(name)
     assert recognise(DynoTest(test.series.select(("velocity", "force")))).kind == name.partition("_")[0]
 
@@ -43,19 +43,19 @@ def test_one_period_is_no_sine_test(truth):
 
 
 @pytest.mark.parametrize(("note", "number"), [("SYNTHETIC, configuration 5: build 2", 5), ("run 7", None)])
-def test_the_note_in_a_file_says_its_configuration(bump_test, tmp_path, note, number):
+def test_the_note_in_a_file_states_its_configuration(bump_test, tmp_path, note, number):
     (tmp_path / "text.csv").write_text(f"# {note}\ntime [s],force [N]\n")
     write_parquet(bump_test.series, tmp_path / "binary.parquet", note=note)
     for name in ("text.csv", "binary.parquet"):
         assert record_of(replace(bump_test, source=tmp_path / name)).configuration == number
 
 
-def test_what_is_told_goes_before_what_is_seen(sine_test):
-    told = record_of(sine_test(0.1, 5.0), kind="random")
-    assert (told.kind, told.reason) == ("random", "given by the user")
+def test_a_given_kind_takes_precedence_over_the_recognised_one(sine_test):
+    record = record_of(sine_test(0.1, 5.0), kind="random")
+    assert (record.kind, record.reason) == ("random", "given by the user")
 
 
-def test_the_configuration_is_what_table_3_1_says_of_the_conditions(bump_test):
+def test_the_configuration_follows_from_the_conditions_by_table_3_1(bump_test):
     known = DynoConditions(build="Build 2", clicks="14 from closed", gas_pressure=1034213.6)
     assert record_of(DynoTest(bump_test.series, known)).configuration == 8
     assert record_of(bump_test).configuration is None

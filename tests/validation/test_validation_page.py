@@ -1,4 +1,4 @@
-"""The report in a browser and on paper: it draws every figure, changes units, loads nothing, complains of nothing."""
+"""The report in a browser and in print: it draws every figure, changes units, loads nothing and logs no errors."""
 
 import base64
 import json
@@ -55,8 +55,8 @@ def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(b
     pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
     assert 5 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 20
 
-    asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+    requested = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in requested if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
     trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
     assert [event for event in browser.events if event["method"] in trouble] == []
 
@@ -85,7 +85,7 @@ def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test
     assert "No record of this validation does" in html
 
 
-def test_a_good_validation_is_said_to_be_good(lagged, random_test):
+def test_a_good_validation_has_a_good_verdict(lagged, random_test):
     study = validate([lagged], [record_of(random_test(1))])
     for limit in (1.0, None):
         html = page(study, limit=limit, title="t")

@@ -1,4 +1,4 @@
-"""Several shocks on many records: what belongs together, what is acceptable, what is said."""
+"""Several shocks on many records: pairing, verdict and notes."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from eightpost.verdict import Grade
 from .conftest import POUND, shock_of
 
 
-def test_each_law_is_held_against_each_record(lagged, static_curve, random_test, bump_test, static_test):
+def test_each_law_is_compared_with_each_record(lagged, static_curve, random_test, bump_test, static_test):
     records = [record_of(test, name=str(k)) for k, test in enumerate((random_test(1), bump_test, static_test))]
     study = validate([static_curve, lagged], records)
     assert list(study.shocks) == ["known Polylinear", "known LPF1"]
@@ -33,7 +33,7 @@ def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
 
 
 @pytest.mark.parametrize(
-    ("said", "conditions", "together"),
+    ("stated", "conditions", "together"),
     [
         ({"configuration": 2}, DynoConditions(), True),
         ({"build": "A"}, DynoConditions(build="a"), True),
@@ -46,8 +46,8 @@ def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
         ),
     ],
 )
-def test_what_was_measured_under_other_conditions_is_left_out_and_said(truth, random_test, said, conditions, together):
-    study = validate([shock_of(truth, **said)], [record_of(random_test(1, conditions))])
+def test_records_under_other_conditions_are_left_out_and_reported(truth, random_test, stated, conditions, together):
+    study = validate([shock_of(truth, **stated)], [record_of(random_test(1, conditions))])
     assert len(study.cases) == together
     assert validation_verdict(study).is_acceptable is together
     assert bool(study.unpaired) is not together
@@ -72,13 +72,13 @@ def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_
     assert "record mostly outside the fitted velocities" in {r.rule for r in validation_verdict(study).decisive}
 
 
-def test_a_limit_is_kept_or_not(lagged, static_curve, random_test):
+def test_the_verdict_depends_on_the_limit(lagged, static_curve, random_test):
     record = record_of(random_test(1))
     assert validation_verdict(validate([lagged], [record]), 1.0).grade is Grade.USABLE
     assert validation_verdict(validate([static_curve], [record]), 1.0).grade is Grade.NOT_USABLE
 
 
-def test_another_zero_of_the_load_cell_is_said(truth, random_test):
+def test_a_different_zero_of_the_load_cell_is_reported(truth, random_test):
     shifted = shock_of(replace(truth, port=replace(truth.port, gas_preload=0.0)))
     study = validate([shifted], [record_of(random_test(1))])
     assert "offset of a prediction" in {reason.rule for reason in validation_verdict(study).reasons}
@@ -90,7 +90,7 @@ def test_a_study_needs_a_shock_and_a_record(lagged):
         validate([lagged], [])
 
 
-def test_the_printed_tables_agree_with_what_the_text_says_of_them():
+def test_the_printed_tables_agree_with_the_text():
     """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
     assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
     less = [1.0 - c.rms_lbf[law] / c.rms_lbf["polylinear"] for c in CONFIGURATIONS for law in ("lpf1", "lpnl2")]
@@ -104,7 +104,7 @@ def test_the_printed_tables_agree_with_what_the_text_says_of_them():
         assert row.percent_of_deviation == pytest.approx(100.0 * row.rms_lbf / 366.5, abs=0.05)
 
 
-def test_ours_stands_beside_the_printed_error_of_its_configuration(lagged, static_curve, random_test):
+def test_our_error_is_shown_next_to_the_printed_one_of_its_configuration(lagged, static_curve, random_test):
     study = validate([static_curve, lagged], [record_of(random_test(1), configuration=7)])
     shown = table_3_5(study)
     heads = [head for head, _ in shown.heads]

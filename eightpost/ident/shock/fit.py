@@ -76,14 +76,14 @@ class Choices:
         Raises:
             ParameterError: An option or the law is unknown.
         """
-        asked = (
+        options = (
             ("law", law, tuple(LAWS)),
             ("recipe", self.recipe, get_args(RecipeName)),
             ("gas treatment", self.gas, get_args(GasTreatment)),
             ("shape", self.shape, get_args(Shape)),
             ("robust", self.robust, get_args(Robust)),
         )
-        for what, value, choices in asked:
+        for what, value, choices in options:
             if value not in choices:
                 raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
         if self.order is not None and not 1 <= self.order <= INNER_ORDER:
@@ -143,8 +143,8 @@ def fit_shock(
             runs, spikes, notes = prepared(given), 0, list[str]()
         else:
             runs, spikes, notes = _screened(given, prepared)
-        solution, held, down = _solved(runs, law, choices)
-        changes = (*runs.changes, *notes, *held, *solution.notes)
+        solution, notes_of_fit, down = _solved(runs, law, choices)
+        changes = (*runs.changes, *notes, *notes_of_fit, *solution.notes)
         story = Story(recipe, gas, name, changes, spikes + down)
         result = result_of(given, solution, story, 0.0)
     return replace(result, seconds=time.perf_counter() - started)
@@ -176,10 +176,10 @@ def _screened(tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]]
 def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, list[str], int]:
     """Return the solution, notes on fixed parameters, and the number of down-weighted samples."""
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
-    gas, held = gas_columns(runs, choices.gas)
+    gas, gas_notes = gas_columns(runs, choices.gas)
     dynamics = dynamics_for(LAWS[law], limits)
     models = Models(runs, gas, dynamics)
-    notes = [*dynamics.changes(), *models.changes, *held]
+    notes = [*dynamics.changes(), *models.changes, *gas_notes]
     if choices.recipe == "boggs":
         return Boggs().fit(models), notes, 0
     solution = _robust_solution(Joint(choices.shape, choices.order), models, weights_for(choices.robust))

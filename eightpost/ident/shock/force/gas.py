@@ -72,18 +72,22 @@ def gas_columns(runs: Runs, treatment: str) -> tuple[GasColumns, list[str]]:
     offsets = np.zeros((count, len(runs.parts)))
     for number, part in enumerate(runs.parts):
         offsets[part, number] = 1.0
-    held = GasColumns(offsets, len(runs.parts), None, _reference(runs))
+    offsets_only = GasColumns(offsets, len(runs.parts), None, _reference(runs))
     if any("displacement" not in p.record for p in runs.prepared):
-        return held, ["gas stiffness fixed at 0: the record has no displacement"]
+        return offsets_only, ["gas stiffness fixed at 0: the record has no displacement"]
     frequencies = [p.single_frequency for p in runs.prepared]
     if len(frequencies) == 1 and frequencies[0] is not None:
-        return held, [
+        return offsets_only, [
             f"gas stiffness fixed at 0: the record is essentially one sine of {frequencies[0]:.3g} Hz, "
             "in which a spring force and a lag cannot be distinguished; the lag includes both"
         ]
-    displacement = np.concatenate([p.record["displacement"] + (p.reference - held.reference) for p in runs.prepared])
+    displacement = np.concatenate(
+        [p.record["displacement"] + (p.reference - offsets_only.reference) for p in runs.prepared]
+    )
     size = float(displacement[runs.inside].std())
-    return GasColumns(np.column_stack([offsets, displacement / size]), held.offsets, size, held.reference), []
+    return GasColumns(
+        np.column_stack([offsets, displacement / size]), offsets_only.offsets, size, offsets_only.reference
+    ), []
 
 
 def _reference(runs: Runs) -> float:

@@ -39,17 +39,17 @@ class Models:
     runs: Runs
     gas: GasColumns
     dynamics: Dynamics
-    _made: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
+    _models: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
 
     def __call__(self, join: Join, order: int) -> ForceModel:
         """Return the model of a join and an order, computed once; sides with too few samples are straight."""
-        found = self._made.get((join, order))
+        found = self._models.get((join, order))
         if found is None:
             basis = working_basis(self.curve, self.runs.velocity, self._ties(join, order))
             found = ForceModel(self.runs, basis, self.gas, self.dynamics)
         elif found.runs.weights is not self.runs.weights:
             found = found.weighted(self.runs.weights)
-        self._made[join, order] = found
+        self._models[join, order] = found
         return found
 
     def weighted(self, weights: Array) -> Models:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _TABLE = 4001
 
 
-class _Looked(NamedTuple):
+class _TablePoint(NamedTuple):
     """Result of a table look-up: velocities w (N,) [m/s], slopes f'(w) (N,) [N.s/m], columns at w (N, n)."""
 
     velocity: Array
@@ -44,18 +44,18 @@ class SeriesSpring(SteppedLaw):
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """Return the derivatives by one pass of a varying lag over the curve's columns at w."""
-        found, stiffness = _looked_up(model.basis, b, self.force(model, b, theta)), float(np.exp(theta[0]))
-        strain = found.slope * (model.runs.velocity - found.velocity)
-        columns = np.vstack([found.columns.T, strain]).T
+        point, stiffness = _look_up(model.basis, b, self.force(model, b, theta)), float(np.exp(theta[0]))
+        strain = point.slope * (model.runs.velocity - point.velocity)
+        columns = np.vstack([point.columns.T, strain]).T
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        lagged = [lagged_columns(columns[part], found.slope[part] / stiffness, p.step) for p, part in pairs]
+        lagged = [lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
         rows = model.runs.rows(np.concatenate(lagged).T).T
         return rows[:, :-1], rows[:, -1:]
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
         """Return ln k with k = slope / tau, where slope is the mean slope of the curve over the samples."""
         b = lpf1[: model.curve_count]
-        slope = _looked_up(model.basis, b, model.static(b)).slope
+        slope = _look_up(model.basis, b, model.static(b)).slope
         low, high = self.bounds()
         return np.clip(np.log([float(slope.mean()) / float(lpf1[-1])]), low, high)
 
@@ -73,7 +73,7 @@ def _rising(basis: WorkingBasis, b: Array) -> Array:
     return np.asarray(np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE))
 
 
-def _looked_up(basis: WorkingBasis, b: Array, force: Array) -> _Looked:
+def _look_up(basis: WorkingBasis, b: Array, force: Array) -> _TablePoint:
     """Look forces (N,) [N] up on a curve b."""
     velocity, columns = _grid(basis)
     slope = np.maximum(np.gradient(columns @ b, velocity), 1.0)
@@ -82,4 +82,4 @@ def _looked_up(basis: WorkingBasis, b: Array, force: Array) -> _Looked:
     share = place - cell
     series = np.take(columns.T, cell, axis=1) * (1.0 - share) + np.take(columns.T, cell + 1, axis=1) * share
     between = velocity[0] + place * (velocity[1] - velocity[0])
-    return _Looked(between, slope[cell] * (1.0 - share) + slope[cell + 1] * share, series.T)
+    return _TablePoint(between, slope[cell] * (1.0 - share) + slope[cell + 1] * share, series.T)

@@ -76,9 +76,9 @@ class SteppedLaw(Dynamics):
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Step every run through the law; the last result is cached, because its derivatives are needed next."""
-        asked = (model, b.tobytes(), theta.tobytes())
-        if not self._last or self._last[0][0] != asked:
-            self._last[:] = [(asked, self._stepped(model, b, theta))]
+        key = (model, b.tobytes(), theta.tobytes())
+        if not self._last or self._last[0][0] != key:
+            self._last[:] = [(key, self._stepped(model, b, theta))]
         return self._last[0][1]
 
     def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
@@ -133,16 +133,16 @@ class SteppedLaw(Dynamics):
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
         """Return the theta whose response to LPF1's curve is closest to LPF1's; each parameter is scanned in turn."""
         coarse, b = model.coarse, lpf1[: model.curve_count]
-        wanted = model.lagged_rows(b, float(lpf1[-1]))
+        target = model.lagged_rows(b, float(lpf1[-1]))
         theta = self.own.start()
         low, high = self.bounds()
         reach = np.where(self.own.logarithmic, _SCANNED, np.inf)
         low, high = np.maximum(low, theta - reach), np.minimum(high, theta + reach)
         for number in range(theta.size):
-            tried = np.tile(theta, (_SCAN, 1))
-            tried[:, number] = np.linspace(low[number], high[number], _SCAN)
-            errors = [float(np.sum((self.rows(coarse, b, t) - wanted) ** 2)) for t in tried]
-            theta = tried[int(np.nanargmin(errors))]
+            trials = np.tile(theta, (_SCAN, 1))
+            trials[:, number] = np.linspace(low[number], high[number], _SCAN)
+            errors = [float(np.sum((self.rows(coarse, b, t) - target) ** 2)) for t in trials]
+            theta = trials[int(np.nanargmin(errors))]
         return theta
 
     def _steps(self, theta: Array) -> Array:

@@ -154,17 +154,17 @@ def _even(series: TimeSeries) -> tuple[TimeSeries, list[str]]:
     return TimeSeries(even, series.values, series.names, series.units), changes
 
 
-def _cutoff(rate: float, asked: float | None, changes: list[str]) -> float:
+def _cutoff(rate: float, requested: float | None, changes: list[str]) -> float:
     highest = LARGEST_SHARE * rate
-    if asked is not None:
-        if not 0.0 < asked <= highest:
+    if requested is not None:
+        if not 0.0 < requested <= highest:
             raise ParameterError(
                 f"the cutoff frequency must be between 0 and {highest:.4g} Hz (0.4 of the record's {rate:.4g} Hz), "
-                f"not {asked:g} Hz"
+                f"not {requested:g} Hz"
             )
-        if asked != CUTOFF:
-            changes.append(f"cutoff frequency {asked:g} Hz as requested, instead of {CUTOFF:g} Hz")
-        return asked
+        if requested != CUTOFF:
+            changes.append(f"cutoff frequency {requested:g} Hz as requested, instead of {CUTOFF:g} Hz")
+        return requested
     if highest < CUTOFF:
         why = f"0.4 of the record's {rate:.4g} Hz"
         changes.append(f"cutoff frequency lowered from {CUTOFF:g} to {highest:.4g} Hz: {why}")
@@ -184,15 +184,15 @@ def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
     return TimeSeries(series.time[::every], series.values[:, ::every], series.names, series.units)
 
 
-def _transition(velocity: Array, asked: float | None, changes: list[str]) -> tuple[float, float]:
+def _transition(velocity: Array, requested: float | None, changes: list[str]) -> tuple[float, float]:
     """Return transition speed and width [m/s]."""
     slower = float(min(velocity.max(), -velocity.min()))
     if not slower > 0.0:
         raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
-    if asked is not None:
-        if not 0.0 < asked < float("inf"):
-            raise ParameterError(f"the transition speed must be positive, not {asked:g} m/s")
-        speed, why = asked, "as requested"
+    if requested is not None:
+        if not 0.0 < requested < float("inf"):
+            raise ParameterError(f"the transition speed must be positive, not {requested:g} m/s")
+        speed, why = requested, "as requested"
     elif slower < _SLOW * TRANSITION_SPEED:
         speed, why = _MOVED * slower, f"the record's slower side reaches {_inch(slower)}"
     else:

@@ -23,13 +23,13 @@ _LIVELY = 0.5
 
 
 def choose_segment(
-    series: TimeSeries, asked: tuple[float, float] | None, cutoff: float
+    series: TimeSeries, requested: tuple[float, float] | None, cutoff: float
 ) -> tuple[tuple[float, float], list[str]]:
     """Return start and stop [s] of the segment, and a sentence if it is not the dissertation's.
 
     Args:
         series: Record with `velocity`; time starts at 0.
-        asked: Requested start and end [s], or None.
+        requested: Requested start and end [s], or None.
         cutoff: Cutoff frequency of the low-pass [Hz]; the filter's edges are left out.
 
     Raises:
@@ -37,8 +37,8 @@ def choose_segment(
     """
     edge = FILTER_EDGE / cutoff
     whole = (edge, series.duration - edge)
-    if asked is not None:
-        return _asked(asked, series.duration, whole)
+    if requested is not None:
+        return _requested(requested, series.duration, whole)
     if series.duration < SEGMENT[1]:
         return whole, [
             f"{_seconds(whole)} fitted, all but the filter's edges, because the record lasts {series.duration:.4g} s"
@@ -51,16 +51,16 @@ def choose_segment(
     return (SEGMENT[0], min(SEGMENT[1], whole[1])), []
 
 
-def _asked(
-    asked: tuple[float, float], duration: float, whole: tuple[float, float]
+def _requested(
+    requested: tuple[float, float], duration: float, whole: tuple[float, float]
 ) -> tuple[tuple[float, float], list[str]]:
-    start, stop = asked
+    start, stop = requested
     if not 0.0 <= start < stop or stop > duration * (1.0 + 1e-9):
         raise ParameterError(
             f"the segment must lie within the record, 0 to {duration:.4g} s, not from {start:g} to {stop:g} s"
         )
     used = (max(start, whole[0]), min(stop, whole[1]))
-    changes = [] if asked == SEGMENT else [f"{_seconds(used)} fitted as requested, instead of 1 to 10 s"]
+    changes = [] if requested == SEGMENT else [f"{_seconds(used)} fitted as requested, instead of 1 to 10 s"]
     return used, changes
 
 

@@ -90,9 +90,9 @@ class RowFilter:
 
     def _lengths(self) -> tuple[int, int, int]:
         """Return the numbers of samples added before and after, and the number of samples after thinning."""
-        wanted = int(np.ceil(_EXTENSION * self.rate / self.cutoff))
-        left = wanted + (-(self.first + wanted)) % self.every
-        short = int(next_fast_len(-(-(left + self.count + wanted) // self.every), True))
+        extension = int(np.ceil(_EXTENSION * self.rate / self.cutoff))
+        left = extension + (-(self.first + extension)) % self.every
+        short = int(next_fast_len(-(-(left + self.count + extension) // self.every), True))
         return left, short * self.every - left - self.count, short
 
 

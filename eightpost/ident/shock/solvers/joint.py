@@ -218,6 +218,6 @@ def _lag_of(model: ForceModel) -> float | None:
     return float(best_lag(model, model.dynamics.limits.time_constant)[-1])
 
 
-def _order_note(order: int, asked: int | None) -> str:
-    why = "as requested" if asked else "cross-validation finds no benefit of a higher order"
+def _order_note(order: int, requested: int | None) -> str:
+    why = "as requested" if requested else "cross-validation finds no benefit of a higher order"
     return f"inner polynomial of order {order} instead of {INNER_ORDER}: {why}"
