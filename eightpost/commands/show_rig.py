@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from eightpost.ident.preparation import check_lives, drifts, record_lags
+from eightpost.ident.preparation import check_lost_channels, drifts, record_lags
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,7 +30,7 @@ def show_rig_test(console: Console, test: RigTest) -> bool:
         ConstantChannelError: A channel becomes constant during the record.
     """
     series = test.series
-    check_lives(series, test.corners, path=test.source)
+    check_lost_channels(series, test.corners, path=test.source)
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}")
     console.print(_channel_table(test))
     known = test.conditions

@@ -1,4 +1,4 @@
-"""Vehicles as linear models with named channels (signs and names: docs/ports.md)."""
+"""Linear vehicle models with named channels; docs/ports.md defines names and signs."""
 
 from eightpost.vehicle.discretise import discretise
 from eightpost.vehicle.kernel import LinearStepper

@@ -1,4 +1,4 @@
-"""From equations of motion to a state space with named outputs."""
+"""Conversion of equations of motion to a state space with named outputs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 def state_matrices(mass: Array, damping: Array, stiffness: Array, load: Array) -> tuple[Array, Array]:
-    """Write `M q'' + C q' + K q = L u` as `x' = A x + B u` with `x = (q, q')`.
+    """Return A and B of `x' = A x + B u` with `x = (q, q')` for `M q'' + C q' + K q = L u`.
 
         A = [[0, I], [-M^-1 K, -M^-1 C]],    B = [[0], [M^-1 L]]
 
-    The mass matrix is diagonal, so what is zero in K, C and L is exactly zero in A and B.
+    The mass matrix is diagonal, so zeros of K, C and L are exact zeros of A and B.
 
     Args:
-        mass: Diagonal of M (n,).
-        damping: C (n, n).
-        stiffness: K (n, n).
-        load: L (n, m).
+        mass: Diagonal of the mass matrix M (n,).
+        damping: Damping matrix C (n, n).
+        stiffness: Stiffness matrix K (n, n).
+        load: Input matrix L (n, m).
 
     Source: dissertation Eq 4.2 and 5.19.
     """
@@ -38,10 +38,10 @@ def state_matrices(mass: Array, damping: Array, stiffness: Array, load: Array) -
 
 
 class Outputs:
-    """Outputs as they are written down, one group of rows after the other."""
+    """Builder of output equations, one group of rows after the other."""
 
     def __init__(self, A: Array, B: Array) -> None:
-        """Take the state matrices (2n, 2n), (2n, m) whose outputs these are."""
+        """Store the matrices A (2n, 2n) and B (2n, m) of the state equation."""
         self._A, self._B = A, B
         self._n = len(A) // 2
         self._channels: list[Channel] = []
@@ -59,7 +59,7 @@ class Outputs:
         self.add(names, unit, np.hstack([rows, np.zeros_like(rows)]), D)
 
     def add_velocity(self, names: Sequence[str], unit: str, rows: Array) -> None:
-        """Add `y = rows q'`: a function of the state alone."""
+        """Add `y = rows q'`, which depends on the state alone."""
         self.add(names, unit, np.hstack([np.zeros_like(rows), rows]))
 
     def add_acceleration(self, names: Sequence[str], unit: str, rows: Array) -> None:

@@ -1,4 +1,4 @@
-"""From a continuous model to the equivalent discrete one."""
+"""Conversion of a continuous model to the equivalent discrete model."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ Hold = Literal["zero", "first"]
 
 
 def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpace:
-    """Return the discrete model with exactly the same samples, the inputs between them as `hold` says.
+    """Return the discrete model whose samples equal those of the continuous model.
 
-    "zero": inputs held over the step. `x[k+1] = Ad x[k] + (B0 + B1) u[k]`; C and D stay, so an output without
-    direct term keeps none.
+    "zero": Inputs are held over the step. `x[k+1] = Ad x[k] + (B0 + B1) u[k]`; C and D do not change, so an output
+    without a direct term does not get one.
 
-    "first": inputs linear over the step. `x[k+1] = Ad x[k] + B0 u[k] + B1 u[k+1]` becomes a proper state
-    space in the state `xi = x - B1 u`:
+    "first": Inputs are linear over the step. `x[k+1] = Ad x[k] + B0 u[k] + B1 u[k+1]` becomes a proper state
+    space with the state `xi = x - B1 u`:
 
         xi[k+1] = Ad xi[k] + (B0 + Ad B1) u[k],    y[k] = C xi[k] + (D + C B1) u[k]
 
-    The new direct term is no property of the vehicle: it says that an input which is linear up to the sample
-    has acted by then. With a shock it makes an algebraic loop; coupled runs keep the continuous model.
+    The new direct term is not a property of the vehicle: it is the effect, at the sample, of an input that is linear
+    up to the sample. With a shock it gives an algebraic loop; coupled runs use the continuous model.
 
     Args:
-        model: A continuous model.
+        model: Continuous model.
         step: Sample time [s].
-        hold: What the inputs do between samples.
+        hold: Input values between samples: "zero" (held) or "first" (linear).
 
     Returns:
-        The discrete model, same channels, `dt` set.
+        Discrete model with the same channels.
 
     Raises:
-        ParameterError: The model is discrete already, or the step or the hold cannot be used.
+        ParameterError: The model is already discrete, or the step or the hold is invalid.
     """
     if model.dt is not None:
-        raise ParameterError(f"{model.name}: the model is discrete already (dt = {model.dt:g} s)")
+        raise ParameterError(f"{model.name}: the model is already discrete (dt = {model.dt:g} s)")
     try:
         Ad, B0, B1 = kernel.discretise(model.A, model.B, step)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Identified vehicles in JSON files: matrices, channels, baseline damping, where they came from."""
+"""JSON files of identified vehicles: matrices, channels, baseline damping and sources."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eightpost.vehicle.parameters import check_schema
 from eightpost.vehicle.statespace import Channel, StateSpace
 from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle
 
-#: The newest layout of these files that is understood.
+#: Newest schema of these files that can be read.
 SCHEMA = 1
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
@@ -27,8 +27,8 @@ def read_json(path: str | Path) -> IdentifiedVehicle:
     """Read an identified vehicle.
 
     Raises:
-        FileFormatError: No such file, no JSON, or a layout that is not understood.
-        ParameterError: The model does not fit together.
+        FileFormatError: The file does not exist, is not JSON, or has an unsupported schema.
+        ParameterError: The model is not consistent.
         UnknownUnitError: A channel's unit is not SI.
     """
     path = Path(path)
@@ -36,15 +36,15 @@ def read_json(path: str | Path) -> IdentifiedVehicle:
 
 
 def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
-    """Return the vehicle that a document describes, as `document` makes one.
+    """Return the vehicle of a document that `document` made.
 
     Args:
-        path: Where it was read, for messages.
-        content: The document.
+        path: Path of the file, for messages.
+        content: Document.
 
     Raises:
-        FileFormatError: A layout that is not understood.
-        ParameterError: The model does not fit together.
+        FileFormatError: The schema is not supported.
+        ParameterError: The model is not consistent.
         UnknownUnitError: A channel's unit is not SI.
     """
     check_schema(path, content, SCHEMA)
@@ -54,17 +54,18 @@ def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     except MALFORMED as error:
-        raise FileFormatError(f"does not hold a vehicle as this version writes it ({error})", path=path) from error
+        what = f"does not contain a vehicle in the format of this version ({error})"
+        raise FileFormatError(what, path=path) from error
 
 
 def write_json(path: str | Path, vehicle: IdentifiedVehicle) -> None:
-    """Write an identified vehicle so that reading gives the same numbers to the last bit."""
+    """Write an identified vehicle; numbers that are read back are bitwise equal."""
     with atomic_path(path) as temporary:
         temporary.write_text(_rows_on_lines(document(vehicle)), encoding="utf-8")
 
 
 def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
-    """Return what a file of the vehicle says: texts, numbers, lists and tables of them."""
+    """Return the content of a vehicle file: texts, numbers, lists and tables."""
     model = vehicle.state_space
     return {
         "schema": SCHEMA,
@@ -86,13 +87,13 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
 
 
 def _friction(vehicle: IdentifiedVehicle) -> dict[str, Any]:
-    """Return the entry of the friction, none where there is none: a version before it reads such a file too."""
+    """Return the entry of the friction; empty without friction, so that older versions can read the file."""
     entries = {port: {"force": law.force, "velocity": law.velocity} for port, law in vehicle.friction.items()}
     return {"friction": entries} if entries else {}
 
 
 def _rows_on_lines(content: dict[str, Any]) -> str:
-    """Write JSON with one matrix row or channel per line, so that two files can be compared by eye."""
+    """Return JSON with one matrix row or channel per line, which makes files easy to compare."""
     entries = []
     for key, value in content.items():
         if isinstance(value, list) and value:
@@ -118,7 +119,7 @@ def _check_keys(path: Path, content: dict[str, Any]) -> None:
             raise ParameterError(f"{path}: {key!r} is missing; a vehicle needs {', '.join(_NEEDED)}")
     for key in content:
         if key not in (*_NEEDED, *_OPTIONAL, "model_name"):
-            raise ParameterError(f"{path}: unknown key {key!r}; known are {', '.join((*_NEEDED, *_OPTIONAL))}")
+            raise ParameterError(f"{path}: unknown key {key!r}; the known keys are {', '.join((*_NEEDED, *_OPTIONAL))}")
 
 
 def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
@@ -149,6 +150,6 @@ def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
 
 
 def _matrix(rows: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the rows as they are, except that an empty list is any matrix without entries."""
+    """Return the rows as a matrix; an empty list gives an empty matrix of the given shape."""
     matrix = np.asarray(rows, dtype=np.float64)
     return np.zeros(shape) if matrix.size == 0 and 0 in shape else matrix

@@ -1,11 +1,11 @@
-"""Suspension friction at the ports of a linear vehicle, stepped with it.
+"""Suspension friction at the ports of a linear vehicle, integrated together with the vehicle.
 
-The friction force at a port is `F_c tanh(v / v_f)`: F_c the Coulomb force, v the shock velocity, v_f the velocity over
-which it is smoothed. It is positive in compression and adds to the port's shock force, in the states and in the
-direct terms. It creeps instead of sticking: under a constant load below F_c the port moves at less than
+The friction force at a port is `F_c tanh(v / v_f)` with the Coulomb force F_c, the shock velocity v and the smoothing
+velocity v_f. It is positive in compression and is added to the port's shock force, in the states and in the direct
+terms. The port creeps instead of sticking: under a constant load below F_c it moves at less than
 `v_f atanh(load / F_c)`.
 
-The python FMU of a vehicle ships this very file, so it imports numpy only.
+The python FMU of a vehicle contains this file, so it imports numpy only.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A sub-step is at most this share of the friction's fastest time constant.
+#: Largest sub-step, as a fraction of the friction's fastest time constant.
 SUB_STEP_SHARE = 0.0625
 
-#: Sub-steps that one step may take.
+#: Maximum number of sub-steps in one step.
 MOST_SUB_STEPS = 100_000
 
 
 class Ports(NamedTuple):
-    """Where friction acts on a linear model with m inputs and n states: P ports."""
+    """Ports at which friction acts on a linear model with m inputs and n states: P ports."""
 
     velocity: Array
     """Rows of C that give the shock velocities (P, n)."""
     selector: Array
-    """E (m, P): which input a port's force is."""
+    """Matrix E (m, P) that selects the force input of each port."""
     mobility: Array
-    """|C_v B_f| (P,) [1/kg]: what a unit force at the port accelerates it by, at once."""
+    """|C_v B_f| (P,) [1/kg]: immediate acceleration of a port per unit force at the port."""
 
 
 def ports_of(stepper: LinearStepper, forces: Sequence[int], velocities: Sequence[int]) -> Ports:
-    """Return the ports of a model whose force inputs and velocity outputs stand at these positions, in port order.
+    """Return the ports of a model, from the positions of their force inputs and velocity outputs, in port order.
 
-    A velocity is taken from the states alone; it must have no direct term.
+    A velocity is computed from the states alone; it must have no direct term.
     """
     rows = stepper.C[list(velocities)]
     columns = stepper.B[:, list(forces)]
@@ -60,12 +60,12 @@ class PortFriction:
     """Friction at the ports of a vehicle.
 
     Attributes:
-        ports: Where it acts, P ports.
-        force: F_c (P,) [N], not below zero; where it is zero there is no friction.
-        width: v_f (P,) [m/s], above zero.
+        ports: Ports at which the friction acts (P).
+        force: Coulomb force F_c (P,) [N], not below zero; a port with zero has no friction.
+        width: Smoothing velocity v_f (P,) [m/s], above zero.
 
     Raises:
-        ValueError: A value is not finite or outside its range; the message says which port.
+        ValueError: A value is not finite or outside its range; the message gives the port.
     """
 
     ports: Ports
@@ -84,31 +84,31 @@ class PortFriction:
 
     @property
     def rate(self) -> float:
-        """The sum over the ports of `F_c / v_f` times the mobility [1/s].
+        """Sum over the ports of `F_c / v_f` times the mobility [1/s].
 
-        On a car of masses it is at least the fastest rate at which friction alone settles the ports: those rates
-        are the eigenvalues of a matrix similar to a symmetric one without negative eigenvalues, and the rate is
-        its trace.
+        For a car that consists of masses it is an upper bound of the rates at which friction alone decelerates the
+        ports. These rates are the eigenvalues of a matrix that is similar to a positive semidefinite one, and the sum
+        is the trace of that matrix.
         """
         return float(np.sum(self.force / self.width * self.ports.mobility))
 
     def sub_steps(self, h: float) -> int:
-        """Return in how many equal parts a step of `h` seconds is taken.
+        """Return the number of equal sub-steps of a step of `h` seconds.
 
         Raises:
-            ValueError: More than `MOST_SUB_STEPS`.
+            ValueError: The number exceeds `MOST_SUB_STEPS`.
         """
         count = h * self.rate / SUB_STEP_SHARE
         if not count <= MOST_SUB_STEPS:
             raise ValueError(
-                f"the friction is too stiff for a step of {h:g} s: it settles at {self.rate:.3g} 1/s, which takes "
-                f"{count:.3g} sub-steps, more than {MOST_SUB_STEPS}; take a smaller step, less friction_force or a "
+                f"the friction is too stiff for a step of {h:g} s: it settles at {self.rate:.3g} 1/s, which needs "
+                f"{count:.3g} sub-steps, more than {MOST_SUB_STEPS}; use a smaller step, less friction_force or a "
                 "larger friction_velocity"
             )
         return max(1, ceil(count))
 
     def inputs(self, x: Array) -> Array:
-        """Return what friction adds to the inputs (m,) in state `x` (n,)."""
+        """Return the friction forces, as an addition to the inputs (m,), in state `x` (n,)."""
         return np.asarray(self.ports.selector @ (self.force * np.tanh(self.ports.velocity @ x / self.width)))
 
 
@@ -119,17 +119,17 @@ def _refuse(values: Array, wrong: NDArray[np.bool_], name: str, range_: str) -> 
 
 
 def advance(stepper: LinearStepper, friction: PortFriction, x: Array, u0: Array, u1: Array, h: float) -> Array:
-    """Return the state `h` seconds on, for inputs that go linearly from `u0` to `u1`, with friction at the ports.
+    """Return the state after `h` seconds for inputs that change linearly from `u0` to `u1`, with friction at the ports.
 
-    The step is cut into equal sub-steps of at most `SUB_STEP_SHARE / rate`. Over each, friction goes linearly from
-    its value f0 at the start to its value f1 at a predicted end, and the linear model is solved exactly under it:
+    The step is divided into equal sub-steps of at most `SUB_STEP_SHARE / rate`. Over each, friction changes linearly
+    from its value f0 at the start to its value f1 at a predicted end, and the linear model is solved exactly:
 
         a = Ad x + B0 (u0 + f0) + B1 (u1 + f0),   x+ = Ad x + B0 (u0 + f0) + B1 (u1 + f1),   f1 = f(a)
 
-    This is of second order in the sub-step. Without friction it is the plain step, bit for bit.
+    The method has second order in the sub-step. Without friction it is bitwise equal to the step of the linear model.
 
     Args:
-        stepper: The linear model.
+        stepper: Linear model.
         friction: Friction at its ports.
         x: State (n,) at t.
         u0: Inputs (m,) at t, without friction.
@@ -162,5 +162,5 @@ def _sub_step(stepper: LinearStepper, friction: PortFriction, x: Array, u0: Arra
 
 
 def output(stepper: LinearStepper, friction: PortFriction, x: Array, u: Array) -> Array:
-    """Return the outputs (p,) in state `x` (n,) under inputs `u` (m,) and friction: `y = C x + D (u + f(x))`."""
+    """Return the outputs (p,) for state `x` (n,), inputs `u` (m,) and friction: `y = C x + D (u + f(x))`."""
     return stepper.output(x, u + friction.inputs(x) if friction.acts else u)

@@ -1,6 +1,6 @@
-"""Stepping a linear model exactly: `x' = A x + B u`, `y = C x + D u`.
+"""Exact time stepping of a linear model `x' = A x + B u`, `y = C x + D u`.
 
-The python FMU of a vehicle ships this very file, so it imports numpy and scipy.linalg only.
+The python FMU of a vehicle contains this file, so it imports numpy and scipy.linalg only.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Discretisations that a stepper keeps. A master that adds up its time makes steps that differ by a rounding
-#: error, so one nominal step needs several places.
+#: Number of discretisations that a stepper caches. A master that accumulates its time makes steps that differ by
+#: rounding errors, so one nominal step needs several entries.
 CACHE_SIZE = 32
 
-#: A smallest singular value below this many roundings of the largest counts as zero.
+#: Smallest singular value, relative to the largest and to the number of states, that does not count as zero.
 _SINGULAR = 100.0 * float(np.finfo(np.float64).eps)
 
 
 class Discrete(NamedTuple):
-    """One exact step: `x(t+h) = Ad x(t) + B0 u(t) + B1 u(t+h)` for inputs that are linear over the step.
+    """Matrices of one exact step: `x(t+h) = Ad x(t) + B0 u(t) + B1 u(t+h)` for inputs that are linear over the step.
 
     Inputs that are held over the step have `u(t+h) = u(t)`: `x(t+h) = Ad x(t) + (B0 + B1) u(t)`.
     """
@@ -38,22 +38,22 @@ class Discrete(NamedTuple):
 def discretise(A: Array, B: Array, step: float) -> Discrete:
     """Discretise `x' = A x + B u` exactly for inputs that are linear over the step.
 
-    With `Z = [[A, B, 0], [0, 0, I/h], [0, 0, 0]]` the top row of `exp(Z h)` is `[Ad, G1, G2]`: `G1` is the
-    response to a unit held over the step, `G2` to a ramp from 0 to 1, hence `B0 = G1 - G2` and `B1 = G2`.
-    Nothing is inverted, so `A` may be singular.
+    With `Z = [[A, B, 0], [0, 0, I/h], [0, 0, 0]]` the top row of `exp(Z h)` is `[Ad, G1, G2]`. `G1` is the
+    response to a constant 1 over the step and `G2` that to a ramp from 0 to 1, so `B0 = G1 - G2` and `B1 = G2`.
+    No matrix is inverted, so `A` may be singular.
 
     Args:
         A: State matrix (n, n) [1/s].
         B: Input matrix (n, m).
-        step: h [s], above zero.
+        step: Step h [s], above zero.
 
     Returns:
-        The matrices of one step.
+        Matrices of one step.
 
     Raises:
         ValueError: The step is not a finite number above zero.
 
-    Valid for any step at which `exp(A h)` itself is a number; tested from 1e-7 to 0.05 s.
+    The result is valid for any step at which `exp(A h)` is finite; tested from 1e-7 to 0.05 s.
     Source: C. Van Loan, "Computing integrals involving the matrix exponential", IEEE TAC 23 (1978) 395-404,
     doi 10.1109/TAC.1978.1101743.
     """
@@ -71,9 +71,9 @@ def discretise(A: Array, B: Array, step: float) -> Discrete:
 
 
 def _input_scale(A: Array, B: Array) -> Array:
-    """Return powers of two that bring the columns of `B` down to the size of `A`, without any rounding.
+    """Return powers of two that scale the columns of `B` to the size of `A`, without rounding errors.
 
-    A large `B` alone would make the exponential scale and square more often than `A` needs.
+    Without them, a large `B` would cause more scaling and squaring in the exponential than `A` needs.
     """
     ratio = np.abs(B).max(axis=0, initial=0.0) / max(1.0, float(np.abs(A).max(initial=0.0)))
     exponents = np.ceil(np.log2(np.maximum(ratio, 1.0)))
@@ -81,12 +81,12 @@ def _input_scale(A: Array, B: Array) -> Array:
 
 
 def balance(A: Array) -> tuple[Array, Array]:
-    """Return `S^-1 A S` with rows and columns of like size, and the diagonal of S (n,), powers of two.
+    """Return `S^-1 A S` with rows and columns of similar size, and the diagonal of S (n,), powers of two.
 
-    Entries below 1e-40 of the largest do not count: they would drive the scaling to its limits.
+    Entries below 1e-40 of the largest are ignored, because they would drive the scaling to its limits.
     """
     counted = np.where(np.abs(A) < 1e-40 * np.abs(A).max(initial=0.0), 0.0, A)
-    with np.errstate(invalid="ignore"):  # scipy casts the scaling to integers on its way
+    with np.errstate(invalid="ignore"):  # scipy converts the scaling to integers
         _, (scaling, _) = matrix_balance(counted, permute=False, separate=True)
     return np.asarray(A * scaling / scaling[:, None]), np.asarray(scaling)
 
@@ -100,10 +100,10 @@ def equilibrium(A: Array, B: Array, u: Array) -> Array:
         u: Inputs (m,) or several sets of them (m, k).
 
     Returns:
-        The states (n,) or (n, k).
+        States (n,) or (n, k).
 
     Raises:
-        ValueError: `A` is singular to working precision: no steady state, or many.
+        ValueError: `A` is singular to working precision, so that there is no steady state, or many.
     """
     if A.shape[0] == 0:
         return np.zeros((0, *u.shape[1:]))
@@ -113,7 +113,7 @@ def equilibrium(A: Array, B: Array, u: Array) -> Array:
         raise ValueError(
             f"no unique steady state: the state matrix is singular (its smallest singular value is "
             f"{singular[-1]:.3g}, its largest {singular[0]:.3g}), so a part of the model is free to drift; "
-            "hold that part (a stiffness that is zero?) or start from given states"
+            "constrain that part (is a stiffness zero?) or start from given states"
         )
     load = ((B @ u).T / scaling).T
     solution = right.T @ ((left.T @ load).T / singular).T
@@ -121,18 +121,18 @@ def equilibrium(A: Array, B: Array, u: Array) -> Array:
 
 
 class LinearStepper:
-    """A linear model `x' = A x + B u`, `y = C x + D u` that steps exactly by any step.
+    """Linear model `x' = A x + B u`, `y = C x + D u` with exact steps of any size.
 
-    The caller keeps the state, so saving and restoring it is saving and restoring one array.
+    The caller stores the state, so saving and restoring it means saving and restoring one array.
     """
 
     def __init__(self, A: Array, B: Array, C: Array, D: Array) -> None:
-        """Take the matrices (n, n), (n, m), (p, n), (p, m); they are not copied."""
+        """Store the matrices (n, n), (n, m), (p, n), (p, m); they are not copied."""
         self.A, self.B, self.C, self.D = A, B, C, D
         self._steps: OrderedDict[float, Discrete] = OrderedDict()
 
     def discrete(self, h: float) -> Discrete:
-        """Return the matrices of one step of `h` seconds, from the cache where they are there."""
+        """Return the matrices of one step of `h` seconds, from the cache if possible."""
         known = self._steps.get(h)
         if known is not None:
             self._steps.move_to_end(h)
@@ -144,12 +144,12 @@ class LinearStepper:
         return new
 
     def advance(self, x: Array, u0: Array, u1: Array, h: float) -> Array:
-        """Return the state `h` seconds on, exact for inputs that go linearly from `u0` to `u1`.
+        """Return the exact state after `h` seconds for inputs that change linearly from `u0` to `u1`.
 
         Args:
             x: State (n,) at t.
             u0: Inputs (m,) at t.
-            u1: Inputs (m,) at t + h; the same as `u0` where they are held.
+            u1: Inputs (m,) at t + h; equal to `u0` if they are held.
             h: Step [s], above zero.
 
         Returns:
@@ -162,13 +162,13 @@ class LinearStepper:
         return np.asarray(Ad @ x + B0 @ u0 + B1 @ u1, dtype=np.float64)
 
     def output(self, x: Array, u: Array) -> Array:
-        """Return the outputs (p,) in state `x` (n,) under inputs `u` (m,)."""
+        """Return the outputs (p,) for state `x` (n,) and inputs `u` (m,)."""
         return np.asarray(self.C @ x + self.D @ u, dtype=np.float64)
 
     def equilibrium(self, u: Array) -> Array:
         """Return the steady state (n,) of constant inputs `u` (m,).
 
         Raises:
-            ValueError: There is none, or more than one.
+            ValueError: There is no steady state, or more than one.
         """
         return equilibrium(self.A, self.B, u)

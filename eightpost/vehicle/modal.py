@@ -1,7 +1,7 @@
-"""The modal form of a linear model: one complex number per pair of eigenvalues, one real number per real eigenvalue.
+"""Modal form of a linear model: one complex state per pair of eigenvalues, one real state per real eigenvalue.
 
-Each mode is a scalar equation of its own, so a step of any size is closed exponentials only: no matrix exponential is
-needed. The native FMU of a vehicle is written from this form.
+Each mode is an independent scalar equation, so a step of any size needs scalar exponentials only and no matrix
+exponential. The native FMU of a vehicle is written from this form.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: A modal form that cannot promise outputs to this part of their size is refused.
+#: Relative accuracy of outputs that a modal form must reach; otherwise it is rejected.
 ACCURACY = 1e-10
 
-#: Eigenvectors of a larger condition are refused: the sum over the modes loses up to twice as many roundings to
-#: cancellation (measured: 1.9 times over random models whose eigenvalues were brought together).
+#: Largest condition number of the eigenvectors. The rounding error of the sum over the modes is up to twice this number
+#: (measured: 1.9 times, on random models with nearly equal eigenvalues).
 WORST_CONDITION = ACCURACY / (2.0 * float(np.finfo(np.float64).eps))
 
 _SERIES_TERMS = 18
@@ -38,13 +38,13 @@ _TIE = 1.0 - 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalForm:
-    """A linear model as modes, each with a complex state z_k and `lambda_k = sigma_k + i omega_k`.
+    """Linear model in modal form, with a complex state z_k and `lambda_k = sigma_k + i omega_k` per mode.
 
         z_k' = lambda_k z_k + (B_re_k + i B_im_k) u
         y = sum_k (C_re_k Re z_k + C_im_k Im z_k) + D u
 
-    The pairs come first, then the real modes (omega = 0, B_im = 0, C_im = 0, so that z stays real); each group goes
-    from the smallest |lambda| up. The sizes of the largest entries of B and C are alike in each mode.
+    The pairs come first, then the real modes (omega = 0, B_im = 0, C_im = 0, so that z is real). Each group is in
+    increasing order of |lambda|. In each mode the largest entries of B and C have about the same size.
 
     Attributes:
         sigma: Real parts (K,) [1/s].
@@ -54,9 +54,9 @@ class ModalForm:
         C_re: Outputs per Re z (p, K).
         C_im: Outputs per Im z (p, K).
         D: Direct terms (p, m).
-        steady: Whether constant inputs have a unique steady state, as `kernel.equilibrium` judges it.
+        steady: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
         condition: Condition number of the eigenvectors of the balanced state matrix, each of length 1.
-        residual: `|V Lambda V^-1 - A| / |A|` of the balanced state matrix (Frobenius): what the form lost.
+        residual: Relative error `|V Lambda V^-1 - A| / |A|` of the balanced state matrix (Frobenius norm).
     """
 
     sigma: Array
@@ -71,7 +71,7 @@ class ModalForm:
     residual: float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
+        """Make the arrays read-only."""
         for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D"):
             array = np.array(getattr(self, name), dtype=np.float64, order="C") + 0.0  # no negative zeros
             array.setflags(write=False)
@@ -79,23 +79,23 @@ class ModalForm:
 
     @property
     def pairs(self) -> int:
-        """The number of modes that are pairs of eigenvalues; they come first."""
+        """Number of modes that are pairs of eigenvalues; they come first."""
         return int(np.count_nonzero(self.omega))
 
     @property
     def eigenvalues(self) -> Complex:
-        """One eigenvalue per mode (K,) [1/s], of a pair the upper one."""
+        """Eigenvalues, one per mode (K,) [1/s]; for a pair the one with positive imaginary part."""
         return np.asarray(self.sigma + 1j * self.omega)
 
     def output(self, z: Complex, u: Array) -> Array:
-        """Return the outputs (p,) in state `z` (K,) under inputs `u` (m,)."""
+        """Return the outputs (p,) for state `z` (K,) and inputs `u` (m,)."""
         return np.asarray(self.C_re @ z.real + self.C_im @ z.imag + self.D @ u)
 
     def steady_state(self, u: Array) -> Complex:
-        """Return the state `z = -b u / lambda` (K,) in which constant inputs `u` (m,) hold the model.
+        """Return the steady state `z = -b u / lambda` (K,) for constant inputs `u` (m,).
 
         Raises:
-            ParameterError: There is none, or more than one.
+            ParameterError: There is no steady state, or more than one.
         """
         if not self.steady:
             raise ParameterError("no unique steady state: a part of the model is free to drift; start from z = 0")
@@ -103,15 +103,15 @@ class ModalForm:
 
 
 def modal_form(model: StateSpace) -> ModalForm:
-    """Return the modal form of a continuous model; nothing is dropped, and the same model gives the same bytes.
+    """Return the complete modal form of a continuous model; equal models give bitwise equal results.
 
-    Parts of the model that do not act on each other are taken apart first, so that they stay apart to the last bit
-    and may share eigenvalues. Each part is balanced, `A V = V Lambda` gives its modes, and `V^-1 B`, `C V` its inputs
-    and outputs. The phase of an eigenvector is that at which its largest entry is real and positive.
+    Parts of the model that do not act on each other are separated first, so that they remain exactly uncoupled and may
+    have equal eigenvalues. Each part is balanced, `A V = V Lambda` gives its modes, and `V^-1 B`, `C V` its inputs
+    and outputs. The phase of an eigenvector is chosen so that its largest entry is real and positive.
 
     Raises:
         ParameterError: The model is discrete, or eigenvalues (nearly) coincide and share an eigenvector, so that
-            outputs would not be accurate to `ACCURACY`; the message names them.
+            outputs would not have the accuracy `ACCURACY`.
 
     Source: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., 2013, chapter 7 (diagonal form, condition of
     eigenvectors, balancing).
@@ -130,7 +130,7 @@ def modal_form(model: StateSpace) -> ModalForm:
 
 @dataclass(frozen=True, slots=True)
 class _Mode:
-    """One mode, scaled: `z' = eigenvalue z + b u`, and its share of the outputs `Re(c z)`."""
+    """Scaled mode: `z' = eigenvalue z + b u`, with the contribution `Re(c z)` to the outputs."""
 
     eigenvalue: complex
     b: Complex
@@ -139,7 +139,7 @@ class _Mode:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The states of one separate part of a model: eigenvalues, and eigenvectors of the balanced state matrix."""
+    """Uncoupled part of a model: its states, and eigenvalues and eigenvectors of its balanced state matrix."""
 
     states: NDArray[np.intp]
     scaling: Array
@@ -150,7 +150,7 @@ class _Part:
 
 
 def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
-    """Return the states of each part of the model that acts on no other part, each in rising order."""
+    """Return the states of each uncoupled part of the model, in increasing order."""
     if not len(A):
         return []
     count, label = connected_components(A != 0.0, directed=False)
@@ -171,13 +171,13 @@ def _diagonalise(model: StateSpace, states: NDArray[np.intp]) -> _Part:
 
 
 def _why_defective(name: str, eigenvalues: Complex, vectors: Complex, condition: float) -> str:
-    likeness = np.triu(np.abs(vectors.conj().T @ vectors), 1)
-    first, second = (int(k) for k in np.unravel_index(int(np.argmax(likeness)), likeness.shape))
+    similarity = np.triu(np.abs(vectors.conj().T @ vectors), 1)
+    first, second = (int(k) for k in np.unravel_index(int(np.argmax(similarity)), similarity.shape))
     return (
         f"{name}: the eigenvalues {_text(eigenvalues[first])} and {_text(eigenvalues[second])} 1/s nearly coincide and "
-        f"share an eigenvector (condition {condition:.2g}, above {WORST_CONDITION:.2g}), so the model cannot be "
-        f"written as modes to {ACCURACY:g}; build it with --target python, which needs no modes, or move a parameter "
-        "a little"
+        f"share an eigenvector (condition {condition:.2g}, above {WORST_CONDITION:.2g}), so the model has no modal "
+        f"form with an accuracy of {ACCURACY:g}; build it with --target python, which needs no modes, or change a "
+        "parameter slightly"
     )
 
 
@@ -186,7 +186,7 @@ def _text(value: complex) -> str:
 
 
 def _part_modes(model: StateSpace, part: _Part) -> list[_Mode]:
-    """Return the modes of one part: of a pair the upper eigenvalue, whose share of the outputs is `Re(2 C v z)`."""
+    """Return the modes of one part; a pair has its upper eigenvalue, which contributes `Re(2 C v z)` to the outputs."""
     upper = part.eigenvalues.imag >= 0.0
     vectors = _phased(part.vectors[:, upper])
     pair = part.eigenvalues[upper].imag > 0.0
@@ -197,7 +197,7 @@ def _part_modes(model: StateSpace, part: _Part) -> list[_Mode]:
 
 
 def _phased(vectors: Complex) -> Complex:
-    """Turn each eigenvector (n, K) so that its largest entry is real and positive; of equals, the first one."""
+    """Rotate each eigenvector (n, K) so that its largest entry is real and positive; in a tie, the first of them."""
     sizes = np.abs(vectors)
     chosen = np.argmax(sizes >= _TIE * sizes.max(axis=0), axis=0)
     leading = np.take_along_axis(vectors, chosen[None, :], axis=0)
@@ -205,7 +205,7 @@ def _phased(vectors: Complex) -> Complex:
 
 
 def _modal_inputs(vectors: Complex, pair: NDArray[np.bool_], B: Array) -> Complex:
-    """Return `V^-1 B` (K, m), solved in real numbers: x = sum of 2 Re v Re z - 2 Im v Im z over the pairs, v z else."""
+    """Return `V^-1 B` (K, m) with real arithmetic; a pair adds 2 Re v Re z - 2 Im v Im z to x, a real mode adds v z."""
     basis = np.concatenate([np.where(pair, 2.0, 1.0) * vectors.real, -2.0 * vectors.imag[:, pair]], axis=1)
     solved = np.linalg.solve(basis, B)
     modal = solved[: len(pair)].astype(np.complex128)
@@ -214,7 +214,7 @@ def _modal_inputs(vectors: Complex, pair: NDArray[np.bool_], B: Array) -> Comple
 
 
 def _scaled(eigenvalue: complex, b: Complex, c: Complex) -> _Mode:
-    """Scale z by a power of two such that the largest entries of b and c are of like size."""
+    """Scale z by a power of two so that the largest entries of b and c have about the same size."""
     largest_b, largest_c = float(np.abs(b).max(initial=0.0)), float(np.abs(c).max(initial=0.0))
     if largest_b == 0.0 or largest_c == 0.0:
         return _Mode(eigenvalue, b, c)
@@ -249,13 +249,13 @@ def _has_steady_state(model: StateSpace) -> bool:
 
 
 def advance(form: ModalForm, z: Complex, u0: Array, u1: Array, h: float) -> Complex:
-    """Return the state `h` seconds on, exact for inputs that go linearly from `u0` to `u1`.
+    """Return the exact state after `h` seconds for inputs that change linearly from `u0` to `u1`.
 
         z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
         phi1(x) = (e^x - 1) / x,   phi2(x) = (phi1(x) - 1) / x
 
     Args:
-        form: The model.
+        form: Model in modal form.
         z: State (K,) at t.
         u0: Inputs (m,) at t.
         u1: Inputs (m,) at t + h.
@@ -270,7 +270,7 @@ def advance(form: ModalForm, z: Complex, u0: Array, u1: Array, h: float) -> Comp
 
 
 def exponential_functions(x: Complex) -> tuple[Complex, Complex, Complex]:
-    """Return e^x, phi1(x) and phi2(x), each (K,), to rounding for any x: by the series of phi2 where |x| <= 1."""
+    """Return e^x, phi1(x) and phi2(x), each (K,), to machine precision; for |x| <= 1 by the series of phi2."""
     near = np.abs(x) <= 1.0
     e, phi1, phi2 = _by_series(np.where(near, x, 0.0))
     far = np.where(near, 1.0, x)

@@ -1,4 +1,4 @@
-"""Vehicle parameters in TOML files that a person writes: `track_width = "70 in"`."""
+"""TOML files with vehicle parameters, written by hand: `track_width = "70 in"`."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.vehicles import StructuralVehicle
 
-#: The newest layout of these files that is understood.
+#: Newest schema of these files that can be read.
 SCHEMA = 1
 
 MODELS: dict[str, type[QuarterCar] | type[SevenDof]] = {"quarter_car": QuarterCar, "seven_dof": SevenDof}
 _TOP_LEVEL = ("schema", "model", "name", "notes", "tool", "parameters", "static")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _AXLES = {"front": ("lf", "rf"), "rear": ("lr", "rr")}
-# Where the static values of each model are: (key of [static], unit, places).
+# Static values of each model: key of [static], unit and places.
 _STATIC: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
     "quarter_car": {"tire_force": ("N", ("",)), "ride_height": ("m", ("",))},
     "seven_dof": {"tire_force": ("N", CORNERS), "ride_height": ("m", ("front", "rear"))},
@@ -35,22 +35,22 @@ _STATIC: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
 def read_toml(path: str | Path) -> StructuralVehicle:
     """Read a vehicle's parameters.
 
-    Every value is a number with its unit in quotes. A value per corner is one for all (`"2000 lbf/in"`), per
-    axle (`{ front = "1280 lbf/in", rear = "588 lbf/in" }`) or per corner (`{ lf = ..., rf = ..., lr = ...,
-    rr = ... }`). A mass may be given as a weight instead: `sprung_weight = "675 lbf"`.
+    Every value is a number with its unit in quotes. A corner parameter has one value for all corners
+    (`"2000 lbf/in"`), one per axle (`{ front = "1280 lbf/in", rear = "588 lbf/in" }`) or one per corner
+    (`{ lf = ..., rf = ..., lr = ..., rr = ... }`). A mass may be given as a weight: `sprung_weight = "675 lbf"`.
 
     Raises:
-        FileFormatError: No such file, no TOML, or a layout that is not understood.
+        FileFormatError: The file does not exist, is not TOML, or has an unsupported schema.
         ParameterError: A key is unknown or missing, or a value is outside its range.
-        UnknownUnitError: A unit is not known or of another dimension.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
     """
     path = Path(path)
     content = toml_content(path)
     check_schema(path, content, SCHEMA)
     model = content.get("model")
     if not isinstance(model, str) or model not in MODELS:
-        raise ParameterError(f"{path}, model: is {model!r}; choose one of {', '.join(MODELS)}")
-    _refuse_unknown(path, "key", content, _TOP_LEVEL)
+        raise ParameterError(f"{path}: model is {model!r}; choose one of {', '.join(MODELS)}")
+    _check_known(path, "key", content, _TOP_LEVEL)
     values = _read_parameters(path, MODELS[model], _table(path, content, "parameters"))
     try:
         return StructuralVehicle(
@@ -63,7 +63,7 @@ def read_toml(path: str | Path) -> StructuralVehicle:
 
 
 def write_toml(path: str | Path, vehicle: StructuralVehicle) -> None:
-    """Write a vehicle's parameters, in SI, so that reading gives the same numbers to the last bit."""
+    """Write a vehicle's parameters in SI; numbers that are read back are bitwise equal."""
     lines = [
         f"schema = {SCHEMA}",
         f"tool = {_quoted(f'eightpost {eightpost.__version__}')}",
@@ -82,15 +82,18 @@ def write_toml(path: str | Path, vehicle: StructuralVehicle) -> None:
 
 
 def check_schema(path: Path, content: dict[str, Any], newest: int) -> None:
-    """Refuse a file without a layout number, or with one that is newer than `newest`."""
+    """Check that the schema number of a file exists and is not newer than `newest`.
+
+    Raises:
+        FileFormatError: The schema number is missing, invalid or newer.
+    """
     schema = content.get("schema")
     if type(schema) is not int or schema < 1:
-        raise FileFormatError(f"schema is {schema!r}; a vehicle file begins with: schema = {newest}", path=path)
+        raise FileFormatError(f"schema is {schema!r}; a vehicle file needs: schema = {newest}", path=path)
     if schema > newest:
         raise FileFormatError(
-            f"schema is {schema}, and this eightpost {eightpost.__version__} reads up to {newest}: a "
-            "newer version wrote "
-            "the file; update eightpost to read it",
+            f"schema is {schema}, but this eightpost {eightpost.__version__} reads up to {newest}: a newer version "
+            "wrote the file; update eightpost to read it",
             path=path,
         )
 
@@ -98,20 +101,20 @@ def check_schema(path: Path, content: dict[str, Any], newest: int) -> None:
 def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:
     table = content.get(key, {})
     if not isinstance(table, dict):
-        raise ParameterError(f"{path}, {key}: is {table!r}; it must be a table: [{key}]")
+        raise ParameterError(f"{path}: {key} is {table!r}; it must be a table: [{key}]")
     return table
 
 
-def _refuse_unknown(path: Path, what: str, found: dict[str, Any], known: tuple[str, ...]) -> None:
-    for key in found:
+def _check_known(path: Path, what: str, table: dict[str, Any], known: tuple[str, ...]) -> None:
+    for key in table:
         if key not in known:
-            raise ParameterError(f"{path}: unknown {what} {key!r}; known are {', '.join(known)}")
+            raise ParameterError(f"{path}: unknown {what} {key!r}; the known ones are {', '.join(known)}")
 
 
 def _read_parameters(path: Path, kind: type[QuarterCar] | type[SevenDof], table: dict[str, Any]) -> dict[str, Any]:
     known = tuple(declared.name for declared in fields(kind))
     weights = tuple(_weight(name) for name in known if name.endswith("mass"))
-    _refuse_unknown(path, "parameter", table, known + weights)
+    _check_known(path, "parameter", table, known + weights)
     values = {}
     for declared in fields(kind):
         key = _key_of(path, declared, table)
@@ -125,7 +128,7 @@ def _weight(name: str) -> str:
 
 
 def _key_of(path: Path, declared: Field[Any], table: dict[str, Any]) -> str | None:
-    """Return the key under which a parameter stands, or None where its default holds."""
+    """Return the key of a parameter in the table, or None if its default applies."""
     name = declared.name
     candidates = (name, _weight(name)) if name.endswith("mass") else (name,)
     given = [key for key in candidates if key in table]
@@ -136,7 +139,7 @@ def _key_of(path: Path, declared: Field[Any], table: dict[str, Any]) -> str | No
     if declared.default is MISSING:
         unit = declared.metadata["unit"]
         raise ParameterError(
-            f'{path}, [parameters]: {" or ".join(candidates)} is missing; add for example {name} = "... {unit}"'
+            f'{path}, [parameters]: {" or ".join(candidates)} is missing; add it, e.g. {name} = "... {unit}"'
         )
     return None
 
@@ -154,7 +157,7 @@ def _read_value(path: Path, key: str, value: Any, declared: Field[Any]) -> float
 
 def _read_static(path: Path, model: str, table: dict[str, Any]) -> dict[str, float]:
     known = _STATIC[model]
-    _refuse_unknown(path, "static value", table, tuple(known))
+    _check_known(path, "static value", table, tuple(known))
     static = {}
     for key, value in table.items():
         unit, places = known[key]
@@ -164,14 +167,14 @@ def _read_static(path: Path, model: str, table: dict[str, Any]) -> dict[str, flo
 
 
 def _spread(where: str, value: Any, unit: str, places: tuple[str, ...]) -> dict[str, float]:
-    """Return one number per place from one for all, one per axle or one per place."""
+    """Return one number per place from one value for all, one per axle or one per place."""
     if not isinstance(value, dict):
         return dict.fromkeys(places, _quantity(where, value, unit))
     numbers = {}
     for group, text in value.items():
         for place in _AXLES.get(group, (group,)) if places == CORNERS else (group,):
             if place not in places or place in numbers:
-                raise ParameterError(f"{where}: {group!r} does not belong here; {_layouts(places)}")
+                raise ParameterError(f"{where}: {group!r} is not valid here; {_layouts(places)}")
             numbers[place] = _quantity(f"{where}.{group}", text, unit)
     missing = [place for place in places if place not in numbers]
     if missing:
@@ -187,19 +190,20 @@ def _layouts(places: tuple[str, ...]) -> str:
 
 
 def _quantity(where: str, value: Any, unit: str) -> float:
-    """Return `"70 in"` in `unit`."""
+    """Return the number of a text such as "70 in", converted to `unit`."""
     match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise ParameterError(f'{where}: is {value!r}; write a number with its unit in quotes, such as "1.5 {unit}"')
+        raise ParameterError(f'{where} is {value!r}; write a number with its unit in quotes, e.g. "1.5 {unit}"')
     number, given = float(match[1]), match[2]
     if not given:
-        raise ParameterError(f'{where}: {value!r} has no unit, and units are not guessed; write "{match[1]} {unit}"')
+        raise ParameterError(f'{where}: {value!r} has no unit; add it, e.g. "{match[1]} {unit}"')
     try:
         fits = compatible(given, unit)
     except UnknownUnitError as error:
         raise UnknownUnitError(f"{where}: {error}") from error
     if not fits:
-        raise UnknownUnitError(f"{where}: {value!r} has the wrong dimension; give it in {unit} or a unit of its kind")
+        what = f"{where}: {value!r} has the wrong dimension; give it in {unit} or a unit of the same dimension"
+        raise UnknownUnitError(what)
     return convert(number, given, unit)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of vehicles: fields that know their unit and their range, and values per corner."""
+"""Vehicle parameters: dataclass fields with unit and range, and values per corner."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CORNERS = ("lf", "rf", "lr", "rr")
 
 
 class Corners(NamedTuple):
-    """One value per corner."""
+    """Values per corner."""
 
     lf: float
     rf: float
@@ -26,22 +26,22 @@ class Corners(NamedTuple):
 
     @classmethod
     def same(cls, value: float) -> Corners:
-        """Give all four corners one value."""
+        """Return the same value for all four corners."""
         return cls(value, value, value, value)
 
     @classmethod
     def axles(cls, front: float, rear: float) -> Corners:
-        """Give both corners of an axle one value."""
+        """Return the same value for both corners of an axle."""
         return cls(front, front, rear, rear)
 
 
 def positive(unit: str, *, default: Any = MISSING) -> Any:
-    """Declare a parameter in `unit` that must lie above zero."""
+    """Declare a parameter in `unit` that must be above zero."""
     return field(default=default, metadata={"unit": unit, "above": 0.0})
 
 
 def not_negative(unit: str, *, default: Any = MISSING) -> Any:
-    """Declare a parameter in `unit` that must not lie below zero."""
+    """Declare a parameter in `unit` that must not be below zero."""
     return field(default=default, metadata={"unit": unit, "least": 0.0})
 
 
@@ -83,13 +83,14 @@ def check_static(static: Mapping[str, float], outputs: Sequence[str], where: str
     """Return a copy of a static state after checking that each value is finite and belongs to an output.
 
     Raises:
-        ParameterError: A value is not finite, or its output is not there or has no static part.
+        ParameterError: A value is not finite, or its output does not exist or has no static part.
     """
     with_static = [name for name in outputs if name.endswith(("tire_force", "ride_height"))]
     for name, value in static.items():
         if name not in with_static:
             raise ParameterError(
-                f"{where}: a static value is given for {name!r}; this model takes them for {', '.join(with_static)}"
+                f"{where}: a static value is given for {name!r}; this model has static values of "
+                f"{', '.join(with_static)}"
             )
         if not np.isfinite(value):
             raise ParameterError(f"{where}: the static {name} is {value}; give a finite number")

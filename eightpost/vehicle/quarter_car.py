@@ -18,11 +18,11 @@ class QuarterCar:
     """Parameters of the quarter car; stiffness and damping are wheel rates.
 
     Attributes:
-        sprung_mass: m_1 [kg].
-        unsprung_mass: m_2 [kg].
-        suspension_stiffness: k [N/m].
-        tire_stiffness: k_t [N/m].
-        damping: c [N.s/m], of the linear damper; only `with_damper` has it.
+        sprung_mass: Sprung mass m_1 [kg].
+        unsprung_mass: Unsprung mass m_2 [kg].
+        suspension_stiffness: Suspension stiffness k [N/m].
+        tire_stiffness: Tire stiffness k_t [N/m].
+        damping: Rate c of the linear damper [N.s/m]; only `with_damper` uses it.
     """
 
     sprung_mass: float = positive("kg")
@@ -37,22 +37,22 @@ class QuarterCar:
 
 
 def coupled(parameters: QuarterCar) -> StateSpace:
-    """Return the quarter car that a shock is coupled to: without a damper of its own (Eq 4.1 with c = 0)."""
+    """Return the quarter car for coupling to a shock, without its own damper (Eq 4.1 with c = 0)."""
     return _state_space(parameters, 0.0, "quarter_car")
 
 
 def with_damper(parameters: QuarterCar) -> StateSpace:
     """Return the quarter car with its linear damper, for frequency responses and modes.
 
-    Table 4.1's values give 3.039 Hz with 5.82 % and 18.452 Hz with 40.16 % damping. Table 4.2 prints
-    3.04/6.10 and 18.44/42.19: that is a damper of 17.5 lbf/(in/s), not the 16.67 of Table 4.1 (and, for the
-    last digit, masses from 386 in/s2 instead of the standard gravity).
+    The values of Table 4.1 give 3.039 Hz with 5.82 % and 18.452 Hz with 40.16 % damping. Table 4.2 prints
+    3.04/6.10 and 18.44/42.19. These correspond to a damper of 17.5 lbf/(in/s) instead of the 16.67 of Table 4.1 (and,
+    in the last digit, to masses computed with 386 in/s2 instead of the standard gravity).
     """
     return _state_space(parameters, parameters.damping, "quarter_car_with_damper")
 
 
 def _state_space(parameters: QuarterCar, c: float, name: str) -> StateSpace:
-    """Build Eq 4.2 and 4.6: `M w'' + C w' + K w = L u`, w = (w_1, w_2), u = (y_R, F_A, F_S)."""
+    """Return Eq 4.2 and 4.6 as a state space: `M w'' + C w' + K w = L u`, w = (w_1, w_2), u = (y_R, F_A, F_S)."""
     m1, m2 = parameters.sprung_mass, parameters.unsprung_mass
     k, kt = parameters.suspension_stiffness, parameters.tire_stiffness
     A, B = state_matrices(

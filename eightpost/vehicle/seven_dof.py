@@ -1,7 +1,7 @@
-"""The seven-DOF car: heave, roll and pitch of the chassis, four wheels (dissertation section 5.1).
+"""Seven-DOF car: heave, roll and pitch of the chassis, and four wheels (dissertation section 5.1).
 
-Coordinates are Z = (z, theta, phi, z_2 of lf, rf, lr, rr). Roll is positive when the left side rises, pitch
-when the rear rises.
+The coordinates are Z = (z, theta, phi, z_2 of lf, rf, lr, rr). Roll is positive if the left side rises, pitch if the
+rear rises.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Axle to nose and axle to spoiler [m]. The dissertation does not print them; ours: 45 in each, so that a
-#: car with a 110 in wheelbase is 200 in long.
+#: Distance from axle to nose and from axle to spoiler [m]. The dissertation does not give them; with 45 in, a car with
+#: a wheelbase of 110 in is 200 in long.
 DEFAULT_OVERHANG = 45 * 0.0254
 
 INPUTS = (
@@ -41,22 +41,22 @@ class SevenDof:
     """Parameters of the seven-DOF car; stiffness and damping are wheel rates.
 
     Attributes:
-        track_width: t, of both axles [m].
-        cg_to_front_axle: a [m].
-        cg_to_rear_axle: b [m].
-        sprung_mass: M [kg].
-        roll_inertia: J_theta [kg.m2].
-        pitch_inertia: J_phi [kg.m2].
-        unsprung_mass: m_t of each corner [kg].
-        spring_rate: k of each corner [N/m].
-        tire_stiffness: k_t of each corner [N/m].
-        damping: c of each corner [N.s/m], of the linear dampers; only `with_damper` has them.
-        front_anti_roll_rate: k_R^F, roll moment per relative roll angle [N.m/rad]; not in Table 5.1.
-        rear_anti_roll_rate: k_R^R [N.m/rad]; not in Table 5.1.
-        front_overhang: l_1, front axle to the nose, where the front ride height is [m].
-        rear_overhang: l_2, rear axle to the spoiler, where the rear ride height is [m].
-        driver_ahead_of_cg: Where the driver's accelerometer is, forward of the centre of gravity [m], or
-        None. driver_left_of_centreline: And to the left of the centreline [m], or None.
+        track_width: Track width t of both axles [m].
+        cg_to_front_axle: Distance a from the centre of gravity to the front axle [m].
+        cg_to_rear_axle: Distance b from the centre of gravity to the rear axle [m].
+        sprung_mass: Sprung mass M [kg].
+        roll_inertia: Roll inertia J_theta [kg.m2].
+        pitch_inertia: Pitch inertia J_phi [kg.m2].
+        unsprung_mass: Unsprung mass m_t of each corner [kg].
+        spring_rate: Spring rate k of each corner [N/m].
+        tire_stiffness: Tire stiffness k_t of each corner [N/m].
+        damping: Rate c of the linear damper of each corner [N.s/m]; only `with_damper` uses it.
+        front_anti_roll_rate: Roll moment per relative roll angle k_R^F [N.m/rad]; not in Table 5.1.
+        rear_anti_roll_rate: Roll moment per relative roll angle k_R^R [N.m/rad]; not in Table 5.1.
+        front_overhang: Distance l_1 from the front axle to the nose, where the front ride height is defined [m].
+        rear_overhang: Distance l_2 from the rear axle to the spoiler, where the rear ride height is defined [m].
+        driver_ahead_of_cg: Distance of the driver's accelerometer ahead of the centre of gravity [m], or None.
+        driver_left_of_centreline: Distance of the driver's accelerometer left of the centreline [m], or None.
     """
 
     track_width: float = positive("m")
@@ -77,22 +77,22 @@ class SevenDof:
     driver_left_of_centreline: float | None = anywhere("m", default=None)
 
     def __post_init__(self) -> None:
-        """Check the ranges, and that the driver's position is whole."""
+        """Check the ranges, and that the driver's position is complete."""
         check_ranges(self)
         if (self.driver_ahead_of_cg is None) != (self.driver_left_of_centreline is None):
             raise ParameterError(
-                "the driver's position has one coordinate only; give both driver_ahead_of_cg and "
+                "the driver's position has only one coordinate; give both driver_ahead_of_cg and "
                 "driver_left_of_centreline, or neither"
             )
 
     @property
     def wheelbase(self) -> float:
-        """Return l = a + b [m]."""
+        """Return the wheelbase l = a + b [m]."""
         return self.cg_to_front_axle + self.cg_to_rear_axle
 
 
 def coupled(parameters: SevenDof) -> StateSpace:
-    """Return the car that shocks are coupled to: without dampers of its own (Eq 5.19 with C_s = 0)."""
+    """Return the car for coupling to shocks, without its own dampers (Eq 5.19 with C_s = 0)."""
     return _state_space(parameters, Corners.same(0.0), "seven_dof")
 
 
@@ -118,12 +118,12 @@ def _state_space(parameters: SevenDof, damping: Corners, name: str) -> StateSpac
 
 
 def _strut(parameters: SevenDof) -> Array:
-    """Return S (4, 7): the suspension's compression `z_2 - T Phi = S Z`."""
+    """Return S (4, 7), which gives the compression of the suspension, `z_2 - T Phi = S Z`."""
     return np.hstack([-corner_heights(parameters), np.eye(4)])
 
 
 def _branch(strut: Array, rate: Corners) -> Array:
-    """Return `S^T diag(rate) S`, the part of Eq 5.18 of springs or dampers between chassis and wheels."""
+    """Return `S^T diag(rate) S`, the terms of Eq 5.18 for springs or dampers between chassis and wheels."""
     return np.asarray(strut.T @ (np.array(rate)[:, None] * strut))
 
 
@@ -147,7 +147,7 @@ def _anti_roll_forces(parameters: SevenDof) -> Array:
 
 
 def _load(parameters: SevenDof, strut: Array) -> Array:
-    """Return L (7, 11) of Eq 5.17, with the inputs in our order."""
+    """Return L (7, 11) of Eq 5.17, with the inputs in the order of `INPUTS`."""
     L = np.zeros((7, len(INPUTS)))
     L[_WHEELS, _ROAD] = np.diag(parameters.tire_stiffness)
     L[_CHASSIS, _EXTERNAL] = np.eye(3)
@@ -156,7 +156,7 @@ def _load(parameters: SevenDof, strut: Array) -> Array:
 
 
 def _outputs(parameters: SevenDof, outputs: Outputs) -> Outputs:
-    """Add the outputs; Eq 5.20 is missing in print, these are derived from the coordinates."""
+    """Add the outputs; Eq 5.20 is missing in print, so they are derived from the coordinates."""
     strut, chassis = _strut(parameters), np.hstack([corner_heights(parameters), np.zeros((4, 4))])
     wheels, tire = np.eye(7)[_WHEELS], np.diag(parameters.tire_stiffness)
     road = np.eye(len(INPUTS))[_ROAD]
@@ -194,7 +194,7 @@ def _add_ride_heights(parameters: SevenDof, outputs: Outputs) -> None:
         "rear.ride_height": (-parameters.cg_to_rear_axle - rear, parameters.wheelbase + rear),
     }
     for name, (ahead_of_cg, behind_front_axle) in ends.items():
-        share = behind_front_axle / parameters.wheelbase  # of the rear axle's road height at this point
+        share = behind_front_axle / parameters.wheelbase  # weight of the rear road height at this point
         road = np.zeros((1, len(INPUTS)))
         road[0, _ROAD] = Corners.axles((1.0 - share) / 2.0, share / 2.0)
         outputs.add_position([name], "m", _chassis_point(ahead_of_cg, 0.0), -road)

@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: A direct term below this part of the channel pair's own dynamic response is rounding, not structure.
+#: A direct term below this fraction of the channel pair's own dynamic response is a rounding error.
 DIRECT_TERM_TOLERANCE = 1e-9
 
-_CHUNK = 4_000_000  # complex numbers held at once while a frequency response is computed
+_CHUNK = 4_000_000  # complex numbers in memory at once while a frequency response is computed
 _POLE_DISTANCE = 100.0 * float(np.finfo(np.float64).eps)
 
-#: Slower than this [1/s] a pole is none: gains beside it overflow.
+#: Magnitude [1/s] below which a pole counts as zero, because gains relative to it would overflow.
 _SLOWEST = 1e-200
 
 
 class Mode(NamedTuple):
-    """One pole pair (or one real pole) as people speak of it.
+    """Natural frequency and damping ratio of one pole pair or one real pole.
 
-    A real pole has the frequency |s| / 2 pi and the damping ratio 1 (-1 where it is unstable); a pole at
+    A real pole has the frequency |s| / 2 pi and the damping ratio 1 (-1 if it is unstable); a pole at
     zero has the frequency 0 and no damping ratio (NaN).
     """
 
@@ -43,7 +43,7 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """The name and the SI unit of one input or output, as in ports.md: `Channel("lf.road", "m")`."""
+    """Name and SI unit of one input or output, see docs/ports.md: `Channel("lf.road", "m")`."""
 
     name: str
     unit: str
@@ -52,24 +52,22 @@ class Channel:
         """Check the name and the unit."""
         if not self.name or self.name != self.name.strip() or ":" in self.name:
             raise ParameterError(
-                f"channel name {self.name!r} cannot be used: it must not be empty, begin or end with a "
-                "blank, or "
-                "hold a colon"
+                f"channel name {self.name!r} is invalid: it must not be empty, begin or end with a blank, or contain "
+                "a colon"
             )
         if si_factor(self.unit) != 1.0:
             raise UnknownUnitError(
-                f"unit {self.unit!r} is not SI; convert the values first (eightpost.units.convert), "
-                "models are SI "
-                "inside",
+                f"unit {self.unit!r} is not SI; convert the values first (eightpost.units.convert), because models "
+                "use SI units",
                 channel=self.name,
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateSpace:
-    """A linear model with named channels.
+    """Linear model with named channels.
 
-    `x' = A x + B u` (or `x[k+1] = A x[k] + B u[k]` where there is a `dt`) and `y = C x + D u`. Frequency
+    The model is `x' = A x + B u` (or `x[k+1] = A x[k] + B u[k]` if `dt` is given) and `y = C x + D u`. Frequency
     responses are (output, input, frequency), as in python-control.
 
     Attributes:
@@ -77,10 +75,10 @@ class StateSpace:
         B: Input matrix (n, m).
         C: Output matrix (p, n).
         D: Direct terms (p, m).
-        inputs: The m inputs.
-        outputs: The p outputs.
+        inputs: Input channels (m).
+        outputs: Output channels (p).
         dt: Sample time [s], or None for a continuous model.
-        name: What the model is called.
+        name: Name of the model.
     """
 
     A: Array
@@ -93,7 +91,7 @@ class StateSpace:
     name: str = "model"
 
     def __post_init__(self) -> None:
-        """Freeze the matrices and check that everything fits together."""
+        """Make the matrices read-only and check names and shapes."""
         for field in ("A", "B", "C", "D"):
             object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
         for field in ("inputs", "outputs"):
@@ -102,8 +100,7 @@ class StateSpace:
         self._check_shapes()
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ParameterError(
-                f"{self.name}: the sample time is {self.dt!r} s; give a finite number above zero, or None "
-                "for a "
+                f"{self.name}: the sample time is {self.dt!r} s; give a finite number above zero, or None for a "
                 "continuous model"
             )
 
@@ -113,8 +110,7 @@ class StateSpace:
             found = getattr(self, field).shape
             if found != expected:
                 raise ParameterError(
-                    f"{self.name}: {field} has the shape {found}; {n} states, {m} inputs and {p} outputs "
-                    "need "
+                    f"{self.name}: {field} has the shape {found}; {n} states, {m} inputs and {p} outputs need "
                     f"{expected}"
                 )
 
@@ -136,22 +132,22 @@ class StateSpace:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """The names of the inputs, in order."""
+        """Names of the inputs, in order."""
         return tuple(channel.name for channel in self.inputs)
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """The names of the outputs, in order."""
+        """Names of the outputs, in order."""
         return tuple(channel.name for channel in self.outputs)
 
     def select(self, *, inputs: Iterable[str] | None = None, outputs: Iterable[str] | None = None) -> StateSpace:
-        """Return the model with the channels asked for, in the order asked for; None keeps all.
+        """Return the model with the given channels in the given order; None keeps all.
 
         Raises:
-            ParameterError: A name is not there; the message lists those that are.
+            ParameterError: A name is unknown; the message lists the known ones.
         """
-        columns = _positions(self.input_names, inputs, f"{self.name}: input")
-        rows = _positions(self.output_names, outputs, f"{self.name}: output")
+        columns = _positions(self.input_names, inputs, f"{self.name}: unknown input")
+        rows = _positions(self.output_names, outputs, f"{self.name}: unknown output")
         return StateSpace(
             self.A,
             self.B[:, columns],
@@ -164,7 +160,7 @@ class StateSpace:
         )
 
     def poles(self) -> Complex:
-        """Return the poles (n,): of s [1/s], or of z where the model is discrete."""
+        """Return the poles (n,) in s [1/s], or in z if the model is discrete."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
     def modes(self) -> tuple[Mode, ...]:
@@ -179,8 +175,8 @@ class StateSpace:
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         """Return `H = C (s I - A)^-1 B + D` at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`.
 
-        The state matrix is balanced and brought to complex Schur form once; each frequency then costs one
-        triangular solve, which is backward stable also for repeated poles and many states.
+        The state matrix is balanced and transformed to complex Schur form once. Each frequency then needs one
+        triangular solve, which is backward stable even for repeated poles and many states.
 
         Args:
             frequency_hz: Frequencies (K,) [Hz].
@@ -189,7 +185,7 @@ class StateSpace:
             H (p, m, K).
 
         Raises:
-            ParameterError: A pole lies on one of the frequencies.
+            ParameterError: A pole is at one of the frequencies.
         """
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
         s = 2j * np.pi * frequency
@@ -199,13 +195,12 @@ class StateSpace:
         except ZeroDivisionError as error:
             at = frequency[error.args[0]]
             raise ParameterError(
-                f"{self.name}: the response is infinite at {at:g} Hz, where the model has an undamped "
-                "pole; leave "
-                "this frequency out or give the model damping"
+                f"{self.name}: the response is infinite at {at:g} Hz, where the model has an undamped pole; omit this "
+                "frequency or add damping to the model"
             ) from error
 
     def _transfer(self, points: Complex) -> Complex:
-        """Return `C (s I - A)^-1 B` (p, m, K) at `points`; ZeroDivisionError carries the index of a pole."""
+        """Return `C (s I - A)^-1 B` (p, m, K) at `points`; ZeroDivisionError has the index of a point at a pole."""
         if not len(self.A):
             return np.zeros((*self.D.shape, len(points)), dtype=np.complex128)
         balanced, scaling = kernel.balance(self.A)
@@ -225,15 +220,15 @@ class StateSpace:
         """Return the steady outputs per steady input (p, m), `D - C A^-1 B`.
 
         Raises:
-            ParameterError: The state matrix is singular, so that a constant input has no steady answer.
+            ParameterError: The state matrix is singular, so that a constant input has no steady response.
         """
         return np.asarray(self.C @ self._steady(np.eye(len(self.inputs))) + self.D, dtype=np.float64)
 
     def steady_state(self, u: ArrayLike) -> Array:
-        """Return the state (n,) in which constant inputs `u` (m,) hold the model.
+        """Return the steady state (n,) for constant inputs `u` (m,).
 
         Raises:
-            ParameterError: There is none, or more than one; or `u` has not one value per input.
+            ParameterError: There is no steady state or more than one, or `u` does not have one value per input.
         """
         values = np.asarray(u, dtype=np.float64)
         if values.shape != (len(self.inputs),):
@@ -251,15 +246,15 @@ class StateSpace:
             raise ParameterError(f"{self.name}: {error}") from error
 
     def direct_terms(self) -> NDArray[np.bool_]:
-        """Say which outputs depend on which inputs without delay (p, m).
+        """Return the mask of outputs that depend on inputs without delay (p, m).
 
-        A term counts where it exceeds `DIRECT_TERM_TOLERANCE` of what the states themselves give between the
-        same two channels: the largest `|C_i (s I - A)^-1 B_j|` on a ray into the right half plane (off the
-        poles) with `|s|` from a thousandth to ten times the fastest pole. No choice of units changes this
-        measure. Where the states give nothing, every term that is not zero counts.
+        A term counts if it exceeds `DIRECT_TERM_TOLERANCE` times the response of the states between the same two
+        channels: the largest `|C_i (s I - A)^-1 B_j|` on a ray in the right half plane (away from the poles), with
+        `|s|` from a thousandth to ten times the fastest pole. This measure does not depend on units. If the response
+        of the states is zero, every nonzero term counts.
         """
-        slowest_told = 1e-8 * float(np.abs(self.A).max(initial=0.0))
-        fastest = max(float(np.abs(_continuous(self.poles(), self.dt)).max(initial=0.0)), slowest_told)
+        resolution = 1e-8 * float(np.abs(self.A).max(initial=0.0))
+        fastest = max(float(np.abs(_continuous(self.poles(), self.dt)).max(initial=0.0)), resolution)
         fastest = fastest if fastest > _SLOWEST else 1.0
         s = fastest * np.geomspace(1e-3, 10.0, 9) * np.exp(1j)
         points = s if self.dt is None else np.exp(s * min(self.dt, 50.0 / (10.0 * fastest)))
@@ -269,10 +264,10 @@ class StateSpace:
     def to_control(self) -> Any:
         """Return the model as a `control.StateSpace`.
 
-        python-control admits no dots in names, so they become colons (`lf.road` -> `lf:road`), which no
-        channel of ours has. Units are lost.
+        python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`), which channel
+        names cannot contain. Units are lost.
         """
-        import control  # noqa: PLC0415  here, as loading it takes seconds that most uses need not wait for
+        import control  # noqa: PLC0415  because loading it takes seconds and most uses do not need it
 
         return control.ss(
             self.A,
@@ -289,25 +284,25 @@ class StateSpace:
     def from_control(
         cls, system: Any, *, input_units: Sequence[str], output_units: Sequence[str], name: str | None = None
     ) -> StateSpace:
-        """Take over a model of python-control, with units, which it does not know.
+        """Convert a model of python-control, which has no units.
 
         Args:
-            system: A `control.StateSpace` (or what `control.ss` makes one of), its time base stated.
-            input_units: One SI unit per input.
-            output_units: One SI unit per output.
-            name: What to call it; None takes the system's name.
+            system: A `control.StateSpace` (or anything that `control.ss` accepts) with a defined time base.
+            input_units: SI units, one per input.
+            output_units: SI units, one per output.
+            name: Name of the model; None takes the system's name.
 
         Raises:
-            ParameterError: The number of units does not fit, or the time base is not stated (`dt=None`).
+            ParameterError: The number of units differs from the number of channels, or the time base is not defined
+                (`dt=None`).
         """
-        import control  # noqa: PLC0415  as in to_control
+        import control  # noqa: PLC0415  see to_control
 
         system = control.ss(system)
         if system.dt is None or system.dt is True:
             raise ParameterError(
-                f"{system.name}: the system has no stated time base (dt={system.dt}); give it dt=0 "
-                "(continuous) or "
-                "its sample time in seconds"
+                f"{system.name}: the system has no defined time base (dt={system.dt}); set dt=0 (continuous) or its "
+                "sample time in seconds"
             )
         return cls(
             np.asarray(system.A),
@@ -325,7 +320,7 @@ def _frozen(values: ArrayLike, where: str) -> Array:
     array = np.array(values, dtype=np.float64, order="C") + 0.0  # no negative zeros
     if not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise ParameterError(f"{where} holds {array[place]} at {place}; every entry must be a finite number")
+        raise ParameterError(f"{where} contains {array[place]} at {place}; every entry must be a finite number")
     array.setflags(write=False)
     return array
 
@@ -333,29 +328,29 @@ def _frozen(values: ArrayLike, where: str) -> Array:
 def _check_unique(names: list[str], where: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ParameterError(f"{where} hold {', '.join(twice)} more than once; names must differ")
+        raise ParameterError(f"{where} contain {', '.join(twice)} more than once; names must be unique")
 
 
-def _positions(names: tuple[str, ...], wanted: Iterable[str] | None, where: str) -> list[int]:
-    if wanted is None:
+def _positions(names: tuple[str, ...], selection: Iterable[str] | None, problem: str) -> list[int]:
+    if selection is None:
         return list(range(len(names)))
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [selection] if isinstance(selection, str) else list(selection)
     for name in chosen:
         if name not in names:
-            raise ParameterError(f"{where} {name!r} is not there; there are {', '.join(names)}")
+            raise ParameterError(f"{problem} {name!r}; the names are {', '.join(names)}")
     return [names.index(name) for name in chosen]
 
 
 def _channels(labels: Sequence[str], units: Sequence[str], kind: str) -> tuple[Channel, ...]:
     if len(labels) != len(units):
-        raise ParameterError(f"{len(units)} {kind} units given; the system has {len(labels)} {kind}s: {labels}")
+        raise ParameterError(f"{len(units)} {kind} units given, but the system has {len(labels)} {kind}s: {labels}")
     return tuple(Channel(label.replace(":", "."), unit) for label, unit in zip(labels, units, strict=True))
 
 
 def _continuous(poles: Complex, dt: float | None) -> Complex:
     if dt is None:
         return poles
-    moved = poles[poles != 0.0]  # a pole at z = 0 is a pure delay: no mode
+    moved = poles[poles != 0.0]  # a pole at z = 0 is a pure delay, not a mode
     return np.asarray(np.log(moved) / dt, dtype=np.complex128)
 
 
@@ -365,7 +360,7 @@ def _mode(pole: complex) -> Mode:
 
 
 def _resolvent(T: Complex, B: Complex, points: Complex) -> Complex:
-    """Solve `(s I - T) X = B` for upper triangular T at all points at once: X (n, K * m), point by point."""
+    """Solve `(s I - T) X = B` with upper triangular T for all points at once; X is (n, K * m), point by point."""
     n, m = B.shape
     X = np.empty((n, len(points), m), dtype=np.complex128)
     flat = X.reshape(n, -1)

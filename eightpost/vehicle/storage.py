@@ -1,4 +1,4 @@
-"""Vehicles from and to files of either kind."""
+"""Reading and writing of vehicle files (.toml and .json)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def read_vehicle(path: str | Path) -> Vehicle:
     'seven_dof'
 
     Raises:
-        FileFormatError: The file cannot be read as what its name says.
-        ParameterError: A key or a value cannot be used; the message says which and what to do.
-        UnknownUnitError: A unit is not known or of another dimension.
+        FileFormatError: The file does not have the format of its suffix.
+        ParameterError: A key or a value is invalid.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".toml":
@@ -31,11 +31,10 @@ def read_vehicle(path: str | Path) -> Vehicle:
 
 
 def write_vehicle(path: str | Path, vehicle: Vehicle) -> None:
-    """Write a vehicle; what was at `path` is replaced only once the new file is whole.
+    """Write a vehicle; an existing file is replaced only when the new one is complete.
 
     Raises:
-        FileFormatError: The suffix does not fit the vehicle: parameters are .toml, an identified model is
-            .json.
+        FileFormatError: The suffix does not match the vehicle: .toml for parameters, .json for an identified model.
     """
     suffix = Path(path).suffix.lower()
     if isinstance(vehicle, StructuralVehicle) and suffix == ".toml":
@@ -43,10 +42,10 @@ def write_vehicle(path: str | Path, vehicle: Vehicle) -> None:
     elif isinstance(vehicle, IdentifiedVehicle) and suffix == ".json":
         write_json(path, vehicle)
     else:
-        fitting = ".toml" if isinstance(vehicle, StructuralVehicle) else ".json"
-        raise FileFormatError(f"the vehicle {vehicle.name!r} ({vehicle.model}) is written as {fitting}", path=path)
+        needed = ".toml" if isinstance(vehicle, StructuralVehicle) else ".json"
+        raise FileFormatError(f"the vehicle {vehicle.name!r} ({vehicle.model}) must be written as {needed}", path=path)
 
 
 def shipped(model: Literal["quarter_car", "seven_dof"]) -> Path:
-    """Return the path of the dissertation's Table 4.1 (quarter car) or Table 5.1 (seven-DOF car)."""
+    """Return the path of the file with the dissertation's Table 4.1 (quarter car) or Table 5.1 (seven-DOF car)."""
     return Path(__file__).with_name(f"{model}.toml")

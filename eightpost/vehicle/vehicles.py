@@ -1,4 +1,4 @@
-"""Vehicles: what a model file holds, whichever way the model came about."""
+"""Vehicles with a structural or an identified model, as stored in vehicle files."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Model = Literal["quarter_car", "seven_dof", "state_space"]
 
 @dataclass(frozen=True, slots=True)
 class StructuralVehicle:
-    """A vehicle that is known by its masses, springs and dampers.
+    """Vehicle that is defined by its masses, springs and dampers.
 
     Attributes:
-        name: What it is called.
-        parameters: Its parameters, SI.
+        name: Name of the vehicle.
+        parameters: Parameters, SI.
         static: Values of the static state by output, SI: `{"lf.tire_force": 3300.0, "front.ride_height":
-            0.1}`. Models speak of changes from it; the FMU adds it. Missing ones are 0.
+            0.1}`. Outputs of the model are changes from it; the FMU adds it. Missing values are 0.
     """
 
     name: str
@@ -40,11 +40,11 @@ class StructuralVehicle:
 
     @property
     def model(self) -> Model:
-        """Return the kind of model, as the file's `model` says it."""
+        """Return the kind of model, the value of `model` in the file."""
         return "quarter_car" if isinstance(self.parameters, QuarterCar) else "seven_dof"
 
     def coupled(self) -> StateSpace:
-        """Return the model whose ports take the whole shock force: without dampers of its own."""
+        """Return the model without its own dampers, whose inputs are the whole shock forces."""
         if isinstance(self.parameters, QuarterCar):
             return quarter_car.coupled(self.parameters)
         return seven_dof.coupled(self.parameters)
@@ -57,11 +57,11 @@ class StructuralVehicle:
 
 
 class Friction(NamedTuple):
-    """Suspension friction at a port, `F_f tanh(v / v_f)`, added to the shock's force.
+    """Suspension friction at a port, `F_f tanh(v / v_f)`, which is added to the shock force.
 
     Attributes:
-        force: F_f [N], not below zero.
-        velocity: v_f [m/s], above zero: over which it turns its sign.
+        force: Friction force F_f [N], not below zero.
+        velocity: Smoothing velocity v_f of the change of sign [m/s], above zero.
     """
 
     force: float
@@ -70,18 +70,17 @@ class Friction(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedVehicle:
-    """A vehicle that is known by a linear model, as the identification gives it.
+    """Vehicle that is defined by an identified linear model.
 
     Attributes:
-        name: What it is called.
-        state_space: The model as identified: around the baseline damping, its shock inputs being what the
-            shock force is more than `c v`.
-        baseline_damping: c [N.s/m] by port ("lf", ...; "" for a quarter car): the dissertation's C-bar. A
-            port that is missing has none: its input is the whole force already.
-        static: As in `StructuralVehicle`.
-        sources: SHA-256 digests of the files it was identified from, by name.
-        friction: By port; the model was identified with it in its shock forces. A port that is missing has none.
-        validity: The verdict on the model and the ranges that it covers; None where nobody stated them.
+        name: Name of the vehicle.
+        state_space: Identified model, around the baseline damping: its shock inputs are shock force minus `c v`.
+        baseline_damping: Damping rate c by port [N.s/m] ("lf", ...; "" for a quarter car), the dissertation's C-bar.
+            The input of a port that is missing here is the whole force.
+        static: Values of the static state by output, SI; see `StructuralVehicle`.
+        sources: SHA-256 digests of the files that the vehicle was identified from, by name.
+        friction: Friction by port; the shock forces of the identification included it. Missing ports have no friction.
+        validity: Verdict on the model and the ranges that it covers; None if they are not known.
     """
 
     name: str
@@ -105,8 +104,8 @@ class IdentifiedVehicle:
         for port, law in friction.items():
             if not (isfinite(law.force) and law.force >= 0.0 and isfinite(law.velocity) and law.velocity > 0.0):
                 raise ParameterError(
-                    f"{self.name}: the friction of the port {port!r} is {law.force!r} N over {law.velocity!r} m/s; "
-                    "give a force not below zero and a velocity above zero"
+                    f"{self.name}: the friction of the port {port!r} has the force {law.force!r} N and the velocity "
+                    f"{law.velocity!r} m/s; give a force not below zero and a velocity above zero"
                 )
 
     def _check_ports(self, what: str, given: Iterable[str]) -> None:
@@ -115,17 +114,17 @@ class IdentifiedVehicle:
         for port in given:
             if port not in ports:
                 raise ParameterError(
-                    f"{self.name}: {what} is given for the port {port!r}, which has no force input; the inputs are "
+                    f"{self.name}: {what} is given for the port {port!r}, but it has no force input; the inputs are "
                     f"{', '.join(inputs)}"
                 )
 
     @property
     def model(self) -> Model:
-        """Return the kind of model, as the file's `model` says it."""
+        """Return the kind of model, the value of `model` in the file."""
         return "state_space"
 
     def coupled(self) -> StateSpace:
-        """Return the model whose ports take the whole shock force: the baseline damping taken out.
+        """Return the model without the baseline damping, whose inputs are the whole shock forces.
 
         Raises:
             ParameterError: The model is discrete, or a shock velocity has a direct term.
@@ -135,7 +134,7 @@ class IdentifiedVehicle:
         return add_port_damping(self.state_space, {port: -c for port, c in self.baseline_damping.items()})
 
     def with_damper(self) -> StateSpace:
-        """Return the model as identified, with its baseline damping."""
+        """Return the identified model, with its baseline damping."""
         return self.state_space
 
 

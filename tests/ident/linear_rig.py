@@ -1,4 +1,4 @@
-"""Rig records of the dissertation's linear cars, exact: spectra of periodic drives through the models' responses."""
+"""Exact rig records of the dissertation's linear cars, computed from the spectra of periodic drives."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ PORTS = {"quarter_car": ("",), "seven_dof": ("lf", "rf", "lr", "rr")}
 
 
 def car(name: str, damping: Mapping[str, float] | None = None) -> StateSpace:
-    """A car of the dissertation with linear dampers, given by port where they are not `DAMPING`."""
+    """Return a car of the dissertation with linear dampers; `damping` replaces `DAMPING` at its ports."""
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     return add_port_damping(model, dict.fromkeys(PORTS[name], DAMPING) | dict(damping or {}))
 
 
 def spectrum(samples: int, highest: float, generator: np.random.Generator) -> NDArray[np.complex128]:
-    """White up to 2 Hz, falling with frequency, nothing from `highest` [Hz]; standard deviation 1."""
+    """Return a random spectrum, constant up to 2 Hz, decreasing up to `highest` [Hz]; standard deviation 1."""
     lines = np.fft.rfftfreq(samples, 1.0 / RATE)
     shape = np.where((lines > 0.0) & (lines < highest), 1.0 / np.maximum(lines / 2.0, 1.0), 0.0)
     drawn = shape * (generator.normal(size=lines.size) + 1j * generator.normal(size=lines.size))
@@ -43,7 +43,7 @@ def record(
     size: float = 1.0,
     noise: float = 1e-3,
 ) -> RigTest:
-    """A random test at 1250 Hz; each measured channel has noise of that part of its standard deviation."""
+    """Return a random test at 1250 Hz; `noise` is relative to the standard deviation of each channel."""
     model, generator = car(name, damping), np.random.default_rng(seed)
     samples = round(seconds * RATE)
     drive = np.zeros((len(model.inputs), samples // 2 + 1), dtype=complex)

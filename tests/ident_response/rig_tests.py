@@ -1,4 +1,4 @@
-"""Rig tests of cars with linear shocks, simulated mode by mode with scipy's recursive filter."""
+"""Simulation of rig tests of cars with linear shocks, mode by mode with scipy's recursive filter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HIGHEST = 30.0
 
 
 class Rig(NamedTuple):
-    """A car, its tests and the truth about it."""
+    """Car, its tests and its true parameters."""
 
     model: StateSpace
     rig: tuple[str, ...]
@@ -37,11 +37,11 @@ class Rig(NamedTuple):
 
     @property
     def truth(self) -> StateSpace:
-        """The car around the baseline damping, on the estimates' channels."""
+        """Exact model around the baseline damping, with the channels of the estimates."""
         return add_port_damping(self.model, self.damping).select(inputs=self.inputs, outputs=self.outputs)
 
     def input_power(self, frequency: Array, width: float = 0.2) -> Array:
-        """Power of each input, all records together, around each frequency."""
+        """Return the power of each input around each frequency, summed over all records."""
         total = np.zeros((len(self.inputs), frequency.size))
         for record in self.records:
             channels = []
@@ -58,7 +58,7 @@ class Rig(NamedTuple):
 
 
 def noise(generator: np.random.Generator, samples: int, rate: float, highest: float = HIGHEST) -> Array:
-    """White noise up to `highest` [Hz], not periodic in the samples."""
+    """Return white noise up to `highest` [Hz], not periodic in the samples."""
     lines = np.fft.rfftfreq(2 * samples, 1.0 / rate)
     spectrum = generator.normal(size=lines.size) + 1j * generator.normal(size=lines.size)
     spectrum[(lines == 0.0) | (lines > highest)] = 0.0
@@ -67,7 +67,7 @@ def noise(generator: np.random.Generator, samples: int, rate: float, highest: fl
 
 
 def respond(model: StateSpace, u: Array, rate: float, every: int) -> Array:
-    """Every so many-th sample of the outputs of a model at rest for inputs (m, N) that are linear between samples."""
+    """Return every n-th sample of a model's outputs, from rest, for inputs (m, N) that are linear between samples."""
     h = 1.0 / rate
     poles, V = np.linalg.eig(model.A)
     B, C = np.linalg.solve(V, model.B.astype(complex)), model.C @ V
@@ -85,7 +85,7 @@ def respond(model: StateSpace, u: Array, rate: float, every: int) -> Array:
 
 
 def rig_test(model: StateSpace, damping: Mapping[str, float], drive: Mapping[str, Array]) -> TimeSeries:
-    """A test with linear shocks: the drive, all outputs and the shock forces, at `RATE`."""
+    """Return a test with linear shocks: the drive, all outputs and the shock forces, at `RATE`."""
     loop = add_port_damping(model, damping)
     samples = next(iter(drive.values())).size
     u = np.stack([drive.get(name, np.zeros(samples)) for name in loop.input_names])

@@ -1,4 +1,4 @@
-"""The dissertation's chain from records to a vehicle, against the car that was tested."""
+"""Tests of the dissertation's identification chain, compared with the car that was tested."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ def fit(quarter_car: Rig) -> VehicleFit:
     return recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
 
 
-def test_the_chain_finds_the_quarter_car_within_what_leakage_leaves(quarter_car: Rig, fit: VehicleFit) -> None:
+def test_the_chain_identifies_the_quarter_car_within_leakage_errors(quarter_car: Rig, fit: VehicleFit) -> None:
     frequency = np.arange(0.5, 18.0, 0.05)
     truth, found = (response_of(model, frequency) for model in (quarter_car.truth, fit.vehicle.state_space))
     errors = contribution_error(found, truth, quarter_car.input_power(frequency))
-    assert errors.max() < 0.1  # the estimate of 9.5 s blocks is that far off; local polynomials are within 0.001
+    assert errors.max() < 0.1  # error of the estimate with blocks of 9.5 s; with local polynomials it is below 0.001
 
 
-def test_the_loop_with_other_dampers_is_stable_and_said_to_be(fit: VehicleFit) -> None:
+def test_the_loop_with_other_dampers_is_stable_and_reported_as_stable(fit: VehicleFit) -> None:
     assert fit.stable
     assert any("the loop is stable with all 7 sets" in note for note in fit.notes)
 
 
-def test_shock_velocities_have_no_direct_term_so_that_an_fmu_can_be_built(fit: VehicleFit) -> None:
+def test_shock_velocities_have_no_direct_term_so_an_fmu_can_be_built(fit: VehicleFit) -> None:
     assert not fit.vehicle.state_space.select(outputs=["velocity"]).D.any()
     assert "force" in fit.vehicle.coupled().input_names
 
 
-def test_the_reduction_changes_no_output_by_more_than_it_was_allowed(quarter_car: Rig) -> None:
+def test_the_reduction_changes_outputs_within_its_tolerance(quarter_car: Rig) -> None:
     fits = [Boggs(reduction=part).identify(quarter_car.records, _experiment(quarter_car)) for part in (None, 0.003)]
     whole, reduced = (response_of(one.vehicle.state_space, one.response.frequency) for one in fits)
     assert fits[1].states < fits[0].states
@@ -59,7 +59,7 @@ def test_the_reduction_changes_no_output_by_more_than_it_was_allowed(quarter_car
     assert contribution_error(reduced, whole, power).max() < 0.02  # another measure of the inputs than the recipe's
 
 
-def test_each_kind_of_car_has_its_chapter() -> None:
+def test_the_chapter_follows_from_the_inputs_of_the_car() -> None:
     inputs = [f"{c}.{q}" for q in ("road", "force", "velocity", "displacement", "tire_force") for c in CORNERS]
     damping = dict.fromkeys(CORNERS, 1.0)
     seven = experiment_of([*inputs, "heave_force", "roll_moment", "pitch_moment"], damping)
@@ -70,7 +70,7 @@ def test_each_kind_of_car_has_its_chapter() -> None:
     assert eight.inputs[-4:] == tuple(f"{c}.force" for c in CORNERS)
 
 
-def test_an_experiment_without_a_ports_velocity_or_damping_is_refused() -> None:
+def test_an_experiment_without_a_ports_velocity_or_damping_is_rejected() -> None:
     with pytest.raises(ParameterError, match="velocity must be an output"):
         Experiment("car", ("road",), ("force",), ("tire_force",), {"": 1.0})
     with pytest.raises(ParameterError, match="no baseline damping"):
@@ -79,13 +79,13 @@ def test_an_experiment_without_a_ports_velocity_or_damping_is_refused() -> None:
         Experiment("car", ("road",), ("force",), ("velocity",), {"": 1.0}).of("spin")
 
 
-def test_an_unknown_recipe_is_refused_with_those_that_there_are() -> None:
+def test_an_unknown_recipe_is_rejected_with_the_known_ones() -> None:
     assert "boggs" in recipe_names()
     with pytest.raises(ParameterError, match="boggs"):
         recipe("guess")
 
 
-def test_the_baseline_is_the_test_whose_shocks_most_tests_have(seven_dof: Rig) -> None:
+def test_the_baseline_is_the_test_with_the_most_common_shocks(seven_dof: Rig) -> None:
     shuffled = [seven_dof.records[k] for k in (3, 1, 0, 4, 2)]
     found = find_baseline(shuffled, CORNERS)
     assert found.test == 2
@@ -94,16 +94,16 @@ def test_the_baseline_is_the_test_whose_shocks_most_tests_have(seven_dof: Rig) -
     assert not found.notes()
 
 
-def test_of_two_tests_the_baseline_has_more_damping(quarter_car: Rig) -> None:
+def test_the_baseline_of_two_tests_is_the_one_with_more_damping(quarter_car: Rig) -> None:
     assert find_baseline(quarter_car.records[::-1], ("",)).test == 1
 
 
-def test_tests_without_another_shock_are_refused(quarter_car: Rig) -> None:
+def test_tests_without_another_shock_are_rejected(quarter_car: Rig) -> None:
     with pytest.raises(InputError, match="no test has another shock"):
         find_baseline([quarter_car.records[0]] * 2, ("",))
 
 
-def test_an_unstable_loop_is_found_and_the_dampers_are_named(fit: VehicleFit) -> None:
+def test_an_unstable_loop_is_detected_and_reported(fit: VehicleFit) -> None:
     model = fit.vehicle.state_space
     force = model.input_names.index("force")
     pushed = replace(model, B=np.where(np.arange(model.B.shape[1]) == force, -4.0, 1.0) * model.B)
@@ -113,7 +113,7 @@ def test_an_unstable_loop_is_found_and_the_dampers_are_named(fit: VehicleFit) ->
     assert "UNSTABLE" in found.summary()
 
 
-def test_a_fit_is_read_back_as_it_was_written(fit: VehicleFit, tmp_path: Path) -> None:
+def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> None:
     files = write_fit(tmp_path / "car.json", fit)
     assert sorted(file.name for file in files) == ["car.fit.json", "car.json", "car.response.npz"]
     found = read_fit(tmp_path / "car.json")
@@ -123,7 +123,7 @@ def test_a_fit_is_read_back_as_it_was_written(fit: VehicleFit, tmp_path: Path) -
     np.testing.assert_array_equal(found.response.H, fit.response.H)
 
 
-def test_a_fit_beside_another_vehicle_is_refused(fit: VehicleFit, tmp_path: Path) -> None:
+def test_a_fit_of_another_vehicle_is_rejected(fit: VehicleFit, tmp_path: Path) -> None:
     car = tmp_path / "car.json"
     write_fit(car, fit)
     car.write_text(car.read_text(encoding="utf-8").replace('"name": "car"', '"name": "cab"'), encoding="utf-8")
@@ -145,7 +145,7 @@ def test_a_file_of_a_newer_schema_or_another_kind_is_refused(
         read_fit(car)
 
 
-def test_the_summary_names_every_output(fit: VehicleFit) -> None:
+def test_the_summary_lists_every_output(fit: VehicleFit) -> None:
     table = residual_table(fit)
     assert table.row_count == len(fit.residual)
     assert "N.s/m" in damping_sentence(fit)

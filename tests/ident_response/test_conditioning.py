@@ -1,4 +1,4 @@
-"""Residual fits, smoothing, zeroed paths and the count of feedback paths."""
+"""Tests of residual fits, smoothing, zeroed paths and the number of feedback paths."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from eightpost.vehicle import Channel
 
 F = np.arange(0.05, 40.0, 0.05)
 
-#: Table 6.5, paths from the shock forces (LF, RF, LR, RR) that are not zeroed. The shock velocities' rows are printed
-#: with cells shifted; Table 6.6 comes out with each shock zeroed at the other corner of its side.
+#: Table 6.5, paths from the shock forces (LF, RF, LR, RR) that are not zeroed. The rows of the shock velocities are
+#: printed with shifted cells; Table 6.6 follows if each shock is zeroed at the other corner of its side.
 TABLE_6_5 = np.array([
     [1, 1, 0, 1], [1, 1, 1, 0], [0, 1, 1, 1], [1, 0, 1, 1],  # shock velocities
     [1, 0, 1, 1], [0, 1, 1, 1], [0, 1, 1, 1], [1, 0, 1, 1],  # tire forces
@@ -46,7 +46,7 @@ def test_table_6_6_follows_from_table_6_5() -> None:
     np.testing.assert_array_equal(feedback_paths(TABLE_6_5, range(4)), TABLE_6_6)
 
 
-def test_the_high_residual_goes_on_with_slope_and_phase_of_its_control_points() -> None:
+def test_the_high_residual_continues_slope_and_phase_of_its_control_points() -> None:
     law = 7.0 * np.exp(0.5j) / F**2
     spoiled = np.where(F > 20.001, law * (1.0 + 0.5 * np.sin(20.0 * F)), law)
     spoiled[np.argmin(np.abs(F - 30.0))] = law[np.argmin(np.abs(F - 30.0))]
@@ -61,7 +61,7 @@ def test_the_low_residual_goes_on_with_slope_and_linear_phase() -> None:
     np.testing.assert_allclose(treated.H[0, 0], law, rtol=1e-9)
 
 
-def test_smoothing_removes_narrow_ripple_and_moves_nothing_along_frequency() -> None:
+def test_smoothing_removes_narrow_ripple_without_a_shift_in_frequency() -> None:
     smooth = np.exp(-((F - 10.0) ** 2) / 50.0) * np.exp(-0.1j * F)
     ripple = 1.0 + 0.05 * np.sin(2.0 * np.pi * F / 0.2)
     treated = condition(_response(smooth * ripple), ZeroPhaseSmoothing()).H[0, 0]
@@ -69,12 +69,12 @@ def test_smoothing_removes_narrow_ripple_and_moves_nothing_along_frequency() -> 
     assert np.abs(treated / smooth - 1.0)[inside].max() < 0.002
 
 
-def test_only_the_named_paths_are_treated() -> None:
+def test_only_the_given_paths_are_treated() -> None:
     one = np.ones(F.size, dtype=complex)
     treated = condition(_response(one, one), Zeroed(), paths=[("y1", "u")])
     np.testing.assert_array_equal(zeroed_paths(treated), [[False], [True]])
 
 
-def test_control_points_outside_the_response_are_refused() -> None:
+def test_control_points_outside_the_response_are_rejected() -> None:
     with pytest.raises(ParameterError, match="control points"):
         condition(_response(np.ones(F.size, dtype=complex)), HighResidual(20.0, 50.0))

@@ -1,4 +1,4 @@
-"""Frequency responses against the exact ones of the car that was tested."""
+"""Tests of estimated frequency responses, compared with the exact ones of the car that was tested."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def test_the_local_polynomial_method_is_within_half_a_percent_for_the_seven_dof_
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming"])
-def test_the_leakage_of_windowed_blocks_falls_with_their_length(quarter_car: Rig, window: str) -> None:
+def test_the_leakage_of_windowed_blocks_decreases_with_their_length(quarter_car: Rig, window: str) -> None:
     lengths = (2.5, 5.0, 10.0, 20.0)
     errors = [_errors(quarter_car, _estimate(quarter_car, H1(Blocks(length, window)))).max() for length in lengths]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 0.25 * errors[0]
 
 
-def test_short_windows_make_modes_look_more_damped(quarter_car: Rig) -> None:
+def test_short_windows_overestimate_damping(quarter_car: Rig) -> None:
     found = _estimate(quarter_car, H1(Blocks(4.0, "hamming")))
     near = np.abs(found.frequency - 3.04) < 0.13
     truth = response_of(quarter_car.truth, found.frequency)
@@ -59,21 +59,19 @@ def test_short_windows_make_modes_look_more_damped(quarter_car: Rig) -> None:
 
 
 @pytest.mark.parametrize("way", ["sequential", "same drive"])
-def test_sequential_estimates_agree_with_the_global_one_where_the_baseline_is_linear(
-    quarter_car: Rig, way: str
-) -> None:
+def test_sequential_estimates_agree_with_the_global_one_if_the_baseline_is_linear(quarter_car: Rig, way: str) -> None:
     blocks = Blocks(10.0)
     recipe = Sequential(blocks, ("force",)) if way == "sequential" else SameDrive(H1(blocks), ("force",))
     errors, together = (_errors(quarter_car, _estimate(quarter_car, r)).max() for r in (recipe, H1(blocks)))
     assert errors < 3.0 * together
 
 
-def test_the_two_experiment_way_with_local_polynomials_is_within_half_a_percent(quarter_car: Rig) -> None:
+def test_the_two_experiment_method_with_local_polynomials_is_within_half_a_percent(quarter_car: Rig) -> None:
     recipe = SameDrive(LocalPolynomial(spacing=0.1), ("force",))
     assert _errors(quarter_car, _estimate(quarter_car, recipe)).max() < 5e-3
 
 
-def test_forces_of_linear_shocks_alone_are_refused_as_dependent(quarter_car: Rig) -> None:
+def test_forces_of_linear_shocks_alone_are_rejected_as_dependent(quarter_car: Rig) -> None:
     with pytest.raises(InputError, match="depend linearly"):
         estimate_response(
             quarter_car.records[:1],
@@ -83,14 +81,14 @@ def test_forces_of_linear_shocks_alone_are_refused_as_dependent(quarter_car: Rig
         )
 
 
-def test_hv_lies_with_h1_where_there_is_no_noise(quarter_car: Rig) -> None:
+def test_hv_agrees_with_h1_without_noise(quarter_car: Rig) -> None:
     h1, hv = (_estimate(quarter_car, kind(Blocks(10.0))) for kind in (H1, Hv))
     truth = response_of(quarter_car.truth, h1.frequency)
     power = quarter_car.input_power(h1.frequency)
     assert contribution_error(hv, truth, power).max() < 2.0 * contribution_error(h1, truth, power).max()
 
 
-def test_on_a_short_test_of_the_seven_dof_car_local_polynomials_err_ten_times_less_than_windows(seven_dof: Rig) -> None:
-    # One drive, run five times: however many records there are, 10 s blocks leave 19 of it to tell 7 inputs apart.
+def test_errors_of_local_polynomials_are_a_tenth_of_those_of_windows_on_short_tests(seven_dof: Rig) -> None:
+    # All five tests have the same drive, so blocks of 10 s give only 19 independent blocks for 7 inputs.
     windowed, local = (_estimate(seven_dof, recipe) for recipe in (H1(Blocks(10.0)), LocalPolynomial(spacing=0.2)))
     assert 10.0 * _errors(seven_dof, local).max() < _errors(seven_dof, windowed).max() < 0.1

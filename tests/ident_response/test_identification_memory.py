@@ -1,4 +1,4 @@
-"""What a command costs is that of its own process."""
+"""Tests of the measurement of a command's memory and time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from benchmarks.identification_memory import cost_of
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="os.wait4 is not there")
-def test_cost_is_of_the_child_and_its_exit_code_is_kept():
+@pytest.mark.skipif(sys.platform == "win32", reason="os.wait4 is not available")
+def test_cost_and_exit_code_are_those_of_the_child_process():
     cost = cost_of(["identify", "nowhere.parquet", "-o", "car.json"])
     assert cost.exit_code == 2
     assert 0.01 < cost.peak_gigabytes < 2.0

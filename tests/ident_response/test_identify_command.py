@@ -1,4 +1,4 @@
-"""`eightpost identify`: files in, a vehicle out, and what it says of bad ones."""
+"""Tests of `eightpost identify`: the vehicle that it writes, and its messages for bad files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .rig_tests import BASELINE, Rig
 
 @pytest.fixture(scope="module")
 def files(quarter_car: Rig, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The quarter car's two tests as rig files."""
+    """Rig files of the quarter car's two tests."""
     folder = tmp_path_factory.mktemp("rig")
     found = []
     for name, record in zip(("soft", "baseline")[::-1], quarter_car.records, strict=True):
@@ -38,7 +38,7 @@ def done(files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[R
     return _identify(*files, "-o", car), car
 
 
-def test_two_files_give_a_vehicle_with_its_fit_beside_it_and_pictures(done: tuple[Result, Path]) -> None:
+def test_two_files_give_a_vehicle_with_fit_and_plots(done: tuple[Result, Path]) -> None:
     result, car = done
     assert result.exit_code == 0, result.output
     fit = read_fit(car)
@@ -48,14 +48,14 @@ def test_two_files_give_a_vehicle_with_its_fit_beside_it_and_pictures(done: tupl
     }
 
 
-def test_the_baseline_is_found_whatever_the_order_of_the_files(done: tuple[Result, Path]) -> None:
+def test_the_baseline_does_not_depend_on_the_order_of_the_files(done: tuple[Result, Path]) -> None:
     result, car = done
     assert "baseline baseline.parquet" in result.output
-    # Central differences at these records' 250 Hz make velocities 1 % low at 10 Hz and 9 % at 30.
+    # At 250 Hz, central differences give velocities that are 1 % low at 10 Hz and 9 % low at 30 Hz.
     assert read_fit(car).vehicle.baseline_damping[""] == pytest.approx(BASELINE, rel=0.05)
 
 
-def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
+def test_decisions_are_printed(done: tuple[Result, Path]) -> None:
     for said in (
         "decimated to 125 Hz",
         "misfit of the",
@@ -67,7 +67,7 @@ def test_what_was_decided_is_printed(done: tuple[Result, Path]) -> None:
         assert said in " ".join(done[0].output.split()), said
 
 
-def test_a_preparation_file_takes_the_place_of_rate_and_settling(files: list[Path], tmp_path: Path) -> None:
+def test_a_preparation_file_replaces_rate_and_settling(files: list[Path], tmp_path: Path) -> None:
     (tmp_path / "prep.toml").write_text('rate = "62.5 Hz"\nsettling = "4 s"\n')
     result = _identify(
         *files,
@@ -84,7 +84,7 @@ def test_a_preparation_file_takes_the_place_of_rate_and_settling(files: list[Pat
     assert "decimated to 62.5 Hz" in " ".join(result.output.split())
 
 
-def test_an_identified_vehicle_takes_the_whole_shock_force(done: tuple[Result, Path]) -> None:
+def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done: tuple[Result, Path]) -> None:
     vehicle = read_vehicle(done[1])
     frequency = np.arange(2.0, 5.0, 0.01)
     peaks = [
@@ -105,7 +105,7 @@ def test_an_identified_vehicle_takes_the_whole_shock_force(done: tuple[Result, P
         (lambda files: [*files, "--output-channels", "spin"], "no output spin"),
     ],
 )
-def test_what_cannot_be_identified_exits_2_and_says_why(files: list[Path], tmp_path: Path, words, said: str) -> None:
+def test_unusable_arguments_exit_2_with_the_reason(files: list[Path], tmp_path: Path, words, said: str) -> None:
     given = words(files)
     output = [] if "-o" in given else ["-o", tmp_path / "car.json"]
     result = _identify(*given, *output)

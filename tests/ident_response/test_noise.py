@@ -1,4 +1,4 @@
-"""Coherence and variance against their closed forms."""
+"""Tests of coherence and variance against their closed forms."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def generator() -> np.random.Generator:
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 2.0])
-def test_the_coherence_of_a_noisy_output_is_signal_over_signal_and_noise(
+def test_the_coherence_of_a_noisy_output_is_signal_over_signal_plus_noise(
     generator: np.random.Generator, ratio: float
 ) -> None:
     u, noise = generator.normal(size=(2, SAMPLES))
@@ -36,17 +36,17 @@ def test_the_coherence_of_a_noisy_output_is_signal_over_signal_and_noise(
 
 @pytest.mark.parametrize("recipe", [H1(Blocks(2.0)), LocalPolynomial(spacing=0.5, half_width=0.1)])
 def test_the_variance_is_that_of_repeated_estimates(generator: np.random.Generator, recipe: Recipe) -> None:
-    values, told = [], []
+    values, variances = [], []
     for _ in range(20):
         u, noise = generator.normal(size=(2, SAMPLES))
         found = _estimate(_series(u=u, y=GAIN * u + noise), recipe, "u")
         assert found.variance is not None
         values.append(found.H[0, 0])
-        told.append(found.variance[0, 0].mean())
-    assert np.mean(told) == pytest.approx(np.mean(np.abs(np.array(values) - GAIN) ** 2), rel=0.15)
+        variances.append(found.variance[0, 0].mean())
+    assert np.mean(variances) == pytest.approx(np.mean(np.abs(np.array(values) - GAIN) ** 2), rel=0.15)
 
 
-def test_noise_on_the_output_leaves_h1_alone_and_noise_on_the_input_leaves_h2_alone(
+def test_h1_is_unbiased_by_output_noise_and_h2_by_input_noise(
     generator: np.random.Generator,
 ) -> None:
     u, noise = generator.normal(size=(2, SAMPLES))
@@ -66,14 +66,14 @@ def test_hv_of_one_input_is_the_geometric_mean_of_h1_and_h2(generator: np.random
     assert np.abs(hv) == pytest.approx(np.sqrt(np.abs(h1) * np.abs(h2)), rel=1e-9)
 
 
-def test_the_partial_coherence_of_correlated_inputs_counts_what_each_alone_explains(
+def test_the_partial_coherence_of_correlated_inputs_is_of_the_part_that_each_alone_explains(
     generator: np.random.Generator,
 ) -> None:
     first, own, noise = generator.normal(size=(3, SAMPLES))
     second = 0.8 * first + 0.6 * own
     found = _estimate(_series(a=first, b=second, y=2.0 * first + second + noise), H1(Blocks(2.0)), "a", "b")
     assert found.partial_coherence is not None
-    # With the other input taken out, each keeps 1 - 0.8^2 = 0.36 of its power.
+    # After removal of the other input, each keeps 1 - 0.8^2 = 0.36 of its power.
     expected = [4.0 * 0.36 / (4.0 * 0.36 + 1.0), 0.36 / (0.36 + 1.0)]
     assert found.partial_coherence[0].mean(axis=1) == pytest.approx(expected, abs=0.01)
 

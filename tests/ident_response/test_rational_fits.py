@@ -1,4 +1,4 @@
-"""Rational fits, their parallel realisation, and simulation with shocks."""
+"""Tests of rational fits, their parallel realisation, and simulation with shocks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _quarter_car() -> FrequencyResponse:
 
 
 def _linear_shock(rate: float) -> Polylinear:
-    """A straight line through the origin: F = rate v."""
+    """Return a linear shock, F = rate v."""
     speed = 0.4
     inner = (rate * speed, *[0.0] * 14)
     line = (rate * speed, rate * speed, 0.0, 0.0)
@@ -60,7 +60,7 @@ def test_every_path_of_the_quarter_car_is_recovered_to_rounding(dt: float | None
         assert np.abs(fit.frequency_response(F) - path).max() < 1e-10 * np.abs(path).max()
 
 
-def test_output_error_is_no_worse_than_the_reweighted_equation_error_it_starts_from() -> None:
+def test_the_output_error_does_not_exceed_that_of_the_initial_reweighted_fit() -> None:
     generator = np.random.default_rng(3)
     path = _quarter_car().between("tire_force", "road")
     noisy = path * (1.0 + 0.1 * (generator.normal(size=F.size) + 1j * generator.normal(size=F.size)))
@@ -80,7 +80,7 @@ def test_fits_of_pure_noise_are_stable(dt: float | None) -> None:
         assert (poles.real < 0.0).all() if dt is None else (np.abs(poles) < 1.0).all()
 
 
-def test_frequencies_without_weight_do_not_count() -> None:
+def test_frequencies_without_weight_have_no_effect() -> None:
     path = _quarter_car().between("velocity", "road").copy()
     path[F > 20.0] = 1e6
     fit = RationalFit(4, 4).fit(F, path, BandWeights(((0.0, 20.0, 1.0),)).at(F))
@@ -99,7 +99,7 @@ def test_the_parallel_realisation_equals_the_transfer_functions_at_every_frequen
     np.testing.assert_allclose(model.frequency_response(F), response.H, rtol=1e-9, atol=1e-14)
 
 
-def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_refused() -> None:
+def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_rejected() -> None:
     with pytest.raises(ParameterError, match="numerator"):
         RationalFit(3, 4)
     with pytest.raises(TooShortError, match="coefficients"):
@@ -107,11 +107,11 @@ def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_refused() 
 
 
 @pytest.mark.parametrize("name", ["quarter_car", "seven_dof"])
-def test_direct_terms_told_by_name_are_those_of_the_models(name: str) -> None:
+def test_direct_terms_predicted_from_names_are_those_of_the_models(name: str) -> None:
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     direct = model.direct_terms()
-    told = np.array([[has_direct_term(o, i) for i in model.input_names] for o in model.output_names])
-    np.testing.assert_array_equal(told, direct)
+    predicted = np.array([[has_direct_term(o, i) for i in model.input_names] for o in model.output_names])
+    np.testing.assert_array_equal(predicted, direct)
 
 
 def _identified(dt: float | None) -> IdentifiedVehicle:
@@ -124,7 +124,7 @@ def _identified(dt: float | None) -> IdentifiedVehicle:
     return IdentifiedVehicle("identified", fits.model, {"": BASELINE})
 
 
-def test_feeding_the_force_difference_back_swaps_the_shock_of_an_identified_car() -> None:
+def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car() -> None:
     rate = 1000.0
     road = 0.004 * noise(np.random.default_rng(8), 10_000, rate, 20.0)
     drive = TimeSeries.from_channels(np.arange(road.size) / rate, {"road": ("m", road)})
@@ -132,14 +132,14 @@ def test_feeding_the_force_difference_back_swaps_the_shock_of_an_identified_car(
     car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": ALTERNATE})
     u = np.stack([road, *[np.zeros(road.size)] * 2])
     exact = respond(car, u, rate, 1)
-    # The model takes the force as linear over each step; the tested car has it continuous.
+    # In the model the force is linear over each step; in the tested car it is continuous.
     for name in ("velocity", "tire_force", "ride_height"):
         wrong = found[name] - exact[car.output_names.index(name)]
         assert wrong.std() < 2e-3 * found[name].std(), name
     np.testing.assert_allclose(found["force"], ALTERNATE * found["velocity"], rtol=1e-6, atol=1e-6)
 
 
-def test_a_discrete_model_with_its_own_baseline_shock_answers_as_identified() -> None:
+def test_a_discrete_model_with_its_baseline_shock_responds_as_identified() -> None:
     dt = 0.004
     vehicle = _identified(dt)
     road = 0.004 * noise(np.random.default_rng(8), 2000, 1.0 / dt, 20.0)
@@ -149,7 +149,7 @@ def test_a_discrete_model_with_its_own_baseline_shock_answers_as_identified() ->
     np.testing.assert_allclose(found["tire_force"], alone["tire_force"], atol=1e-6 * found["tire_force"].std())
 
 
-def test_a_drive_that_the_vehicle_cannot_take_is_refused() -> None:
+def test_a_drive_with_unknown_channels_is_rejected() -> None:
     drive = TimeSeries.from_channels(np.arange(100) * 0.001, {"lf.road": ("m", np.zeros(100))})
     with pytest.raises(InputError, match=r"lf\.road"):
         simulate_with_shocks(_identified(None), {}, drive)
@@ -157,7 +157,7 @@ def test_a_drive_that_the_vehicle_cannot_take_is_refused() -> None:
         simulate_with_shocks(_identified(None), {"lf": _linear_shock(1.0)}, drive)
 
 
-def test_a_velocity_with_a_direct_term_from_its_own_force_is_refused() -> None:
+def test_a_velocity_with_a_direct_term_from_its_own_force_is_rejected() -> None:
     one = TransferFunction(np.array([-1.0 + 0j]), np.array([1.0 + 0j]), 0.5)
     model = parallel_model({("velocity", "force"): one}, [Channel("force", "N")], [Channel("velocity", "m/s")])
     drive = TimeSeries(np.arange(100) * 0.001, np.empty((0, 100)), (), ())

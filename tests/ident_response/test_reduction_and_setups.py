@@ -1,4 +1,4 @@
-"""Fewer states, and many setups at once, each against an independent construction."""
+"""Tests of model reduction and of the simulation of many setups, each against an independent construction."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
 
 
 def _copies(count: int) -> dict[tuple[str, str], TransferFunction]:
-    """One mode, seen at several outputs as if each had its own."""
+    """Return transfer functions of one mode to several outputs, as if each output had its own mode."""
     poles = np.array([-2.0 + 20.0j, -2.0 - 20.0j])
     return {(f"y{k}", "u"): TransferFunction(poles, (k + 1.0) * np.array([1 - 2j, 1 + 2j]), 0.1) for k in range(count)}
 
 
-def test_copies_of_one_mode_are_one_mode_again() -> None:
+def test_reduction_merges_copies_of_one_mode() -> None:
     outputs = [Channel(f"y{k}", "m") for k in range(5)]
     model = parallel_model(_copies(5), [Channel("u", "N")], outputs)
     found = balance(model, np.array([1e3]), np.full(5, 1e-6))
@@ -47,7 +47,7 @@ def test_copies_of_one_mode_are_one_mode_again() -> None:
     assert (reduced.poles().real < 0.0).all()
 
 
-def test_a_truncation_errs_by_less_than_twice_the_hankel_values_left_out() -> None:
+def test_the_truncation_error_is_below_twice_the_sum_of_the_omitted_hankel_values() -> None:
     generator = np.random.default_rng(2)
     paths = {}
     for k in range(6):
@@ -64,7 +64,7 @@ def test_a_truncation_errs_by_less_than_twice_the_hankel_values_left_out() -> No
         assert np.linalg.norm(wrong[:, 0], axis=0).max() <= bound * (1.0 + 1e-6)
 
 
-def test_a_path_whose_coherence_is_lost_is_continued_downwards() -> None:
+def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude() -> None:
     frequency = np.arange(1, 400) * 0.05
     H = 100.0 / (2.0 + 2j * np.pi * frequency) ** 2
     generator = np.random.default_rng(1)
@@ -79,7 +79,7 @@ def test_a_path_whose_coherence_is_lost_is_continued_downwards() -> None:
     beyond = frequency > 9.0
     assert np.abs(path[beyond] / H[beyond]).max() < 3.0
     assert np.abs(path[~lost] / H[~lost] - 1.0).max() < 0.3
-    assert "continued" in notes[0]
+    assert "extrapolated" in notes[0]
 
 
 def test_paths_are_zeroed_on_request() -> None:
@@ -103,7 +103,7 @@ def drive() -> TimeSeries:
 
 @pytest.fixture(scope="module")
 def bank() -> list[Lpf1 | Lpnl2]:
-    """Two shipped builds, one of them with a gas spring and a lag that does not fade, long enough for the steps."""
+    """Two shipped builds, one of them with a gas spring and a constant lag that is long compared with the steps."""
     first, second = (read_shock(BANK / f"{name}.json").law for name in ("AA_AA", "C_B"))
     assert isinstance(first, Lpnl2)
     assert isinstance(second, Lpnl2)
@@ -113,7 +113,7 @@ def bank() -> list[Lpf1 | Lpnl2]:
     ]
 
 
-def test_a_setup_among_many_answers_as_it_does_alone(
+def test_a_setup_among_many_responds_as_it_does_alone(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
     together = ManySetups(car, bank, drive).run([[0], [1], [0]])
@@ -121,31 +121,31 @@ def test_a_setup_among_many_answers_as_it_does_alone(
     for place, law in enumerate(bank):
         alone = simulate_with_shocks(car, {"": law}, drive)
         for row, name in enumerate(car.state_space.output_names):
-            if name != "hub_acceleration":  # its direct term shows the tables' corners sample by sample
+            if name != "hub_acceleration":  # its direct term contains the corners of the tables in every sample
                 assert np.std(together[place, row] - alone[name]) < 1e-3 * alone[name].std(), name
             assert together[place, row].std() == pytest.approx(alone[name].std(), rel=1e-3)
 
 
-def test_outputs_are_kept_at_every_so_many_samples(
+def test_outputs_are_stored_at_every_nth_sample(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
     every, fifth = (ManySetups(car, bank, drive, step).run([[0]]) for step in (1, 5))
     np.testing.assert_array_equal(fifth, every[..., ::5])
 
 
-def test_friction_adds_its_damping_where_it_is_smooth(
+def test_smooth_friction_acts_as_a_linear_damper(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
-    # A smoothing velocity far above the motion's makes friction a linear damper F_c / v_f.
-    rubbing = replace(car, friction={"": Friction(50_000.0, 100.0)})
-    rubbed = ManySetups(rubbing, bank, drive).run([[0]])[0]
+    # If the smoothing velocity is far above that of the motion, friction is a linear damper F_c / v_f.
+    with_friction = replace(car, friction={"": Friction(50_000.0, 100.0)})
+    found = ManySetups(with_friction, bank, drive).run([[0]])[0]
     softer = IdentifiedVehicle("softer", add_port_damping(car.state_space, {"": 500.0}), {"": BASELINE})
     expected = ManySetups(softer, bank, drive).run([[0]])[0]
-    # The first takes the force as linear over each step, the second has it in the model.
-    np.testing.assert_allclose(rubbed.std(axis=1), expected.std(axis=1), rtol=2e-3)
+    # In the first the force is linear over each step; in the second it is part of the model.
+    np.testing.assert_allclose(found.std(axis=1), expected.std(axis=1), rtol=2e-3)
 
 
-def test_what_cannot_be_simulated_together_is_refused(
+def test_setups_that_cannot_be_simulated_together_are_rejected(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:
     with pytest.raises(InputError, match="each setup needs one shock"):

@@ -1,4 +1,4 @@
-"""Frequency responses as files, and what they refuse."""
+"""Tests of frequency responses and their files, and of the errors that they raise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _record(samples: int = 1000, rate: float = 100.0) -> TimeSeries:
     return TimeSeries(np.arange(samples) / rate, values, ("u", "v", "y"), ("m", "m", "N"))
 
 
-def test_reading_gives_what_was_written_to_the_last_bit(tmp_path: Path) -> None:
+def test_a_response_that_is_read_back_is_bitwise_equal(tmp_path: Path) -> None:
     response = _response()
     write_response(tmp_path / "h.npz", response, sources={"a.csv": "0" * 64})
     again = read_response(tmp_path / "h.npz")
@@ -50,7 +50,7 @@ def test_reading_gives_what_was_written_to_the_last_bit(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(response, name))
 
 
-def test_a_file_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
+def test_a_file_of_a_newer_schema_is_rejected(tmp_path: Path) -> None:
     write_response(tmp_path / "h.npz", _response())
     with np.load(tmp_path / "h.npz") as content:
         members = {name: content[name] for name in content.files}
@@ -61,33 +61,33 @@ def test_a_file_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"no zip at all", b"PK\x03\x04broken"])
-def test_a_file_that_is_none_of_ours_is_refused_with_its_name(tmp_path: Path, content: bytes) -> None:
+def test_another_file_is_rejected_with_its_name(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "h.npz").write_bytes(content)
     with pytest.raises(FileFormatError, match=r"h\.npz"):
         read_response(tmp_path / "h.npz")
 
 
-def test_channels_are_selected_by_name_in_the_order_asked_for() -> None:
+def test_channels_are_selected_by_name_in_the_given_order() -> None:
     chosen = _response().select(inputs=["lf.force", "lf.road"], outputs=["lf.tire_force"])
     assert chosen.input_names == ("lf.force", "lf.road")
     np.testing.assert_array_equal(chosen.between("lf.tire_force", "lf.road"), _response().H[1, 0])
-    with pytest.raises(ParameterError, match=r"'rf\.road' is not there"):
+    with pytest.raises(ParameterError, match=r"unknown input 'rf\.road'; the inputs are"):
         _response().select(inputs=["rf.road"])
 
 
-def test_records_that_cannot_be_used_say_why() -> None:
+def test_unusable_records_are_rejected_with_the_reason() -> None:
     blocks, both = Blocks(1.0), {"inputs": ["u", "v"], "outputs": ["y"]}
     with pytest.raises(MissingChannelError, match="w"):
         estimate_response([_record()], inputs=["w"], outputs=["y"], recipe=H1(blocks))
-    with pytest.raises(InputError, match="bring them to one rate"):
+    with pytest.raises(InputError, match="resample to one rate"):
         estimate_response([_record(), _record(rate=50.0)], recipe=H1(blocks), **both)
-    with pytest.raises(TooShortError, match="shorten the blocks"):
+    with pytest.raises(TooShortError, match="use shorter blocks"):
         estimate_response([_record(50)], recipe=H1(blocks), **both)
-    with pytest.raises(InputError, match="cannot tell 2 inputs apart"):
+    with pytest.raises(InputError, match="too few for 2 inputs"):
         estimate_response([_record(150)], recipe=H1(blocks), **both)
     with pytest.raises(TooShortError, match="longer records"):
         estimate_response([_record(20)], recipe=LocalPolynomial(), **both)
     with pytest.raises(InputError, match="as many outputs as inputs"):
         estimate_response([_record()], recipe=H2(blocks), **both)
-    with pytest.raises(InputError, match="1 forces take 2"):
+    with pytest.raises(InputError, match="1 forces need 2"):
         estimate_response([_record()], recipe=Sequential(blocks, ("v",)), **both)

@@ -1,4 +1,4 @@
-"""`eightpost vehicle` and the parameter study under it."""
+"""Tests of `eightpost vehicle` and of its parameter study."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def _quarter_car() -> StructuralVehicle:
     return found
 
 
-def test_damping_lowers_the_resonance_and_raises_the_response_above_it_as_in_fig_4_2() -> None:
+def test_damping_reduces_the_resonance_and_increases_the_response_above_it_as_in_fig_4_2() -> None:
     soft, hard = vary(_quarter_car(), "damping", [0.5, 3.0], F)
     low, high = (np.abs(variant.response.between("tire_force", "road")) for variant in (soft, hard))
     assert high[np.argmin(np.abs(F - 3.0))] < low[np.argmin(np.abs(F - 3.0))]
     assert high[np.argmin(np.abs(F - 8.0))] > low[np.argmin(np.abs(F - 8.0))]
 
 
-def test_stiffness_raises_the_frequency_and_lowers_the_damping_ratio_as_in_fig_4_4() -> None:
+def test_stiffness_increases_the_frequency_and_reduces_the_damping_ratio_as_in_fig_4_4() -> None:
     modes = [variant.modes[0] for variant in vary(_quarter_car(), "suspension_stiffness", [0.5, 1.0, 3.0], F)]
     assert [m.frequency_hz for m in modes] == sorted(m.frequency_hz for m in modes)
     assert [m.damping_ratio for m in modes] == sorted((m.damping_ratio for m in modes), reverse=True)
 
 
-def test_the_command_prints_the_modes_and_writes_pictures_and_responses(tmp_path: Path) -> None:
+def test_the_command_prints_the_modes_and_writes_plots_and_responses(tmp_path: Path) -> None:
     done = _vehicle(shipped("quarter_car"), "-o", tmp_path)
     assert done.exit_code == 0, done.output
     assert "3.039 Hz 5.82 %" in done.output
@@ -66,11 +66,11 @@ def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> 
     [
         (["--vary", "colour"], "has no parameter 'colour'"),
         (["--vary", "damping", "--factors", "a,b"], "give numbers separated by commas"),
-        (["--output", "rf.velocity"], "'rf.velocity' is not there"),
+        (["--output", "rf.velocity"], "unknown output 'rf.velocity'"),
         (["--high", "-1"], "give a frequency"),
     ],
 )
-def test_wrong_words_exit_2_and_say_what_to_do(tmp_path: Path, words: list[str], message: str) -> None:
+def test_wrong_arguments_exit_2_with_a_remedy(tmp_path: Path, words: list[str], message: str) -> None:
     done = _vehicle(shipped("quarter_car"), *words, "-o", tmp_path)
     assert done.exit_code == 2
     assert message in " ".join(done.output.split())

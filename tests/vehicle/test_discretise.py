@@ -1,4 +1,4 @@
-"""Discrete equivalents against scipy and python-control."""
+"""Tests of discrete models against scipy and python-control."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def assert_same(found, expected):
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 @pytest.mark.parametrize("step", [1e-4, 0.002, 0.01])
-def test_zero_order_hold_is_scipys_and_python_controls(model, step):
+def test_zero_order_hold_agrees_with_scipy_and_python_control(model, step):
     found = discretise(model, step)
     matrices = tuple(getattr(model, name) for name in MATRICES)
     assert_same(found, cont2discrete(matrices, step, "zoh")[:4])
@@ -32,7 +32,7 @@ def test_zero_order_hold_is_scipys_and_python_controls(model, step):
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 @pytest.mark.parametrize("step", [1e-4, 0.002, 0.01])
-def test_first_order_hold_is_scipys(model, step):
+def test_first_order_hold_agrees_with_scipy(model, step):
     matrices = tuple(getattr(model, name) for name in MATRICES)
     assert_same(discretise(model, step, "first"), cont2discrete(matrices, step, "foh")[:4])
 
@@ -50,11 +50,11 @@ def test_first_order_hold_is_exact_for_straight_lines():
     ("step", "hold", "message"),
     [(0.0, "zero", "above zero"), (0.01, "second", "choose 'zero' or 'first'")],
 )
-def test_what_cannot_be_done_is_refused(step, hold, message):
+def test_invalid_steps_and_holds_are_rejected(step, hold, message):
     with pytest.raises(ParameterError, match=message):
         discretise(MODELS[0], step, hold)
 
 
-def test_a_discrete_model_is_not_discretised_again():
-    with pytest.raises(ParameterError, match="discrete already"):
+def test_a_discrete_model_is_rejected():
+    with pytest.raises(ParameterError, match="already discrete"):
         discretise(discretise(MODELS[0], 0.01), 0.01)

@@ -1,4 +1,4 @@
-"""Friction at the ports: second order, the linear model where there is none, and it only ever takes energy."""
+"""Tests of friction at the ports: second order, no effect with zero force, and dissipation of energy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MODELS = {
 
 
 def with_friction(name, force, width):
-    """A car's stepper and its friction: the same values at all ports, or one per port."""
+    """Return a car's stepper and its friction, with the same values at all ports or one per port."""
     model = MODELS[name]
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     names = [n.removesuffix("velocity") for n in model.output_names if n.endswith("velocity")]
@@ -38,7 +38,7 @@ def with_friction(name, force, width):
 
 
 def roads(name, time):
-    """Every input at the instants (len(time), m): roads of a few sines, no loads."""
+    """Return every input at the given times (len(time), m): roads of a few sines, no loads."""
     model, rng = MODELS[name], np.random.default_rng(4)
     u = np.zeros((len(time), len(model.inputs)))
     for k, channel in enumerate(model.input_names):
@@ -48,7 +48,7 @@ def roads(name, time):
 
 
 def run(stepper, friction, x, u, h):
-    """The states (K + 1, n) under inputs (K + 1, m) that are linear between instants."""
+    """Return the states (K + 1, n) for inputs (K + 1, m) that are linear between their times."""
     states = [x]
     for before, after in pairwise(u):
         states.append(advance(stepper, friction, states[-1], before, after, h))
@@ -56,7 +56,7 @@ def run(stepper, friction, x, u, h):
 
 
 def integrate(model, friction, x, u0, u1, h, *, rtol=1e-11):
-    """The state after one step by an adaptive integrator; the equations are written here, not taken from the module."""
+    """Return the state after one step by an adaptive integrator, with independently written equations."""
     places = [(name, name.removesuffix("velocity") + "force") for name in model.output_names if "velocity" in name]
     rows = np.array([model.C[model.output_names.index(velocity)] for velocity, _ in places])
     columns = np.array([model.B[:, model.input_names.index(force)] for _, force in places]).T
@@ -69,7 +69,7 @@ def integrate(model, friction, x, u0, u1, h, *, rtol=1e-11):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_without_friction_the_step_and_the_outputs_are_the_linear_ones_bit_for_bit(name):
+def test_without_friction_step_and_outputs_are_bitwise_those_of_the_linear_model(name):
     stepper, friction = with_friction(name, 0.0, 0.005)
     rng = np.random.default_rng(1)
     x, u0, u1 = (rng.normal(size=size) for size in (len(stepper.A), stepper.B.shape[1], stepper.B.shape[1]))
@@ -80,7 +80,7 @@ def test_without_friction_the_step_and_the_outputs_are_the_linear_ones_bit_for_b
 
 @pytest.mark.parametrize(("name", "force"), [("quarter_car with damper", 1000.0), ("seven_dof", (400, 100, 0, 900))])
 def test_the_scheme_is_of_second_order(name, force):
-    """Smooth friction, steps that need no cutting: each halving of the step takes the error down four times."""
+    """With smooth friction and no sub-steps, each halving of the step reduces the error by a factor of four."""
     stepper, friction = with_friction(name, force, 0.5)
     n, m = stepper.B.shape
     x, u0, u1 = np.random.default_rng(2).normal(size=n) * 0.02, np.zeros(m), np.full(m, 0.004)
@@ -98,7 +98,7 @@ def test_the_scheme_is_of_second_order(name, force):
 @pytest.mark.parametrize("force", [50.0, 200.0, 500.0])
 @pytest.mark.parametrize("name", ["seven_dof with damper", "quarter_car with damper"])
 def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
-    """RMS errors below 0.1 % of the standard deviation: velocities and tire forces, ports that slide and that creep."""
+    """RMS errors of velocities and tire forces are below 0.1 % of the standard deviation, for sliding and creeping."""
     stepper, friction = with_friction(name, force, width)
     model, h = MODELS[name], 1e-3
     u = roads(name, np.arange(121) * h)
@@ -112,8 +112,8 @@ def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
         assert (np.sqrt(np.mean((y - expected) ** 2, axis=0)) < 1e-3 * expected.std(axis=0)).all()
 
 
-def test_on_a_random_road_the_sub_steps_are_as_good_as_ten_times_finer_ones():
-    """5000 random heights a second, and friction that turns with them: where the sub-steps' own error is largest."""
+def test_on_a_random_road_the_sub_steps_agree_with_ten_times_finer_ones():
+    """With 5000 random heights per second friction changes its sign often, so the error of the sub-steps is largest."""
     stepper, friction = with_friction("quarter_car", 190.0, 2e-3)
     h, parts = 2e-4, 10
     u = np.zeros((1501, stepper.B.shape[1]))
@@ -154,22 +154,22 @@ def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
         "displacement": exact[1] - exact[0],
         "chassis_position": exact[0],
         "tire_force": p.tire_stiffness * (u[:, 0] - exact[1]),
-        "chassis_acceleration": accelerations[0],  # friction is in the direct terms too
+        "chassis_acceleration": accelerations[0],  # friction is also in the direct terms
         "hub_acceleration": accelerations[1],
     }
     assert damped.input_names[0] == "road"
     for name, values in expected.items():
-        # An acceleration has the error of the velocity F_c / (v_f m) times over, where the port turns round.
+        # When the port changes direction, the error of an acceleration is F_c / (v_f m) times that of the velocity.
         tolerance = 5e-3 if name.endswith("acceleration") else 1e-3
         assert np.abs(got[name] - values).max() < tolerance * np.abs(values).max(), name
 
 
-def test_friction_takes_from_an_undamped_car_the_energy_that_its_work_says():
-    """Free motion of the quarter car: what is lost of 1/2 m v^2 + 1/2 k d^2 is the integral of F v."""
+def test_the_energy_loss_of_an_undamped_car_equals_the_work_of_friction():
+    """In free motion of the quarter car, the loss of 1/2 m v^2 + 1/2 k d^2 is the integral of F v."""
     p = QUARTER.parameters
     stepper, friction = with_friction("quarter_car", 150.0, 0.01)
     h, rest = 2e-4, np.zeros(3)
-    x = stepper.equilibrium(np.array([0.01, 0.0, 0.0]))  # lifted by the road, which then falls away
+    x = stepper.equilibrium(np.array([0.01, 0.0, 0.0]))  # lifted by the road, which then drops
     states = run(stepper, friction, x, np.tile(rest, (4001, 1)), h)
     w1, w2, v1, v2 = states.T
     energy = 0.5 * (
@@ -185,7 +185,7 @@ def test_friction_takes_from_an_undamped_car_the_energy_that_its_work_says():
     np.testing.assert_allclose(energy[0] - energy, work, atol=2e-4 * energy[0])
 
 
-def test_on_a_sine_friction_dissipates_over_every_period():
+def test_friction_dissipates_energy_in_every_period_of_a_sine():
     stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
     h = 1e-3
     time = np.arange(1501) * h
@@ -198,8 +198,8 @@ def test_on_a_sine_friction_dissipates_over_every_period():
     assert (power[:1500].reshape(3, 500, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
 
 
-def test_below_the_coulomb_force_the_port_creeps_and_above_it_slides():
-    """A load that would need F_c / 2 at the port: v = -v_f atanh(1/2), whatever the rest does; twice F_c: it goes."""
+def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
+    """A load of F_c / 2 at the port gives v = -v_f atanh(1/2), independent of the rest of the car; 2 F_c slides."""
     force, width, h = 2000.0, 1e-3, 1e-3
     stepper, friction = with_friction("quarter_car", force, width)
     model = MODELS["quarter_car"]
@@ -216,33 +216,33 @@ def test_below_the_coulomb_force_the_port_creeps_and_above_it_slides():
 
 @pytest.mark.parametrize("name", MODELS)
 def test_very_stiff_friction_stays_bounded(name):
-    """At 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times the car's own pace."""
+    """With 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times faster than the car."""
     stepper, friction = with_friction(name, 1500.0, 1e-4)
     u = roads(name, np.arange(9) * 1e-3)
     velocities = run(stepper, friction, stepper.equilibrium(u[0]), u, 1e-3) @ friction.ports.velocity.T
-    assert np.abs(velocities).max() < 1e-3  # a road of some mm does not move a port that is held with 1500 N
+    assert np.abs(velocities).max() < 1e-3  # a road of some mm does not move a port with friction of 1500 N
 
 
 @given(
     force=st.lists(st.floats(0.0, 1e4), min_size=4, max_size=4).filter(any),
     width=st.lists(st.floats(1e-4, 0.1), min_size=4, max_size=4),
 )
-def test_the_rate_bounds_every_rate_at_which_friction_alone_settles_the_car(force, width):
+def test_the_rate_is_an_upper_bound_of_the_rates_at_which_friction_alone_settles_the_car(force, width):
     stepper, friction = with_friction("seven_dof", force, width)
     ports = friction.ports
     feedback = (stepper.B @ ports.selector) * (friction.force / friction.width) @ ports.velocity
     fastest = float(np.abs(np.linalg.eigvals(feedback)).max())
     assert fastest <= friction.rate * (1.0 + 1e-9)
-    assert friction.rate <= 4.0 * fastest * (1.0 + 1e-9)  # and is not far above it
+    assert friction.rate <= 4.0 * fastest * (1.0 + 1e-9)  # and it is not far above them
 
 
-def test_a_ports_mobility_is_that_of_its_two_masses():
+def test_the_mobility_of_a_port_follows_from_its_two_masses():
     _, friction = with_friction("quarter_car", 1.0, 1.0)
     p = QUARTER.parameters
     np.testing.assert_allclose(friction.ports.mobility, [1.0 / p.sprung_mass + 1.0 / p.unsprung_mass], rtol=1e-14)
 
 
-def test_a_long_step_is_cut_into_the_sub_steps_that_it_needs():
+def test_a_long_step_is_divided_into_sub_steps():
     stepper, friction = with_friction("quarter_car with damper", 200.0, 0.005)
     h = 0.008
     count = friction.sub_steps(h)
@@ -253,23 +253,23 @@ def test_a_long_step_is_cut_into_the_sub_steps_that_it_needs():
     np.testing.assert_allclose(whole, parts, rtol=1e-8, atol=1e-10)
 
 
-def test_a_step_that_would_take_too_many_sub_steps_is_refused_with_the_reason():
+def test_a_step_with_too_many_sub_steps_is_rejected_with_the_reason():
     stepper, friction = with_friction("quarter_car", 1e5, 1e-4)
     with pytest.raises(ValueError, match=r"too stiff for a step of 0.05 s.*smaller step.*friction_velocity"):
         advance(stepper, friction, np.zeros(4), np.zeros(3), np.zeros(3), 0.05)
 
 
 @pytest.mark.parametrize(
-    ("force", "width", "said"),
+    ("force", "width", "message"),
     [(-1.0, 0.005, "force of port 0"), (np.nan, 0.005, "force"), (1.0, 0.0, "velocity"), (1.0, np.inf, "velocity")],
 )
-def test_values_that_are_none_are_refused(force, width, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_values_are_rejected(force, width, message):
+    with pytest.raises(ValueError, match=message):
         with_friction("quarter_car", force, width)
 
 
 def test_the_friction_needs_numpy_only():
-    """The python FMU ships the file: load it by its path in a process that may not import eightpost."""
+    """The python FMU contains the file, so it is loaded by its path in a process that may not import eightpost."""
     code = (
         "import importlib.util, sys; sys.modules['eightpost'] = None; sys.modules['scipy'] = None;"
         f"spec = importlib.util.spec_from_file_location('alone', {module.__file__!r});"

@@ -1,4 +1,4 @@
-"""The stepping kernel: exact at any step, also where the state matrix is singular."""
+"""Tests of the stepping kernel: exact at any step, even if the state matrix is singular."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEPS = st.floats(np.log(1e-7), np.log(0.05)).map(lambda x: float(np.exp(x)))
 
 
 def free_mass():
-    """One mass without any spring: A is singular and defective, the step is known in closed form."""
+    """Return a free mass: A is singular and defective, and the step is known in closed form."""
     return np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 
 
@@ -33,7 +33,7 @@ def stepper(name):
 
 
 def by_series(A, B, h):
-    """exp and its two integrals in extended precision: Taylor series over h / 2^k, then doublings."""
+    """Return exp and its two integrals in extended precision, by Taylor series over h / 2^k and doublings."""
     A, B = A.astype(np.longdouble), B.astype(np.longdouble)
     n, halvings = len(A), max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=1).max() * h, 1e-300)))) + 2)
     h = np.longdouble(h) / 2**halvings
@@ -45,7 +45,9 @@ def by_series(A, B, h):
         first = first + term * h / (k + 1)
         second = second + term * h / ((k + 1) * (k + 2))
     held, ramp = first @ B, second @ B
-    for _ in range(halvings):  # two steps as one: a ramp over both is half a ramp, then half held and half a ramp
+    for _ in range(
+        halvings
+    ):  # combine two steps: a ramp over both is half a ramp, then a constant half plus half a ramp
         held, ramp = total @ held + held, total @ ramp / 2 + held / 2 + ramp / 2
         total = total @ total
     return total, held - ramp, ramp
@@ -57,7 +59,7 @@ def test_discretisation_equals_a_series_in_extended_precision(name, step):
     model = MODELS[name]
     found = kernel.discretise(model.A, model.B, step)
     for matrix, expected in zip(found, by_series(model.A, model.B, step), strict=True):
-        # Positions and velocities, roads and forces have sizes of their own: by column, by block.
+        # Positions and velocities, roads and forces have different scales, so compare by column and block.
         n = len(model.A) // 2
         for rows in (slice(0, n), slice(n, None)):
             scale = np.abs(expected[rows]).max(axis=0)
@@ -65,7 +67,7 @@ def test_discretisation_equals_a_series_in_extended_precision(name, step):
 
 
 @given(step=STEPS)
-def test_a_free_mass_moves_as_in_the_textbook(step):
+def test_a_free_mass_agrees_with_the_closed_form(step):
     Ad, B0, B1 = kernel.discretise(*free_mass(), step)
     np.testing.assert_allclose(Ad, [[1.0, step], [0.0, 1.0]], rtol=1e-14)
     np.testing.assert_allclose(B0[:, 0], [step**2 / 3, step / 2], rtol=1e-13)  # force falling from 1 to 0
@@ -92,7 +94,7 @@ def test_irregular_steps_with_ramps_follow_a_fine_integration(name):
 
 
 @given(step=STEPS, share=st.floats(0.01, 0.99))
-def test_two_parts_of_a_step_equal_the_step(step, share):
+def test_two_partial_steps_equal_the_whole_step(step, share):
     one, random = stepper("seven_dof with damper"), np.random.default_rng(5)
     x, u0, u1 = random.normal(size=14), random.normal(size=11), random.normal(size=11)
     between = u0 + share * (u1 - u0)
@@ -102,7 +104,7 @@ def test_two_parts_of_a_step_equal_the_step(step, share):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_equilibrium_stays(name):
+def test_equilibrium_is_steady(name):
     one = stepper(name)
     u = np.random.default_rng(2).normal(size=one.B.shape[1])
     rest = one.equilibrium(u)
@@ -116,19 +118,19 @@ def test_output_is_cx_plus_du():
     np.testing.assert_array_equal(one.output(x, u), one.C @ x + one.D @ u)
 
 
-def test_no_steady_state_is_said_with_the_reason():
+def test_a_model_without_a_steady_state_is_rejected_with_the_reason():
     A, B = free_mass()
     with pytest.raises(ValueError, match=r"no unique steady state.*drift"):
         LinearStepper(A, B, np.eye(2), np.zeros((2, 1))).equilibrium(np.ones(1))
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, np.nan, np.inf])
-def test_an_impossible_step_is_refused(step):
+def test_an_invalid_step_is_rejected(step):
     with pytest.raises(ValueError, match="above zero"):
         kernel.discretise(*free_mass(), step)
 
 
-def test_the_cache_is_bounded_and_keeps_what_is_used():
+def test_the_cache_is_bounded_and_keeps_recently_used_entries():
     one = stepper("quarter_car")
     used = one.discrete(1e-3)
     for k in range(3 * kernel.CACHE_SIZE):
@@ -138,7 +140,7 @@ def test_the_cache_is_bounded_and_keeps_what_is_used():
 
 
 def test_the_kernel_needs_numpy_and_scipy_only():
-    """The python FMU ships the file alone: load it by its path in a process that may not import eightpost."""
+    """The python FMU contains the file, so it is loaded by its path in a process that may not import eightpost."""
     code = (
         "import importlib.util, sys; sys.modules['eightpost'] = None;"
         f"spec = importlib.util.spec_from_file_location('alone', {kernel.__file__!r});"

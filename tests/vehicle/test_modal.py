@@ -1,4 +1,4 @@
-"""The modal form: the same model as modes, exact at any step, refused where modes cannot be had."""
+"""Tests of the modal form: exact at any step, and rejected for models without a modal form."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CARS = {
 
 
 def model_of(A, *, B=None, C=None, m=2, p=3, seed=0):
-    """A model around a state matrix, its other matrices random where they are not given."""
+    """Return a model with a state matrix; matrices that are not given are random."""
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(len(A), m)) if B is None else B
     C = rng.normal(size=(p, len(A))) if C is None else C
@@ -33,20 +33,20 @@ def model_of(A, *, B=None, C=None, m=2, p=3, seed=0):
 
 
 def random_model(n, seed):
-    """Random states, all of them decaying, eigenvalues from about 10 to 110 1/s in size."""
+    """Return a random stable state matrix with eigenvalues of about 10 to 110 1/s in magnitude."""
     A = np.random.default_rng(seed).normal(size=(n, n)) * 50.0 / np.sqrt(max(n, 1)) - 60.0 * np.eye(n)
     return model_of(A, seed=seed)
 
 
 def in_random_coordinates(A, seed):
-    """The same model in coordinates that are neither orthogonal nor far from it."""
+    """Return the same model in coordinates that are nearly, but not exactly, orthogonal."""
     rng = np.random.default_rng(seed)
     T = np.linalg.qr(rng.normal(size=A.shape))[0] @ (np.eye(len(A)) + 0.2 * np.triu(rng.uniform(-1, 1, A.shape), 1))
     return T @ A @ np.linalg.inv(T)
 
 
 def difference(model, *, steps=60, seed=1):
-    """The largest difference of any output from the exact stepper's, in parts of the largest value of that output.
+    """Return the largest difference of any output from the exact stepper's, relative to that output's largest value.
 
     The first two steps are long ones: after 1e-7 s a displacement is what is left of much larger modes.
     """
@@ -64,17 +64,17 @@ def difference(model, *, steps=60, seed=1):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_a_car_as_modes_steps_like_the_exact_stepper(name):
+def test_the_modal_form_of_a_car_agrees_with_the_exact_stepper(name):
     assert difference(CARS[name]) < 1e-12
 
 
 @settings(max_examples=25)
 @given(n=st.integers(1, 30), seed=st.integers(0, 10_000))
-def test_a_random_model_as_modes_steps_like_the_exact_stepper(n, seed):
+def test_the_modal_form_of_a_random_model_agrees_with_the_exact_stepper(n, seed):
     assert difference(random_model(n, seed), steps=15) < ACCURACY
 
 
-def test_150_states_step_like_the_exact_stepper():
+def test_the_modal_form_of_150_states_agrees_with_the_exact_stepper():
     assert difference(random_model(150, 3), steps=15) < ACCURACY
 
 
@@ -102,7 +102,7 @@ def test_a_car_has_the_frequencies_and_damping_of_its_modes():
 
 def test_an_undamped_car_keeps_its_amplitude_for_a_minute():
     form = modal_form(CARS["quarter_car"])
-    assert np.abs(form.sigma).max() < 1e-11  # 1/s: all damping comes through the ports
+    assert np.abs(form.sigma).max() < 1e-11  # 1/s: all damping comes from the shocks at the ports
     z = np.ones(form.pairs, complex)
     end = z
     for _ in range(600):
@@ -111,7 +111,7 @@ def test_an_undamped_car_keeps_its_amplitude_for_a_minute():
 
 
 @pytest.mark.parametrize("copies", [2, 4])
-def test_uncoupled_identical_cars_stay_uncoupled_to_the_last_bit(copies):
+def test_uncoupled_identical_cars_remain_exactly_uncoupled(copies):
     one = CARS["quarter_car with damper"]
     A, B, C = (block_diag(*[matrix] * copies) for matrix in (one.A, one.B, one.C))
     form, alone = modal_form(model_of(A, B=B, C=C)), modal_form(one)
@@ -126,7 +126,7 @@ def test_uncoupled_identical_cars_stay_uncoupled_to_the_last_bit(copies):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_repeated_eigenvalues_with_eigenvectors_of_their_own_are_modes_like_others(seed):
+def test_repeated_eigenvalues_with_independent_eigenvectors_have_a_modal_form(seed):
     pair, real = np.array([[-3.0, 40.0], [-40.0, -3.0]]), -10.0 * np.eye(3)
     assert difference(model_of(in_random_coordinates(block_diag(pair, pair, pair, real), seed))) < 1e-11
 
@@ -150,7 +150,7 @@ def test_a_mode_of_exactly_zero_integrates_its_input():
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_steady_state_gives_the_models_steady_outputs_and_stays(name):
+def test_the_steady_state_gives_the_models_steady_outputs(name):
     model, form = CARS[name], modal_form(CARS[name])
     u = np.where([c.unit == "m" for c in model.inputs], 0.01, 800.0) * np.linspace(-1.0, 1.0, len(model.inputs))
     z = form.steady_state(u)
@@ -160,7 +160,7 @@ def test_the_steady_state_gives_the_models_steady_outputs_and_stays(name):
 
 
 @pytest.mark.parametrize("n", [0, 1])
-def test_a_model_without_states_or_inputs_is_what_is_left_of_it(n):
+def test_a_model_without_states_or_inputs_has_a_modal_form(n):
     form = modal_form(model_of(-np.eye(n), m=1 - n, p=2))
     assert form.sigma.size == n
     assert form.pairs == 0
@@ -178,7 +178,7 @@ def test_the_same_model_gives_the_same_bytes():
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 1000))
-def test_what_each_mode_does_does_not_hang_on_the_order_of_the_states(seed):
+def test_modes_do_not_depend_on_the_order_of_the_states(seed):
     model = CARS["quarter_car with damper"]
     order = np.random.default_rng(seed).permutation(4)
     other = StateSpace(
@@ -193,7 +193,7 @@ def test_what_each_mode_does_does_not_hang_on_the_order_of_the_states(seed):
 
 @settings(max_examples=40)
 @given(n=st.integers(1, 20), seed=st.integers(0, 10_000))
-def test_pairs_come_first_each_group_rises_and_inputs_and_outputs_are_alike(n, seed):
+def test_pairs_come_first_each_group_is_sorted_and_inputs_and_outputs_are_scaled(n, seed):
     form = modal_form(random_model(n, seed))
     real = form.omega == 0.0
     assert (np.diff(real.astype(int)) >= 0).all()
@@ -206,25 +206,25 @@ def test_pairs_come_first_each_group_rises_and_inputs_and_outputs_are_alike(n, s
     assert (np.abs(np.log2(b / c)) <= 1.0 + 1e-9).all()
 
 
-def test_a_free_mass_has_no_modes_and_the_message_says_what_to_do():
+def test_a_free_mass_is_rejected_with_a_remedy():
     free_mass = model_of(np.array([[0.0, 1.0], [0.0, 0.0]]))
     with pytest.raises(ParameterError, match=r"eigenvalues 0 and 0 1/s nearly coincide.*--target python"):
         modal_form(free_mass)
 
 
-def test_critical_damping_has_no_modes():
+def test_critical_damping_is_rejected():
     critical = model_of(block_diag([[-1.0, 30.0], [-30.0, -1.0]], [[0.0, 1.0], [-100.0, -20.0]]))
     with pytest.raises(ParameterError, match=r"eigenvalues -10\S* and -10\S* 1/s nearly coincide"):
         modal_form(critical)
 
 
-def test_a_discrete_model_is_refused():
+def test_a_discrete_model_is_rejected():
     with pytest.raises(ParameterError, match="discrete"):
         modal_form(StateSpace([[0.5]], np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0)), (), (), 0.01))
 
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 0.0])
-def test_near_a_double_eigenvalue_modes_are_accurate_or_refused(distance):
+def test_near_a_double_eigenvalue_modes_are_accurate_or_rejected(distance):
     accepted = 0
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -240,7 +240,7 @@ def test_near_a_double_eigenvalue_modes_are_accurate_or_refused(distance):
 
 
 def by_taylor(x):
-    """e^x, phi1 and phi2 by their Taylor series in 150 decimal digits: sums of x^k / k!, / (k+1)!, / (k+2)!."""
+    """Return e^x, phi1 and phi2 by their Taylor series in 150 digits: sums of x^k / k!, / (k+1)!, / (k+2)!."""
     with localcontext() as context:
         context.prec = 150
         re, im, factor = Decimal(1), Decimal(0), Decimal(1)
@@ -268,7 +268,7 @@ def test_the_exponential_functions_equal_their_series_in_150_digits(size, angle)
 
 
 @pytest.mark.parametrize("x", [0.0, 1.0, -1.0, 1.0j, -1.0 - 1e-12, -5e5 + 1e3j])
-def test_the_exponential_functions_hold_at_zero_at_the_seam_and_far_out(x):
+def test_the_exponential_functions_are_accurate_at_zero_at_one_and_far_from_it(x):
     e, phi1, phi2 = (complex(value[0]) for value in exponential_functions(np.array([x], complex)))
     np.testing.assert_allclose(e, np.exp(x), rtol=4e-16)
     np.testing.assert_allclose(1.0 + x * phi1, e, rtol=1e-15, atol=1e-15)

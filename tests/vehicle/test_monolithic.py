@@ -1,4 +1,4 @@
-"""The reference is itself checked: against python-control's closed loops, and by its own convergence."""
+"""Tests of the monolithic reference: against closed loops of python-control, and convergence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RATE = 2000.0  # N.s/m
 
 @pytest.fixture(scope="module")
 def drive():
-    """Half a second of 500 Hz knots on all seven inputs, moving from the first."""
+    """Return half a second of random values at 500 Hz for all seven inputs, moving from the start."""
     random = np.random.default_rng(7)
     t = np.arange(0.0, 0.5, 0.002)
     shape = np.array([[np.sin(2 * np.pi * f * t + p) for f in (1.3, 4.1, 9.7)] for p in random.uniform(0, 6, 7)])
@@ -21,7 +21,7 @@ def drive():
 
 
 def open_loop(monolithic, car):
-    """Plant from force to velocity in python-control, from the reference's own matrices."""
+    """Return the plant from force to velocity in python-control, from the matrices of the reference."""
     S, m = monolithic.struts(car), monolithic.mass(car)[:, None]
     K = monolithic.stiffness(car)
     load = np.zeros((7, 11))
@@ -79,7 +79,7 @@ def test_nonlinear_run_agrees_with_an_implicit_method_and_a_tighter_tolerance(mo
     np.testing.assert_allclose(run.tire_force, tight.tire_force, atol=1e-6 * np.abs(tight.tire_force).max())
 
 
-def test_one_shock_for_all_corners_equals_four_of_them(monolithic, drive):
+def test_one_shock_for_all_corners_equals_four_equal_shocks(monolithic, drive):
     t, road, _ = (part[..., :20] for part in drive)
     shock = steep_shock(monolithic)
     one = monolithic.coupled_run(monolithic.Car(), shock, t, road)
@@ -87,7 +87,7 @@ def test_one_shock_for_all_corners_equals_four_of_them(monolithic, drive):
     np.testing.assert_allclose(four.tire_force, one.tire_force, rtol=1e-9)
 
 
-def test_constant_inputs_leave_the_car_at_rest_also_with_a_gas_spring(monolithic):
+def test_the_car_remains_at_rest_under_constant_inputs_with_a_gas_spring(monolithic):
     t = np.linspace(0.0, 0.2, 11)
     steady = np.ones(11)
     shock = monolithic.Shock(lambda v: 900.0 * v, monolithic.full_lag, 1e-3, gas_stiffness=700.0, gas_preload=600.0)
@@ -99,7 +99,7 @@ def test_constant_inputs_leave_the_car_at_rest_also_with_a_gas_spring(monolithic
     assert np.abs(run.hub_acceleration).max() < 1e-6
 
 
-def test_results_come_at_any_time_asked_for(monolithic, drive):
+def test_results_are_available_at_any_time(monolithic, drive):
     t, road, _ = (part[..., :20] for part in drive)
     shock = steep_shock(monolithic)
     at_knots = monolithic.coupled_run(monolithic.Car(), shock, t, road)

@@ -1,4 +1,4 @@
-"""The quarter car: equations of motion, signs, and the modes that Table 4.2 prints."""
+"""Tests of the quarter car: equations of motion, signs and the modes of Table 4.2."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_table_4_1_in_si():
 
 
 def test_modes_of_table_4_1_as_printed():
-    # Our own computation: Table 4.1 does not give Table 4.2.
+    # Computed here, because Table 4.1 does not give Table 4.2.
     first, second = percent(quarter_car.with_damper(CAR).modes())
     assert first == pytest.approx((3.039, 5.82), abs=0.005)
     assert second == pytest.approx((18.452, 40.16), abs=0.005)
@@ -37,9 +37,8 @@ def test_modes_of_table_4_1_as_printed():
 
 def test_a_damper_of_17_5_and_a_rounded_g_give_every_printed_digit_of_table_4_2():
     # "Ideal" column of Table 4.2: 3.04 Hz, 6.10 %; 18.44 Hz, 42.19 %. Table 4.1's own 16.67 lbf/(in/s)
-    # misses both damping ratios by 5 %: the dissertation must have computed with 17.5. The last digit of
-    # 42.19 also tells its gravity: 386 in/s2 for the masses gives 42.191, the standard 386.09 in/s2 gives
-    # 42.196.
+    # gives damping ratios that are 5 % low, so the dissertation must have used 17.5. The last digit of 42.19 also
+    # shows its gravity: masses computed with 386 in/s2 give 42.191, with the standard 386.09 in/s2 42.196.
     damped = replace(CAR, damping=convert(17.5, "lbf/(in/s)", "N.s/m"))
     rounded = g / (386 * 0.0254)
     car = replace(damped, sprung_mass=CAR.sprung_mass * rounded, unsprung_mass=CAR.unsprung_mass * rounded)
@@ -49,7 +48,7 @@ def test_a_damper_of_17_5_and_a_rounded_g_give_every_printed_digit_of_table_4_2(
         assert found == pytest.approx(printed, abs=0.006)
 
 
-def test_state_matrices_are_eq_4_2_written_out():
+def test_state_matrices_agree_with_eq_4_2():
     m1, m2, k, kt, c = 300.0, 34.0, 2.2e5, 2.3e5, 2900.0
     model = quarter_car.with_damper(QuarterCar(m1, m2, k, kt, c))
     np.testing.assert_allclose(
@@ -64,7 +63,7 @@ def test_state_matrices_are_eq_4_2_written_out():
     np.testing.assert_allclose(model.B, [[0, 0, 0], [0, 0, 0], [0, -1 / m1, 1 / m1], [kt / m2, 0, -1 / m2]])
 
 
-def test_outputs_are_eq_4_6_written_out():
+def test_outputs_agree_with_eq_4_6():
     model = quarter_car.with_damper(CAR)
     k, kt = CAR.suspension_stiffness, CAR.tire_stiffness
     expected = {
@@ -97,7 +96,7 @@ SIGNS = [
     ("aero_force", "ride_height", -1),
     ("force", "chassis_position", +1),  # compression force pushes the chassis up ...
     ("force", "displacement", -1),
-    ("force", "tire_force", 0),  # ... and in the end carries nothing
+    ("force", "tire_force", 0),  # ... and carries no load in the steady state
 ]
 
 
@@ -119,7 +118,7 @@ def test_steady_signs(source, target, sign):
         ("road", "ride_height", -1),
     ],
 )
-def test_signs_of_the_first_instant(source, target, sign):
+def test_initial_signs(source, target, sign):
     model = quarter_car.coupled(CAR).select(inputs=[source], outputs=[target])
     assert np.sign(model.D[0, 0]) == sign
 
@@ -142,6 +141,6 @@ def test_coupled_has_no_damping_of_its_own():
     ("field", "value"),
     [("sprung_mass", 0.0), ("tire_stiffness", -1.0), ("damping", -1.0), ("damping", np.nan)],
 )
-def test_impossible_parameters_are_refused_by_name(field, value):
+def test_invalid_parameters_are_rejected_by_name(field, value):
     with pytest.raises(ParameterError, match=field):
         replace(CAR, **{field: value})

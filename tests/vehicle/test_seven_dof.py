@@ -1,4 +1,4 @@
-"""The seven-DOF car: an independent construction, and every sign of ports.md."""
+"""Tests of the seven-DOF car against an independent construction, and of every sign of ports.md."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ positive = st.floats(0.2, 5.0)
     scales=st.lists(positive, min_size=24, max_size=24),
     bars=st.tuples(st.floats(0.0, 1e5), st.floats(0.0, 1e5)),
 )
-def test_state_matrices_are_those_of_the_energies(monolithic, scales, bars):
-    """T = q'M q'/2, V = sum k (b q)^2 / 2, each element on its own, against Eq 5.17 to 5.19 as printed."""
+def test_state_matrices_follow_from_the_energies(monolithic, scales, bars):
+    """T = q'M q'/2 and V = sum k (b q)^2 / 2, element by element, agree with Eq 5.17 to 5.19 as printed."""
     s = iter(scales)
     corners = {
         name: Corners(*(value * next(s) for value in getattr(UNEVEN, name)))
@@ -66,7 +66,7 @@ def test_state_matrices_are_those_of_the_energies(monolithic, scales, bars):
     C = sum(c * np.outer(b, b) for c, b in zip(car.damping, S, strict=True))
     model = seven_dof.with_damper(car)
     rms_equal(model.A, np.block([[np.zeros((7, 7)), np.eye(7)], [-K / m[:, None], -C / m[:, None]]]))
-    work = np.zeros((7, 11))  # generalised forces: what each input does per unit of each coordinate
+    work = np.zeros((7, 11))  # generalised forces: work of each input per unit of each coordinate
     for i in range(4):
         work[3 + i, i] = car.tire_stiffness[i]
         work[:, 7 + i] = -S[i]
@@ -101,7 +101,7 @@ def test_outputs_from_geometry(monolithic):
     assert found == pytest.approx(tuple(heights @ q + road @ u[:4]))
 
 
-def test_names_and_units_are_the_contract():
+def test_names_and_units_are_those_of_the_documentation():
     model = seven_dof.coupled(TABLE_5_1)
     assert model.input_names == (
         *("lf.road", "rf.road", "lr.road", "rr.road", "heave_force", "roll_moment", "pitch_moment"),
@@ -113,10 +113,10 @@ def test_names_and_units_are_the_contract():
         "hub_acceleration": "m/s2", "chassis_acceleration": "m/s2", "heave": "m", "roll": "rad",
         "pitch": "rad", "wheel_position": "m", "chassis_position": "m",
     }  # fmt: skip
-    assert "driver.acceleration" not in model.output_names  # Table 5.1 does not say where the driver sits
+    assert "driver.acceleration" not in model.output_names  # Table 5.1 does not give the driver's position
 
 
-#: Signs of ports.md as steady one-input answers of Table 5.1's car: input, output, sign.
+#: Signs of ports.md as steady responses of Table 5.1's car to one input: input, output, sign.
 STEADY = [
     ("heave_force", "heave", +1),
     ("heave_force", "lf.tire_force", -1),
@@ -162,21 +162,21 @@ def test_steady_signs(source, target, sign):
         ("lf.road", "lf.tire_force", +1),
         ("heave_force", "rr.chassis_acceleration", +1),
         ("lf.road", "front.ride_height", -1),
-        ("lr.road", "front.ride_height", +1),  # the road plane tips away from the nose
+        ("lr.road", "front.ride_height", +1),  # the road plane falls relative to the nose
         ("rr.road", "rear.ride_height", -1),
     ],
 )
-def test_signs_of_the_first_instant(source, target, sign):
+def test_initial_signs(source, target, sign):
     assert seven_dof.coupled(TABLE_5_1).select(inputs=[source], outputs=[target]).D[0, 0] * sign > 0
 
 
 @pytest.mark.parametrize("corner", CORNERS)
 def test_a_rising_road_compresses_the_shock(corner):
     model = seven_dof.coupled(TABLE_5_1).select(inputs=[f"{corner}.road"], outputs=[f"{corner}.velocity"])
-    assert (model.C @ model.B)[0, 0] > 0  # the shock's acceleration in the first instant
+    assert (model.C @ model.B)[0, 0] > 0  # initial acceleration of the shock
 
 
-def test_a_road_that_rises_everywhere_lifts_the_car_and_loads_nothing():
+def test_a_road_that_rises_everywhere_lifts_the_car_without_loads():
     gain = seven_dof.coupled(UNEVEN).select(inputs=[f"{corner}.road" for corner in CORNERS]).dc_gain().sum(axis=1)
     y = dict(zip(seven_dof.coupled(UNEVEN).output_names, gain, strict=True))
     for name, value in y.items():
@@ -184,7 +184,7 @@ def test_a_road_that_rises_everywhere_lifts_the_car_and_loads_nothing():
         assert value == pytest.approx(1.0 if rises else 0.0, abs=1e-5 if "force" in name else 1e-9), name
 
 
-def test_direct_terms_are_exact_zeros_where_the_physics_has_none():
+def test_direct_terms_are_exactly_zero_where_the_physics_has_none():
     model = seven_dof.coupled(UNEVEN)
     found = {(o, i) for o, i in np.ndindex(model.D.shape) if model.D[o, i] != 0.0}
     expected = set()
@@ -218,11 +218,11 @@ def test_coupled_has_no_damping_of_its_own():
     assert all(mode.damping_ratio > 0.1 for mode in seven_dof.with_damper(TABLE_5_1).modes())
 
 
-def test_half_a_drivers_position_is_refused():
+def test_an_incomplete_drivers_position_is_rejected():
     with pytest.raises(ParameterError, match="driver_left_of_centreline"):
         replace(TABLE_5_1, driver_ahead_of_cg=0.3)
 
 
-def test_a_bad_corner_is_refused_by_name():
+def test_an_invalid_corner_is_rejected_by_name():
     with pytest.raises(ParameterError, match=r"spring_rate\.lr"):
         replace(TABLE_5_1, spring_rate=Corners(1.0, 1.0, -1.0, 1.0))

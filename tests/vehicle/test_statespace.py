@@ -1,4 +1,4 @@
-"""Linear models with named channels, with python-control as the witness."""
+"""Tests of linear models with named channels, compared with python-control."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def integrator(**changes):
 
 
 @pytest.mark.parametrize("model", [CAR, QUARTER, discretise(CAR, 0.002)], ids=["car", "quarter", "discrete"])
-def test_frequency_response_is_python_controls(model):
+def test_frequency_response_agrees_with_python_control(model):
     frequency = np.geomspace(0.05, 200.0, 60)
     expected = control.frequency_response(model.to_control(), 2 * np.pi * frequency).complex
     found = model.frequency_response(frequency)
     assert found.shape == (len(model.outputs), len(model.inputs), 60)
-    column = np.abs(expected).max(axis=(0, 2), keepdims=True)  # sizes of inputs, then of outputs
+    column = np.abs(expected).max(axis=(0, 2), keepdims=True)  # scales of inputs, then of outputs
     scale = column * np.abs(expected / column).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(found / scale, expected / scale, atol=1e-11)
 
@@ -57,13 +57,13 @@ def test_frequency_response_of_many_repeated_poles_is_exact():
     np.testing.assert_allclose(model.frequency_response(f)[0, 0], (1 + 2j * np.pi * f) ** -n, rtol=1e-10)
 
 
-def test_frequency_response_at_a_pole_is_refused():
+def test_frequency_response_at_a_pole_is_rejected():
     with pytest.raises(ParameterError, match="infinite at 0 Hz"):
         integrator().frequency_response([1.0, 0.0])
 
 
 @pytest.mark.parametrize("step", [None, 0.002])
-def test_modes_are_python_controls(step):
+def test_modes_agree_with_python_control(step):
     model = CAR if step is None else discretise(CAR, step)
     frequency, damping, _ = control.damp(model.to_control(), doprint=False)
     found = np.array(sorted(model.modes()))
@@ -72,7 +72,7 @@ def test_modes_are_python_controls(step):
     np.testing.assert_allclose(sorted(model.poles(), key=abs), sorted(model.to_control().poles(), key=abs), rtol=1e-9)
 
 
-def test_real_unstable_and_zero_poles_are_modes_of_their_own():
+def test_real_unstable_and_zero_poles_are_separate_modes():
     model = integrator(A=np.diag([0.0, 2 * np.pi, -4 * np.pi]), B=np.ones((3, 1)), C=np.ones((1, 3)))
     drift, unstable, slow = model.modes()
     assert drift.frequency_hz == 0.0 and np.isnan(drift.damping_ratio)
@@ -80,13 +80,13 @@ def test_real_unstable_and_zero_poles_are_modes_of_their_own():
     assert slow == pytest.approx((2.0, 1.0))
 
 
-def test_dc_gain_is_python_controls_and_the_response_at_zero():
+def test_dc_gain_agrees_with_python_control_and_the_response_at_zero():
     np.testing.assert_allclose(CAR.dc_gain(), CAR.to_control().dcgain(), atol=1e-9)
     np.testing.assert_allclose(CAR.dc_gain(), CAR.frequency_response([0.0])[..., 0].real, atol=1e-9)
     np.testing.assert_allclose(discretise(CAR, 0.01).dc_gain(), CAR.dc_gain(), atol=1e-8)
 
 
-def test_steady_state_holds():
+def test_steady_state_is_steady():
     u = np.arange(1.0, 12.0)
     x = CAR.steady_state(u)
     assert np.abs(CAR.A @ x + CAR.B @ u).max() < 1e-8
@@ -94,7 +94,7 @@ def test_steady_state_holds():
         CAR.steady_state([1.0])
 
 
-def test_what_has_no_steady_state_says_why():
+def test_a_model_without_a_steady_state_is_rejected_with_the_reason():
     for ask in (lambda: integrator().dc_gain(), lambda: integrator().steady_state([1.0])):
         with pytest.raises(ParameterError, match="model: no unique steady state"):
             ask()
@@ -116,7 +116,7 @@ def test_direct_terms_do_not_depend_on_units(gains):
     assert noisy.direct_terms()[CAR.D != 0.0].all()
 
 
-def test_first_order_hold_makes_a_direct_term_and_zero_order_hold_none():
+def test_first_order_hold_adds_a_direct_term_and_zero_order_hold_does_not():
     velocities = [name for name in CAR.output_names if name.endswith("velocity")]
     ports = {"inputs": ["lf.force"], "outputs": velocities}
     assert not discretise(CAR, 0.002).select(**ports).direct_terms().any()
@@ -134,20 +134,20 @@ def test_to_python_control_and_back_is_the_same_model(model):
     assert back == model and hash(back) == hash(model)
 
 
-def test_a_system_without_a_time_base_is_refused():
+def test_a_system_without_a_time_base_is_rejected():
     with pytest.raises(ParameterError, match="time base"):
         StateSpace.from_control(control.ss(-1, 1, 1, 0, True), input_units=["N"], output_units=["m"])
     with pytest.raises(ParameterError, match="2 input units given"):
         StateSpace.from_control(control.ss(-1, 1, 1, 0, 0), input_units=["N", "N"], output_units=["m"])
 
 
-def test_select_keeps_the_order_asked_for():
+def test_select_keeps_the_given_order():
     part = CAR.select(inputs=["rr.force", "lf.road"], outputs=["pitch", "lf.velocity"])
     assert (part.input_names, part.output_names) == (("rr.force", "lf.road"), ("pitch", "lf.velocity"))
     f = [1.0, 7.0]
     i, o = [10, 0], [CAR.output_names.index("pitch"), 0]
     np.testing.assert_allclose(part.frequency_response(f), CAR.frequency_response(f)[np.ix_(o, i)])
-    with pytest.raises(ParameterError, match=r"output 'yaw' is not there; there are lf\.velocity"):
+    with pytest.raises(ParameterError, match=r"unknown output 'yaw'; the names are lf\.velocity"):
         CAR.select(outputs=["yaw"])
 
 
@@ -155,7 +155,7 @@ def test_select_keeps_the_order_asked_for():
     ("changes", "error", "message"),
     [
         ({"B": [[1.0, 2.0]]}, ParameterError, r"B has the shape \(1, 2\).*need \(1, 1\)"),
-        ({"A": [[np.nan]]}, ParameterError, r"A holds nan at \(0, 0\)"),
+        ({"A": [[np.nan]]}, ParameterError, r"A contains nan at \(0, 0\)"),
         ({"dt": 0.0}, ParameterError, "sample time is 0.0"),
         (
             {"outputs": (Channel("y", "m"),) * 2, "C": [[1.0]] * 2, "D": [[0.0]] * 2},
@@ -164,7 +164,7 @@ def test_select_keeps_the_order_asked_for():
         ),
     ],
 )
-def test_what_does_not_fit_together_is_refused(changes, error, message):
+def test_inconsistent_models_are_rejected(changes, error, message):
     with pytest.raises(error, match=message):
         integrator(**changes)
 
@@ -183,7 +183,7 @@ def test_a_channel_has_a_name_and_an_si_unit(name, unit, error, message):
         Channel(name, unit)
 
 
-def test_a_model_is_frozen_and_travels_between_processes():
+def test_a_model_is_read_only_and_can_be_pickled():
     with pytest.raises(ValueError, match="read-only"):
         CAR.A[0, 0] = 1.0
     assert pickle.loads(pickle.dumps(CAR)) == CAR

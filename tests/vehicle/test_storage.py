@@ -1,4 +1,4 @@
-"""Vehicle files: what is written is read again to the last bit, and what is wrong is said with its place."""
+"""Tests of vehicle files: they are read back bitwise equal, and errors are reported with their place."""
 
 from __future__ import annotations
 
@@ -66,14 +66,14 @@ def identified(draw):
 
 @ROUND_TRIP
 @given(vehicle=structural())
-def test_parameters_come_back_the_same(tmp_path, vehicle):
+def test_parameters_that_are_read_back_are_equal(tmp_path, vehicle):
     write_vehicle(tmp_path / "car.toml", vehicle)
     assert read_vehicle(tmp_path / "car.toml") == vehicle
 
 
 @ROUND_TRIP
 @given(vehicle=identified())
-def test_an_identified_model_comes_back_the_same(tmp_path, vehicle):
+def test_an_identified_model_that_is_read_back_is_equal(tmp_path, vehicle):
     write_vehicle(tmp_path / "car.json", vehicle)
     assert read_vehicle(tmp_path / "car.json") == vehicle
 
@@ -87,7 +87,7 @@ def test_each_kind_has_its_own_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_person_may_write_values_for_all_per_axle_or_per_corner(tmp_path):
+def test_values_may_be_given_for_all_corners_per_axle_or_per_corner(tmp_path):
     text = shipped("seven_dof").read_text(encoding="utf-8")
     text = text.replace(
         'tire_stiffness = "2000 lbf/in"',
@@ -105,7 +105,7 @@ def test_a_person_may_write_values_for_all_per_axle_or_per_corner(tmp_path):
     assert car.static["rear.ride_height"] == pytest.approx(4 * 0.0254)
 
 
-#: What is wrong with the shipped quarter car: text, what it becomes, class and words of the error.
+#: Faults of the shipped quarter car: text, its replacement, class and text of the error.
 WRONG = {
     "misspelled parameter": (
         "tire_stiffness",
@@ -131,7 +131,7 @@ WRONG = {
         ParameterError,
         "both unsprung_mass and unsprung_weight",
     ),
-    "no unit": ('"1280 lbf/in"', '"1280"', ParameterError, "'1280' has no unit.*write \"1280 N/m\""),
+    "no unit": ('"1280 lbf/in"', '"1280"', ParameterError, "'1280' has no unit; add it, e.g. \"1280 N/m\""),
     "bare number": ('"1280 lbf/in"', "1280", ParameterError, "number with its unit in quotes"),
     "unknown unit": ('"1280 lbf/in"', '"1280 lbf/inchworm"', UnknownUnitError, "unknown unit 'lbf/inchworm'"),
     "wrong dimension": ('"1280 lbf/in"', '"1280 lbf"', UnknownUnitError, "wrong dimension; give it in N/m"),
@@ -143,7 +143,7 @@ WRONG = {
         '"1300 lbf/in"',
         '{ lf = "1300 lbf/in" }',
         ParameterError,
-        "'lf' does not belong here; give one value",
+        "'lf' is not valid here; give one value",
     ),
     "no TOML": ("[parameters]", "[parameters", FileFormatError, "cannot be read as TOML.*line"),
     "newer layout": ("schema = 1", "schema = 2", FileFormatError, "newer version wrote the file; update"),
@@ -166,7 +166,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_file_is_refused_with_its_place(tmp_path, case):
+def test_a_wrong_file_is_rejected_with_the_place(tmp_path, case):
     before, after, error, message = WRONG[case]
     text = shipped("quarter_car").read_text(encoding="utf-8")
     assert before in text
@@ -182,15 +182,15 @@ def test_a_wrong_file_is_refused_with_its_place(tmp_path, case):
     ("value", "message"),
     [
         ('{ front = "1 N/m" }', "lr, rr is missing"),
-        ('{ front = "1 N/m", lf = "1 N/m", rear = "1 N/m" }', "'lf' does not belong here"),
+        ('{ front = "1 N/m", lf = "1 N/m", rear = "1 N/m" }', "'lf' is not valid here"),
         (
             '{ left = "1 N/m" }',
-            "'left' does not belong here; give one value for all, or lf, rf, lr, rr or front",
+            "'left' is not valid here; give one value for all, or lf, rf, lr, rr or front",
         ),
         ('{ front = "1 N/m", rear = "-1 N/m" }', r"spring_rate\.lr is -1 N/m"),
     ],
 )
-def test_wrong_corners_are_refused_with_their_place(tmp_path, value, message):
+def test_wrong_corners_are_rejected_with_the_place(tmp_path, value, message):
     text = shipped("seven_dof").read_text(encoding="utf-8")
     path = tmp_path / "wrong.toml"
     path.write_text(text.replace('{ front = "1280 lbf/in", rear = "588 lbf/in" }', value), encoding="utf-8")
@@ -216,8 +216,8 @@ def json_vehicle(tmp_path, **changes):
         ({"model": "seven_dof"}, FileFormatError, "a JSON vehicle is a 'state_space'"),
         ({"extra": 1}, ParameterError, "unknown key 'extra'"),
         ({"A": [[1.0]]}, ParameterError, r"B has the shape \(4, 3\)"),
-        ({"A": [[1.0], [2.0, 3.0]]}, FileFormatError, "does not hold a vehicle"),
-        ({"D": [[0.0] * 3] * 8 + [[0.0, 0.0, None]]}, ParameterError, r"D holds nan at \(8, 2\)"),
+        ({"A": [[1.0], [2.0, 3.0]]}, FileFormatError, "does not contain a vehicle"),
+        ({"D": [[0.0] * 3] * 8 + [[0.0, 0.0, None]]}, ParameterError, r"D contains nan at \(8, 2\)"),
         ({"inputs": [{"name": "road"}]}, FileFormatError, "'unit'"),
         ({"inputs": [{"name": n, "unit": "in"} for n in "abc"]}, UnknownUnitError, "not SI"),
         ({"static": {"yaw": 1.0}}, ParameterError, "static value is given for 'yaw'"),
@@ -225,7 +225,7 @@ def json_vehicle(tmp_path, **changes):
         ({"dt": -1.0}, ParameterError, "sample time"),
     ],
 )
-def test_a_wrong_identified_vehicle_is_refused_with_its_file(tmp_path, changes, error, message):
+def test_a_wrong_identified_vehicle_is_rejected_with_its_file(tmp_path, changes, error, message):
     path = json_vehicle(tmp_path, **changes)
     with pytest.raises(error, match=message) as caught:
         read_vehicle(path)
@@ -239,7 +239,7 @@ def test_a_missing_file_is_an_input_error(tmp_path, name):
 
 
 @pytest.mark.parametrize("text", ["{", "[1, 2]"])
-def test_other_json_is_refused(tmp_path, text):
+def test_other_json_is_rejected(tmp_path, text):
     (tmp_path / "car.json").write_text(text, encoding="utf-8")
     with pytest.raises(FileFormatError, match="JSON"):
         read_vehicle(tmp_path / "car.json")
@@ -247,7 +247,7 @@ def test_other_json_is_refused(tmp_path, text):
 
 def test_static_values_belong_to_outputs():
     vehicle = read_vehicle(shipped("quarter_car"))
-    with pytest.raises(ParameterError, match="takes them for tire_force, ride_height"):
+    with pytest.raises(ParameterError, match="has static values of tire_force, ride_height"):
         replace(vehicle, static={"velocity": 1.0})
     with pytest.raises(ParameterError, match="finite"):
         replace(vehicle, static={"tire_force": np.inf})

@@ -1,4 +1,4 @@
-"""Exports: models and frequency responses for other tools, and back."""
+"""Export of models and frequency responses to other tools, and import of such files."""
 
 from eightpost.ident.exports.matlab import (
     read_response_mat,

@@ -1,11 +1,11 @@
-"""Models and frequency responses as MATLAB files (version 5), under the names that MATLAB's own objects have.
+"""Models and frequency responses as MATLAB files (version 5), with the property names of MATLAB's own objects.
 
     m = load('car.mat'); sys = ss(m.A, m.B, m.C, m.D, m.Ts);
     set(sys, 'InputName', m.InputName, 'OutputName', m.OutputName, 'InputUnit', m.InputUnit, 'OutputUnit', m.OutputUnit)
 
     r = load('response.mat'); sys = frd(r.H, r.Frequency, 'FrequencyUnit', 'Hz');
 
-The variable `eightpost` is JSON: what else is known of the vehicle, so that reading gives the same one back.
+The variable `eightpost` is JSON with the remaining data, so that a file that is read back gives an equal object.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from eightpost.vehicle import IdentifiedVehicle
 
-#: The newest layout of a response's file that is understood, and the one written.
+#: Newest schema of a response file that can be read; it is also the one that is written.
 SCHEMA = 1
 
 _MATRICES = ("A", "B", "C", "D")
@@ -43,40 +43,40 @@ def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
     """Write an identified vehicle as it was identified, around its baseline damping.
 
     Args:
-        path: A .mat file; replaced whole or not at all.
-        vehicle: What to write.
+        path: Path of the .mat file; it is replaced completely or not at all.
+        vehicle: Vehicle to write.
     """
     model = vehicle.state_space
-    story = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
+    metadata = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
     content: dict[str, Any] = {name: getattr(model, name) for name in _MATRICES}
     content["Ts"] = 0.0 if model.dt is None else model.dt
     content["Name"] = vehicle.name
-    _write(path, {**content, **_channel_cells(model.inputs, model.outputs), "eightpost": json.dumps(story)})
+    _write(path, {**content, **_channel_cells(model.inputs, model.outputs), "eightpost": json.dumps(metadata)})
 
 
 def read_vehicle_mat(path: str | Path) -> IdentifiedVehicle:
-    """Read an identified vehicle that `write_vehicle_mat` wrote; it equals it to the last bit.
+    """Read an identified vehicle that `write_vehicle_mat` wrote; it is bitwise equal to the original.
 
     Raises:
-        FileFormatError: No such file, no vehicle of ours, or one of a newer schema.
+        FileFormatError: The file does not exist, has no vehicle written by eightpost, or has a newer schema.
     """
     path = Path(path)
     content = _read(path)
-    story = _story(content, path, kind="vehicle")
+    metadata = _metadata(content, path, kind="vehicle")
     for name in _MATRICES:
         if name not in content:
-            raise FileFormatError(f"holds no vehicle: the matrix {name} is missing", path=path)
-    return from_document(path, {**story, **{name: np.asarray(content[name]).tolist() for name in _MATRICES}})
+            raise FileFormatError(f"contains no vehicle: the matrix {name} is missing", path=path)
+    return from_document(path, {**metadata, **{name: np.asarray(content[name]).tolist() for name in _MATRICES}})
 
 
 def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
     """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance.
 
     Args:
-        path: A .mat file; replaced whole or not at all.
-        response: What to write.
+        path: Path of the .mat file; it is replaced completely or not at all.
+        response: Frequency response to write.
     """
-    story = {
+    metadata = {
         "kind": "frequency_response",
         "schema": SCHEMA,
         "tool": f"eightpost {__version__}",
@@ -85,30 +85,32 @@ def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
     }
     content: dict[str, Any] = {"H": response.H, "Frequency": response.frequency[:, None]}
     content |= {name: getattr(response, name) for name in _OPTIONAL if getattr(response, name) is not None}
-    _write(path, {**content, **_channel_cells(response.inputs, response.outputs), "eightpost": json.dumps(story)})
+    _write(path, {**content, **_channel_cells(response.inputs, response.outputs), "eightpost": json.dumps(metadata)})
 
 
 def read_response_mat(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response that `write_response_mat` wrote; it equals it to the last bit.
+    """Read a frequency response that `write_response_mat` wrote; it is bitwise equal to the original.
 
     Raises:
-        FileFormatError: No such file, no response of ours, or one of a newer schema.
+        FileFormatError: The file does not exist, has no response written by eightpost, or has a newer schema.
     """
     path = Path(path)
     content = _read(path)
-    story = _story(content, path, kind="frequency_response")
-    schema = story.get("schema")
+    metadata = _metadata(content, path, kind="frequency_response")
+    schema = metadata.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:
-        what = f"it has schema {schema}, this eightpost {__version__} reads up to {SCHEMA}; update eightpost"
+        what = f"it has schema {schema}, but this eightpost {__version__} reads up to {SCHEMA}; update eightpost"
         raise FileFormatError(what, path=path)
     try:
-        return _response(content, story)
+        return _response(content, metadata)
     except MALFORMED as error:
-        raise FileFormatError(f"does not hold a response as this version writes it ({error})", path=path) from error
+        raise FileFormatError(
+            f"does not contain a response in the format of this version ({error})", path=path
+        ) from error
 
 
-def _response(content: Mapping[str, Any], story: Mapping[str, Any]) -> FrequencyResponse:
-    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in story[side]) for side in ("inputs", "outputs"))
+def _response(content: Mapping[str, Any], metadata: Mapping[str, Any]) -> FrequencyResponse:
+    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in metadata[side]) for side in ("inputs", "outputs"))
     frequency = np.asarray(content["Frequency"]).ravel()
     p, m, count = len(outputs), len(inputs), frequency.size
     shapes = {"coherence": (p, count), "partial_coherence": (p, m, count), "variance": (p, m, count)}
@@ -127,13 +129,13 @@ def _channel_cells(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> dic
 
 
 def _cells(texts: Sequence[str]) -> NDArray[Any]:
-    """Return a column of texts that MATLAB sees as a cell array."""
+    """Return a column of texts that MATLAB loads as a cell array."""
     return np.array(texts, dtype=object).reshape(-1, 1)
 
 
 def _write(path: str | Path, content: Mapping[str, Any]) -> None:
     if Path(path).suffix.lower() != ".mat":
-        raise FileFormatError("a MATLAB file is named .mat", path=path)
+        raise FileFormatError("the name of a MATLAB file must end in .mat", path=path)
     with atomic_path(path) as temporary:
         savemat(temporary, dict(content), do_compression=True)
 
@@ -145,15 +147,15 @@ def _read(path: Path) -> dict[str, Any]:
     return content
 
 
-def _story(content: Mapping[str, Any], path: Path, *, kind: str) -> dict[str, Any]:
+def _metadata(content: Mapping[str, Any], path: Path, *, kind: str) -> dict[str, Any]:
     try:
         text = str(content["eightpost"][0])
     except (LookupError, TypeError):
         raise FileFormatError(
-            "is none of ours: it has no variable `eightpost` that says what it holds", path=path
+            "was not written by eightpost: it has no variable `eightpost` with the kind of its content", path=path
         ) from None
-    story = parse_json(text, path)
-    if not isinstance(story, dict) or story.get("kind") != kind:
-        found = story.get("kind") if isinstance(story, dict) else story
-        raise FileFormatError(f"holds no {kind.replace('_', ' ')}: it says {found!r}", path=path)
-    return story
+    metadata = parse_json(text, path)
+    if not isinstance(metadata, dict) or metadata.get("kind") != kind:
+        found = metadata.get("kind") if isinstance(metadata, dict) else metadata
+        raise FileFormatError(f"contains no {kind.replace('_', ' ')}: its kind is {found!r}", path=path)
+    return metadata

@@ -1,4 +1,4 @@
-"""Frequency responses as python-control has them; models go by `StateSpace.to_control`."""
+"""Conversion of frequency responses to and from python-control; for models see `StateSpace.to_control`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
 
 
 def to_frd(response: FrequencyResponse) -> Any:
-    """Return the response as a `control.FrequencyResponseData`, continuous, with frequencies in rad/s.
+    """Return the response as a continuous `control.FrequencyResponseData`, with frequencies in rad/s.
 
-    Its names admit no dots, so they become colons (`lf.road` -> `lf:road`). Units, coherence and variance are lost.
+    python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`). Units, coherence and
+    variance are lost.
     """
-    import control  # noqa: PLC0415  here, as loading it takes seconds
+    import control  # noqa: PLC0415  because loading it takes seconds
 
     return control.FrequencyResponseData(
         response.H,
@@ -30,15 +31,15 @@ def to_frd(response: FrequencyResponse) -> Any:
 
 
 def from_frd(data: Any, *, input_units: Sequence[str], output_units: Sequence[str]) -> FrequencyResponse:
-    """Take over a response of python-control, with units, which it does not know.
+    """Convert a response of python-control, which has no units.
 
     Args:
-        data: A `control.FrequencyResponseData`.
-        input_units: One SI unit per input.
-        output_units: One SI unit per output.
+        data: Response, a `control.FrequencyResponseData`.
+        input_units: SI units, one per input.
+        output_units: SI units, one per output.
 
     Raises:
-        ParameterError: The number of units does not fit.
+        ParameterError: The number of units differs from the number of channels.
     """
     inputs = _channels(data.input_labels, input_units, "input")
     outputs = _channels(data.output_labels, output_units, "output")
@@ -47,5 +48,5 @@ def from_frd(data: Any, *, input_units: Sequence[str], output_units: Sequence[st
 
 def _channels(labels: Sequence[str], units: Sequence[str], kind: str) -> tuple[Channel, ...]:
     if len(labels) != len(units):
-        raise ParameterError(f"{len(units)} {kind} units given; the response has {len(labels)} {kind}s: {labels}")
+        raise ParameterError(f"{len(units)} {kind} units given, but the response has {len(labels)} {kind}s: {labels}")
     return tuple(Channel(label.replace(":", "."), unit) for label, unit in zip(labels, units, strict=True))

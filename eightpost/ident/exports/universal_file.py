@@ -1,8 +1,9 @@
-"""Frequency responses as universal files (UFF): a dataset 58 per path, as modal analysis software reads them.
+"""Frequency responses as universal files (UFF) for modal analysis software, with a dataset 58 per path.
 
-Written and read by pyuff, which is an extra. The text form keeps 12 digits of a response, and of frequencies the first
-and the step to 6; frequencies that these do not give are written one by one, to 6 digits. Dataset 164 says that all is
-SI. Each channel is a node of its own: outputs from 1, inputs after them; its name stands in the first line.
+They are written and read by pyuff, an optional dependency. The text form stores a response with 12 digits. Evenly
+spaced frequencies are stored as the first frequency and the step, with 6 digits; other frequencies are stored one by
+one, with 6 digits. Dataset 164 states that all units are SI. Each channel has its own node, outputs from 1 and inputs
+after them; its name is in the first line.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _COHERENCE_OF = "multiple coherence of "
 _TYPES = {"m": (8, 1, 0), "m/s": (11, 1, 0), "m/s2": (12, 1, 0), "N": (9, 0, 1), "N.m": (1, 1, 1), "rad": (1, 0, 0)}
 _EXCITATION_FORCE = 13
 
-#: Vertical, or a scalar where a channel has no direction.
+#: Codes of the vertical direction, and of a scalar without direction.
 _UP, _SCALAR = 3, 0
 
 
@@ -41,18 +42,18 @@ def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
     """Write a frequency response and its multiple coherence.
 
     Args:
-        path: A .uff or .unv file; replaced whole or not at all.
-        response: What to write; two frequencies or more.
+        path: Path of the .uff or .unv file; it is replaced completely or not at all.
+        response: Frequency response to write, with two or more frequencies.
 
     Raises:
-        FileFormatError: Another suffix, or pyuff is not installed.
-        InputError: A single frequency, which the format's writers do not take.
+        FileFormatError: The path has another suffix, or pyuff is not installed.
+        InputError: The response has a single frequency.
     """
     path = Path(path)
     if path.suffix.lower() not in (".uff", ".unv"):
-        raise FileFormatError("a universal file is named .uff or .unv", path=path)
+        raise FileFormatError("the name of a universal file must end in .uff or .unv", path=path)
     if response.frequency.size < 2:
-        raise InputError(f"{path}: the response has a single frequency; a universal file takes two or more")
+        raise InputError(f"{path}: the response has a single frequency; a universal file needs two or more")
     pyuff = _pyuff(path)
     sets = [_units(), *_functions(response), *_coherences(response)]
     with atomic_path(path) as temporary:
@@ -60,10 +61,10 @@ def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
 
 
 def read_response_uff(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response that `write_response_uff` wrote, with the digits that the format keeps.
+    """Read a frequency response that `write_response_uff` wrote, to the digits that the format stores.
 
     Raises:
-        FileFormatError: No such file, no universal file, or none whose functions say their channels as ours do.
+        FileFormatError: The file does not exist, is not a universal file, or was not written by eightpost.
     """
     path = Path(path)
     with reading(path), path.open("rb"):
@@ -73,22 +74,24 @@ def read_response_uff(path: str | Path) -> FrequencyResponse:
     except FileFormatError:
         raise
     except MALFORMED as error:
-        raise FileFormatError(f"does not hold a frequency response as ours are ({error})", path=path) from error
+        what = f"does not contain a frequency response in the format of eightpost ({error})"
+        raise FileFormatError(what, path=path) from error
 
 
 def _response(sets: list[dict[str, Any]], path: Path) -> FrequencyResponse:
     functions = [each for each in sets if each.get("type") == 58 and each["func_type"] == _FUNCTION]
     if not functions:
-        raise FileFormatError("there is no frequency response (dataset 58 of type 4) in it", path=path)
+        raise FileFormatError("contains no frequency response (dataset 58 of type 4)", path=path)
     paths = {_pair(each, path): each for each in functions}
     outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in paths)) for side in (0, 1))
     if len(paths) != len(outputs) * len(inputs):
         raise FileFormatError(
-            f"{len(paths)} responses are no table of {len(outputs)} outputs and {len(inputs)} inputs", path=path
+            f"its {len(paths)} responses do not form a table of {len(outputs)} outputs and {len(inputs)} inputs",
+            path=path,
         )
     H = np.stack([np.stack([paths[output, source]["data"] for source in inputs]) for output in outputs])
-    found = {each["id1"].strip(): each["data"] for each in sets if each.get("type") == 58}
-    coherence = [found.get(f"{_COHERENCE_OF}{output.name}") for output in outputs]
+    data = {each["id1"].strip(): each["data"] for each in sets if each.get("type") == 58}
+    coherence = [data.get(f"{_COHERENCE_OF}{output.name}") for output in outputs]
     known = [each for each in coherence if each is not None]
     frequency = np.asarray(functions[0]["x"], dtype=np.float64)
     return FrequencyResponse(frequency, H, inputs, outputs, np.stack(known) if len(known) == len(outputs) else None)
@@ -170,17 +173,17 @@ def _direction(channel: Channel) -> int:
 
 
 def _is_even(frequency: Array) -> bool:
-    """Say whether the first frequency and the step, in the format's 6 digits, give all frequencies."""
+    """Return whether the first frequency and the step, with the format's 6 digits, give all frequencies."""
     first, step = (float(f"{value:.5e}") for value in (frequency[0], frequency[1] - frequency[0]))
-    made = first + step * np.arange(frequency.size)
-    return bool(np.allclose(made, frequency, rtol=1e-9, atol=0.0))
+    grid = first + step * np.arange(frequency.size)
+    return bool(np.allclose(grid, frequency, rtol=1e-9, atol=0.0))
 
 
 def _pair(function: dict[str, Any], path: Path) -> tuple[Channel, Channel]:
     """Return the output and the input that a function's first line names."""
     output, to, source = function["id1"].strip().partition(_TO)
     if not to:
-        what = f"a function is titled {function['id1'].strip()!r}, not `output{_TO}input` as ours are"
+        what = f"the title of a function must be `output{_TO}input`, not {function['id1'].strip()!r}"
         raise FileFormatError(what, path=path)
     units = (function[f"{kind}_axis_units_lab"].strip() for kind in ("ordinate", "orddenom"))
     return Channel(output, next(units)), Channel(source, next(units))
@@ -190,8 +193,8 @@ def _sets(path: Path) -> list[dict[str, Any]]:
     pyuff = _pyuff(path)
     try:
         found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # pyuff raises the bare kind
-        raise FileFormatError(f"not a universal file that can be read: {error}", path=path) from error
+    except Exception as error:  # pyuff raises Exception itself
+        raise FileFormatError(f"not a readable universal file: {error}", path=path) from error
     return [found] if isinstance(found, dict) else list(found)
 
 
@@ -199,5 +202,5 @@ def _pyuff(path: Path) -> Any:
     try:
         return importlib.import_module("pyuff")
     except ImportError as error:
-        what = "universal files are written by pyuff, which is not installed: pip install 'eightpost[uff]'"
+        what = "universal files need pyuff, which is not installed: pip install 'eightpost[uff]'"
         raise FileFormatError(what, path=path) from error

@@ -1,4 +1,4 @@
-"""Linearity: where a linear model can predict a car on the rig (dissertation 6.2, Table 6.4)."""
+"""Linearity of a car on the rig: the paths that a linear model can predict (dissertation 6.2, Table 6.4)."""
 
 from eightpost.ident.linearity.conditions import Condition, Thresholds
 from eightpost.ident.linearity.excitations import excitations

@@ -1,4 +1,4 @@
-"""Table 6.4: what coherence and response energy together say of a linear model."""
+"""Conditions of Table 6.4: classification of a path by coherence and response energy."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 class Condition(Enum):
-    """The four conditions of Table 6.4."""
+    """Condition of Table 6.4."""
 
-    I = 1  # noqa: E741  the dissertation's numeral
+    I = 1  # noqa: E741  the numeral of the dissertation
     II = 2
     III = 3
     IV = 4
 
     @property
     def meaning(self) -> str:
-        """What it means for a linear model."""
+        """Explanation of the condition."""
         return _MEANINGS[self]
 
 
@@ -34,17 +34,17 @@ _MEANINGS = {
     Condition.I: "high response, high coherence: a linear model predicts it",
     Condition.II: "low response, high coherence: a linear model predicts that it is low",
     Condition.III: "high response, low coherence: a linear model cannot predict it",
-    Condition.IV: "low response, low coherence: the model may be set to a low response",
+    Condition.IV: "low response, low coherence: the model's response may be set to a low value",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Where high ends and low begins; 6.2 prints no numbers but calls a coherence of 0.5 low.
+    """Thresholds between low and high; 6.2 gives no numbers but calls a coherence of 0.5 low.
 
     Attributes:
-        coherence: High from here [1].
-        level: A response is high from here, in dB of power under the output's largest.
+        coherence: Lowest coherence that is high [1].
+        level: Lowest level of a response that is high, relative to the output's largest power [dB].
     """
 
     coherence: float = 0.5
@@ -53,9 +53,9 @@ class Thresholds:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not 0.0 < self.coherence < 1.0:
-            raise ParameterError(f"the coherence must lie between 0 and 1, not at {self.coherence:g}")
+            raise ParameterError(f"the coherence threshold must be between 0 and 1, not {self.coherence:g}")
         if not self.level < 0.0:
-            raise ParameterError(f"the level must be below 0 dB, not {self.level:g}")
+            raise ParameterError(f"the level threshold must be below 0 dB, not {self.level:g}")
 
     def condition(self, coherence: float, level: float) -> Condition:
         """Return the condition of a coherence [1] and a level [dB]."""
@@ -64,14 +64,14 @@ class Thresholds:
         return Condition.III if level >= self.level else Condition.IV
 
     def shares(self, coherence: Array, level: Array, energy: Array) -> dict[Condition, float]:
-        """Return which part of the energy falls under each condition.
+        """Return the fraction of the energy under each condition.
 
         Args:
-            coherence: (K,) [1].
-            level: (K,) [dB].
-            energy: (K,), in any scale.
+            coherence: Coherence (K,) [1].
+            level: Level (K,) [dB].
+            energy: Energy (K,), in any scale.
         """
-        found = [self.condition(float(c), float(db)) for c, db in zip(coherence, level, strict=True)]
+        conditions = [self.condition(float(c), float(db)) for c, db in zip(coherence, level, strict=True)]
         total = float(energy.sum())
-        of = {kind: float(energy[[each is kind for each in found]].sum()) for kind in Condition}
-        return {kind: part / total if total > 0.0 else 0.0 for kind, part in of.items()}
+        parts = {kind: float(energy[[each is kind for each in conditions]].sum()) for kind in Condition}
+        return {kind: part / total if total > 0.0 else 0.0 for kind, part in parts.items()}

@@ -1,4 +1,4 @@
-"""Which input moves alone in which test (6.2): one actuator at a time, then one shock at a time."""
+"""Detection of inputs that move alone in a test (6.2): one actuator, or one changed shock."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: An actuator that moves less than this part of the largest of its kind in the same test is at rest [1] ...
+#: An actuator is at rest below this fraction of the largest of its kind in the same test [1] ...
 RESTING = 0.2
-#: ... and so is one that moves less than this part of the largest of its kind in any test.
+#: ... or below this fraction of the largest of its kind in any test [1].
 SMALLEST = 0.03
 
-#: A command below this part of what the actuator did was none [1].
-TOLD = 0.01
+#: A command below this fraction of the actuator's motion is ignored [1].
+COMMANDED = 0.01
 
-#: Steps of a channel from this part of its size are those of white noise, which has 1.41 [1].
+#: A channel is white noise if its steps exceed this multiple of its size; exactly white noise has 1.41 [1].
 WHITE = 1.2
 
-#: Drives of two tests that differ by less than this part of their size are the same [1].
+#: Drives of two tests are equal if they differ by less than this fraction of their size [1].
 SAME_DRIVE = 0.1
 
-#: A change of force difference below this part of the force is a run's own spread [1].
+#: A change of the force difference below this fraction of the force is run-to-run variation [1].
 REPEATED = 0.1
 
-#: Another shock's change of force below this part of the largest is none [1].
+#: A shock is unchanged if its change of force is below this fraction of the largest change [1].
 UNCHANGED = 0.5
 
 _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
 
 
-class Found(NamedTuple):
-    """Excitations, and what is left out and why."""
+class ExcitationList(NamedTuple):
+    """Excitations, with notes on the tests that are omitted."""
 
     excitations: tuple[Excitation, ...]
     notes: tuple[str, ...]
 
 
-def excitations(prepared: Prepared, outputs: Sequence[str]) -> Found:
-    """Return every input that moves alone.
+def excitations(prepared: Prepared, outputs: Sequence[str]) -> ExcitationList:
+    """Return an excitation for every input that moves alone.
 
-    A test in which one actuator moves is taken as it is. A test with the drive of an earlier one and another shock at
-    one corner gives that shock's change of force as the input and the change of the outputs (4.24 to 4.26).
+    A test in which one actuator moves is used directly. If a test has the drive of an earlier one and another shock at
+    one corner, the input is that shock's change of force and the outputs are their changes (4.24 to 4.26).
 
     Args:
-        prepared: Records, in step where shocks are compared.
-        outputs: Their outputs.
+        prepared: Prepared records; they must be synchronised if shocks are compared.
+        outputs: Names of the outputs.
     """
     inputs = [name for name in prepared.channels if name.endswith((".road", ".aero")) or name in ("road", *_LOADS)]
     moving = _moving(prepared, inputs)
@@ -66,46 +66,46 @@ def excitations(prepared: Prepared, outputs: Sequence[str]) -> Found:
     for number, (name, record) in enumerate(zip(prepared.names, prepared.records, strict=True)):
         same = [k for k in range(number) if moving[k] == moving[number] and _same(record, prepared.records[k], inputs)]
         if not moving[number]:
-            notes.append(f"{name}: no actuator moves; left out")
+            notes.append(f"{name}: no actuator moves; omitted")
         elif same:
             baseline = (prepared.names[same[0]], prepared.records[same[0]])
             change = _shock_change(name, record, baseline, prepared.corners)
             if isinstance(change, str):
                 notes.append(change)
             else:
-                found.append(_changed(name, record, baseline[1], change, outputs))
+                found.append(_shock_excitation(name, record, baseline[1], change, outputs))
         elif len(moving[number]) == 1:
             found.append(_excitation(name, record, moving[number][0], outputs))
         elif moving[number] in moving[:number]:
             first = prepared.names[moving.index(moving[number])]
-            notes.append(f"{name}: its drive is not that of {first}, or not in step with it; left out")
-    return Found(tuple(found), tuple(notes))
+            notes.append(f"{name}: its drive differs from that of {first}, or is not in step with it; omitted")
+    return ExcitationList(tuple(found), tuple(notes))
 
 
 def _moving(prepared: Prepared, inputs: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the inputs that move in each test."""
+    """Return the names of the inputs that move in each test."""
     sizes = [_sizes(record, inputs) for record in prepared.records]
     largest = {kind: max(_of_kind(each, kind) for each in sizes) for kind in {_kind(name) for name in inputs}}
     return [tuple(n for n in inputs if _moves(n, size, largest[_kind(n)])) for size in sizes]
 
 
 class _Change(NamedTuple):
-    """A shock that was changed: its corner's force, and its change of force difference (N,)."""
+    """Change of a shock: name of its force, and change of its force difference (N,)."""
 
     force: str
     values: Array
 
 
 def _sizes(record: TimeSeries, inputs: Sequence[str]) -> dict[str, float]:
-    """Return the standard deviation of each input, 0 where it is nothing but noise."""
+    """Return the standard deviation of each input; 0 if the input is only noise."""
     return {name: float(record[name].std()) if _is_driven(record, name) else 0.0 for name in inputs}
 
 
 def _is_driven(record: TimeSeries, name: str) -> bool:
-    """Say whether an input was told to move, by its command where there is one; white noise was not."""
+    """Return whether an input was driven: its command moves, or without a command it is not white noise."""
     values, command = record[name], f"{name}_command"
     if command in record:
-        return bool(record[command].std() > TOLD * values.std())
+        return bool(record[command].std() > COMMANDED * values.std())
     return bool(np.std(np.diff(values)) < WHITE * values.std())
 
 
@@ -128,26 +128,27 @@ def _excitation(name: str, record: TimeSeries, source: str, outputs: Sequence[st
 
 
 def _same(record: TimeSeries, first: TimeSeries, inputs: Sequence[str]) -> bool:
-    """Say whether two tests have the same drive, sample by sample."""
+    """Return whether two tests have the same drive, sample by sample."""
     return len(record) == len(first) and not any(_differ(record[n], first[n]) for n in inputs if _is_driven(first, n))
 
 
 def _shock_change(
     name: str, record: TimeSeries, baseline: tuple[str, TimeSeries], corners: Sequence[str]
 ) -> _Change | str:
-    """Return which shock was changed, or why the test cannot be used."""
+    """Return the change of the shock, or a note on why the test cannot be used."""
     first = baseline[1]
     forces = [f"{corner}.force" if corner else "force" for corner in corners]
     velocities = {force: force.removesuffix("force") + "velocity" for force in forces}
     rates = {force: _slope(first[force], first[velocity]) for force, velocity in velocities.items()}
     changes = {force: _change(record, first, force, velocities[force], rates[force]) for force in forces}
-    most = max(changes, key=lambda force: float(changes[force].std()))
-    if changes[most].std() < REPEATED * first[most].std():
-        return f"{name}: repeats {baseline[0]} with the same shocks; left out"
-    others = [force for force in forces if force != most and changes[force].std() > UNCHANGED * changes[most].std()]
+    largest = max(changes, key=lambda force: float(changes[force].std()))
+    if changes[largest].std() < REPEATED * first[largest].std():
+        return f"{name}: repeats {baseline[0]} with the same shocks; omitted"
+    smallest = UNCHANGED * changes[largest].std()
+    others = [force for force in forces if force != largest and changes[force].std() > smallest]
     if others:
-        return f"{name}: {', '.join((most, *others))} all changed against {baseline[0]}; change one shock at a time"
-    return _Change(most, changes[most])
+        return f"{name}: {', '.join((largest, *others))} differ from {baseline[0]}; change one shock at a time"
+    return _Change(largest, changes[largest])
 
 
 def _differ(values: Array, first: Array) -> bool:
@@ -155,7 +156,7 @@ def _differ(values: Array, first: Array) -> bool:
 
 
 def _slope(force: Array, velocity: Array) -> float:
-    """Return the damping of the best line through force and velocity [N.s/m]: C-bar of 6.3.1."""
+    """Return the slope of the best-fit line of force over velocity [N.s/m]: C-bar of 6.3.1."""
     return float(force @ velocity / (velocity @ velocity))
 
 
@@ -165,7 +166,9 @@ def _change(record: TimeSeries, first: TimeSeries, force: str, velocity: str, ra
     return np.asarray(now - before, dtype=np.float64)
 
 
-def _changed(name: str, record: TimeSeries, first: TimeSeries, change: _Change, outputs: Sequence[str]) -> Excitation:
+def _shock_excitation(
+    name: str, record: TimeSeries, first: TimeSeries, change: _Change, outputs: Sequence[str]
+) -> Excitation:
     now, before = record.select(outputs), first.select(outputs)
     channel = Channel(change.force, record.unit(change.force))
     return Excitation(name, channel, change.values, now.values - before.values, _channels(now), record.sample_rate)
@@ -176,7 +179,7 @@ def _channels(series: TimeSeries) -> tuple[Channel, ...]:
 
 
 def by_input(found: Sequence[Excitation]) -> Mapping[str, tuple[Excitation, ...]]:
-    """Return the excitations of each input, the largest first."""
+    """Return the excitations of each input, in descending order of size."""
     names = dict.fromkeys(each.channel.name for each in found)
     return {
         name: tuple(sorted((e for e in found if e.channel.name == name), key=lambda e: -float(e.u.std())))

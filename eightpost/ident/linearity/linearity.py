@@ -1,4 +1,4 @@
-"""How far a linear model can go: coherence against response energy (6.2), and what the amplitude changes."""
+"""Assessment of linearity by coherence and response energy (6.2), and by changes with the amplitude."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: How responses are estimated.
+#: Default estimator of the responses.
 BANDS = LocalPolynomial(half_width=0.25, spacing=0.1, high=25.0)
 
-#: Tests of one input are of several amplitudes when these differ by this factor.
+#: Factor by which two tests of one input must differ to count as different amplitudes [1].
 OTHER_SIZE = 1.5
 
-#: A change with amplitude counts from this part of the response [1] ...
+#: A change with the amplitude is notable above this fraction of the response [1] ...
 NOTABLE = 0.05
-#: ... and this many times what noise makes of it.
+#: ... and above this multiple of the change that noise alone gives [1].
 BEYOND_NOISE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is said of one path.
+    """Verdict on one path.
 
     Attributes:
-        input: The input.
-        output: The output.
-        condition: Of Table 6.4, of the path as a whole.
-        coherence: Mean over the band, weighted by the output's energy [1].
-        level: The output's energy under its largest from any input of the same kind of test [dB].
-        shares: Part of the output's energy under each condition, frequency by frequency [1].
+        input: Name of the input.
+        output: Name of the output.
+        condition: Condition of Table 6.4 of the whole path.
+        coherence: Mean coherence over the band, weighted by the output's energy [1].
+        level: Energy of the output relative to its largest from any input of the same kind of test [dB].
+        shares: Fraction of the output's energy under each condition, classified frequency by frequency [1].
     """
 
     input: str
@@ -57,17 +57,19 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeEffect:
-    """How a response changes with the input's size: a linear car's does not.
+    """Change of a response with the input's amplitude; the response of a linear car does not change.
 
-    Coherence is blind to it: friction that makes a small test stiffer than a large one leaves each of them coherent.
+    Coherence does not detect such a change: friction makes the car stiffer in a small test than in a large one, but
+    each test alone is coherent.
 
     Attributes:
-        input: The input.
-        output: The output.
-        small: Standard deviation of the input in the small test, its unit.
-        large: In the large one.
-        change: Of the output's answer to the small test, had the response been that of the large one [1].
-        chance: What noise makes of `change` [1].
+        input: Name of the input.
+        output: Name of the output.
+        small: Standard deviation of the input in the small test, in its unit.
+        large: Standard deviation of the input in the large test, in its unit.
+        change: Relative error of the output in the small test if it is predicted with the response of the large
+            test [1].
+        chance: Value of `change` that noise alone gives [1].
     """
 
     input: str
@@ -79,20 +81,20 @@ class AmplitudeEffect:
 
     @property
     def is_notable(self) -> bool:
-        """Whether the response depends on the amplitude, by more than noise says."""
+        """Whether the response depends on the amplitude by more than noise explains."""
         return self.change > max(NOTABLE, BEYOND_NOISE * self.chance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearity:
-    """The linearity of a car on the rig.
+    """Linearity of a car on the rig.
 
     Attributes:
-        paths: One per input and output, from the largest test of each input.
-        verdicts: One per path, in the same order.
-        effects: Of the amplitude, where an input has tests of several sizes.
-        thresholds: What high and low are.
-        notes: What was left out and why.
+        paths: Paths, one per input and output, from the largest test of each input.
+        verdicts: Verdicts, one per path, in the same order.
+        effects: Effects of the amplitude for inputs that have tests with several amplitudes.
+        thresholds: Thresholds between low and high.
+        notes: Notes on tests that are omitted.
     """
 
     paths: tuple[Path, ...]
@@ -103,23 +105,23 @@ class Linearity:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The inputs, in the order of the tests."""
+        """Names of the inputs, in the order of the tests."""
         return tuple(dict.fromkeys(path.input.name for path in self.paths))
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The outputs."""
+        """Names of the outputs."""
         return tuple(dict.fromkeys(path.output.name for path in self.paths))
 
     def verdict(self, output: str, input: str) -> Verdict:
-        """Return what is said of one path."""
+        """Return the verdict on one path."""
         for each in self.verdicts:
             if (each.input, each.output) == (input, output):
                 return each
-        raise InputError(f"no path from {input!r} to {output!r}; inputs are {', '.join(self.inputs)}")
+        raise InputError(f"there is no path from {input!r} to {output!r}; the inputs are {', '.join(self.inputs)}")
 
     def levels(self, path: Path) -> Array:
-        """Return the level of a path over frequency (K,) [dB of the output's largest density]."""
+        """Return the level of a path over frequency (K,), relative to the output's largest density [dB]."""
         return _decibel(path.density, _largest_density(self.paths, path))
 
 
@@ -130,24 +132,25 @@ def judge_linearity(
     recipe: LocalPolynomial | None = None,
     thresholds: Thresholds | None = None,
 ) -> Linearity:
-    """Judge every path whose input moves alone in a test (6.2).
+    """Assess every path whose input moves alone in a test (6.2).
 
     Args:
-        prepared: Tests with one actuator each, of one amplitude or several; or a baseline and alternates.
-        outputs: Channels; shock velocities, tire forces and ride heights when empty.
-        recipe: How responses are estimated; bands of 0.5 Hz, every 0.1 Hz to 25 Hz, unless told.
-        thresholds: What high and low are.
+        prepared: Tests with one actuator each, with one or several amplitudes; or a baseline and tests with one
+            changed shock each.
+        outputs: Names of the output channels; empty takes shock velocities, tire forces and ride heights.
+        recipe: Estimator of the responses; None takes bands of 0.5 Hz, every 0.1 Hz up to 25 Hz.
+        thresholds: Thresholds between low and high; None takes the defaults.
 
     Raises:
-        InputError: In no test one input moves alone.
-        TooShortError: A record is so short that noise is as coherent as the threshold.
+        InputError: There is no test in which one input moves alone.
+        TooShortError: A record is so short that the coherence of noise exceeds the threshold.
     """
     recipe, thresholds = recipe or BANDS, thresholds or Thresholds()
     found = excitations(prepared, outputs_of(prepared.channels, outputs))
     if not found.excitations:
         raise InputError(
-            "in none of the tests one input moves alone: give tests with one actuator (eightpost rig --test single), "
-            f"or a baseline and tests of the same drive with one other shock each ({'; '.join(found.notes)})"
+            "there is no test in which one input moves alone: give tests with one actuator (eightpost rig --test "
+            f"single), or a baseline and tests of the same drive with one other shock each ({'; '.join(found.notes)})"
         )
     grouped = by_input(found.excitations)
     estimates = {name: [paths(each, recipe) for each in tests] for name, tests in grouped.items()}
@@ -169,14 +172,14 @@ def _check_length(found: Sequence[Path], thresholds: Thresholds) -> None:
     for path in found:
         if path.chance > thresholds.coherence:
             raise TooShortError(
-                f"{path.test}: the record is so short that noise is coherent to {path.chance:.2f}, above the threshold "
-                f"of {thresholds.coherence:g}; take wider bands or a longer record"
+                f"{path.test}: the record is so short that noise has a coherence of {path.chance:.2f}, above the "
+                f"threshold of {thresholds.coherence:g}; use wider bands or a longer record"
             )
 
 
 def _verdict(path: Path, found: Sequence[Path], thresholds: Thresholds) -> Verdict:
-    alike = [other.energy for other in found if _comparable(other, path)]
-    level = float(_decibel(np.array([path.energy]), max(alike))[0])
+    energies = [other.energy for other in found if _comparable(other, path)]
+    level = float(_decibel(np.array([path.energy]), max(energies))[0])
     levels = _decibel(path.density, _largest_density(found, path))
     shares = thresholds.shares(path.coherence, levels, path.density)
     condition = thresholds.condition(path.mean_coherence, level)
@@ -184,7 +187,7 @@ def _verdict(path: Path, found: Sequence[Path], thresholds: Thresholds) -> Verdi
 
 
 def _comparable(other: Path, path: Path) -> bool:
-    """Say whether two paths have the same output, and inputs of the same sort: actuators, or shocks."""
+    """Return whether two paths have the same output, and inputs of the same type: actuators, or shocks."""
     same = other.output == path.output
     return same and _is_shock(other.input.name) == _is_shock(path.input.name)
 

@@ -1,4 +1,4 @@
-"""One input-output pair: its response, coherence and energy, as Figs 6.9 to 6.18 show them."""
+"""Response, coherence and energy of one input-output pair, as in Figs 6.9 to 6.18."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Length of time response that is kept for pictures [s] (Fig 6.9a).
+#: Length of the time response that is kept for plots [s] (Fig 6.9a).
 SHOWN = 2.0
 
 
 class Excitation(NamedTuple):
-    """One input alone and what the outputs did.
+    """Input that moves alone, with the outputs.
 
     Attributes:
-        test: What the test is called.
-        channel: The input.
-        u: (N,).
-        y: (p, N).
-        outputs: The p outputs.
-        rate: Samples per second [Hz].
+        test: Name of the test.
+        channel: Input channel.
+        u: Input (N,).
+        y: Outputs (p, N).
+        outputs: Output channels.
+        rate: Sample rate [Hz].
     """
 
     test: str
@@ -47,21 +47,21 @@ class Excitation(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """An output's answer to one input that moves alone.
+    """Response of an output to one input that moves alone.
 
     Attributes:
-        test: What the test is called.
-        input: The input.
-        output: The output.
-        frequency: (K,) [Hz], where the input has power.
+        test: Name of the test.
+        input: Input channel.
+        output: Output channel.
+        frequency: Frequencies at which the input has power (K,) [Hz].
         H: Frequency response (K,), output per input unit.
-        coherence: (K,) [1].
-        variance: Of H (K,), `E |H - E H|^2`.
+        coherence: Coherence (K,) [1].
+        variance: Variance of H (K,), `E |H - E H|^2`.
         density: Power spectral density of the output (K,) [unit2/Hz].
-        input_density: Of the input (K,) [unit2/Hz].
-        chance: The coherence that noise alone exceeds at 5 % of the frequencies [1].
-        trace: A piece of the output (T,), for pictures.
-        rate: Of the piece [Hz].
+        input_density: Power spectral density of the input (K,) [unit2/Hz].
+        chance: Coherence that noise alone exceeds at 5 % of the frequencies [1].
+        trace: Part of the output for plots (T,).
+        rate: Sample rate of the trace [Hz].
     """
 
     test: str
@@ -84,7 +84,7 @@ class Path:
 
     @property
     def mean_coherence(self) -> float:
-        """The part of that power which the input explains linearly [1]."""
+        """Fraction of the output's power that the input explains linearly [1]."""
         total = float(self.density.sum())
         return float(self.coherence @ self.density) / total if total > 0.0 else 0.0
 
@@ -92,23 +92,24 @@ class Path:
 def paths(excitation: Excitation, recipe: LocalPolynomial) -> tuple[Path, ...]:
     """Return the paths from one input to all outputs.
 
-    Local polynomials, as windowed blocks leak: with blocks of 4 s a linear quarter car has a coherence of 0.83.
+    They are estimated by local polynomials, because windowed blocks have leakage: with blocks of 4 s a linear quarter
+    car has a coherence of 0.83.
 
     Args:
-        excitation: The input and the outputs.
-        recipe: How wide the bands are.
+        excitation: Input and outputs.
+        recipe: Estimator, with the width of its bands.
 
     Raises:
         TooShortError: The record has too few bins.
     """
     record = Record(excitation.u[None], excitation.y)
-    found = recipe.estimate(Records((record,), excitation.rate, (excitation.channel,), excitation.outputs))
-    coherence, variance = found.coherence, found.variance
+    response = recipe.estimate(Records((record,), excitation.rate, (excitation.channel,), excitation.outputs))
+    coherence, variance = response.coherence, response.variance
     if coherence is None or variance is None:
-        raise TypeError(f"{recipe} gives no coherence")
+        raise TypeError(f"{recipe} does not estimate the coherence")
     active = np.isfinite(variance[0, 0])
-    source = _density(excitation.u[None], excitation.rate, found.frequency)[0, active]
-    densities = _density(excitation.y, excitation.rate, found.frequency)[:, active]
+    source = _density(excitation.u[None], excitation.rate, response.frequency)[0, active]
+    densities = _density(excitation.y, excitation.rate, response.frequency)[:, active]
     middle = excitation.u.size // 2
     piece = slice(middle, middle + round(SHOWN * excitation.rate))
     chance = _chance(recipe, excitation.u.size / excitation.rate)
@@ -117,8 +118,8 @@ def paths(excitation: Excitation, recipe: LocalPolynomial) -> tuple[Path, ...]:
             excitation.test,
             excitation.channel,
             output,
-            found.frequency[active],
-            found.H[i, 0, active],
+            response.frequency[active],
+            response.H[i, 0, active],
             coherence[i, active],
             variance[i, 0, active],
             densities[i],
@@ -143,16 +144,16 @@ def _density(values: Array, rate: float, centres: Array) -> Array:
 
 
 def _chance(recipe: LocalPolynomial, duration: float) -> float:
-    """Return the coherence of pure noise at 95 %: of B complex bins, P are taken by response and transient."""
+    """Return the 95 % quantile of the coherence of pure noise, for B complex bins and P unknowns of the polynomials."""
     unknowns = 2 * (recipe.degree + 1)
-    least = int(np.ceil((recipe.spare * unknowns - 1.0) / 2.0))
-    bins = 2 * max(least, round((recipe.half_width or 0.0) * duration)) + 1
+    smallest = int(np.ceil((recipe.spare * unknowns - 1.0) / 2.0))
+    bins = 2 * max(smallest, round((recipe.half_width or 0.0) * duration)) + 1
     left = float(beta.ppf(0.05, bins - unknowns, unknowns))
     return float(max(0.0, 1.0 - left * bins / (bins - unknowns)))
 
 
 def outputs_of(names: Sequence[str], given: Sequence[str]) -> tuple[str, ...]:
-    """Return the outputs asked for, or the dissertation's key ones among `names`: 6.2 shows these."""
+    """Return the given outputs; if `given` is empty, the key outputs of section 6.2 among `names`."""
     if given:
         return tuple(given)
     return tuple(name for name in names if name.endswith(("velocity", "tire_force", "ride_height")))

@@ -1,4 +1,4 @@
-"""Pictures of linearity: time response, magnitude and coherence by input (Figs 6.9 to 6.18); conditions at a glance."""
+"""Plots of linearity: time response, magnitude and coherence by input (Figs 6.9 to 6.18), and conditions."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from eightpost.ident.linearity.linearity import Linearity
     from eightpost.ident.linearity.path import Path
 
-#: Of Conditions I to IV: predicted, predicted low, lost, does not matter.
+#: Colors of Conditions I to IV: predicted, predicted as low, not predicted, not significant.
 _COLORS = {Condition.I: "#9bd4a5", Condition.II: "#d9eedd", Condition.III: "#f2a08e", Condition.IV: "#e6e6e6"}
 
 
 def plot_output(found: Linearity, output: str, path: str | FilePath) -> None:
-    """Write a PNG of one output as Fig 6.9: a column per sort of input, a line per input.
+    """Write a PNG of one output as in Fig 6.9, with a column per type of input and a line per input.
 
-    Where the response is low the coherence is drawn thin: it does not matter there (Table 6.4).
+    The coherence is a thin line if the response is low, because it is not significant there (Table 6.4).
 
     Args:
-        found: What was judged.
-        output: The output.
-        path: Where the PNG goes; replaced whole or not at all.
+        found: Linearity of the car.
+        output: Name of the output.
+        path: Path of the PNG file; it is replaced completely or not at all.
     """
     columns = _columns(found, output)
     figure = Figure(figsize=(5.2 * len(columns), 8.6), layout="constrained")
@@ -48,32 +48,32 @@ def plot_output(found: Linearity, output: str, path: str | FilePath) -> None:
 
 
 def plot_conditions(found: Linearity, path: str | FilePath) -> None:
-    """Write a PNG of Table 6.4's condition of every path, with coherence and level in each cell."""
+    """Write a PNG with the condition of every path (Table 6.4), and its coherence and level."""
     inputs, outputs = found.inputs, found.outputs
-    said = {(each.output, each.input): each for each in found.verdicts}
-    cells = np.array([[said[output, name].condition.value for name in inputs] for output in outputs])
+    verdicts = {(each.output, each.input): each for each in found.verdicts}
+    cells = np.array([[verdicts[output, name].condition.value for name in inputs] for output in outputs])
     figure = Figure(figsize=(2.4 + 1.05 * len(inputs), 1.9 + 0.55 * len(outputs)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.imshow(cells, cmap=ListedColormap(list(_COLORS.values())), vmin=0.5, vmax=4.5, aspect="auto")
     for i, output in enumerate(outputs):
         for j, name in enumerate(inputs):
-            each = said[output, name]
+            each = verdicts[output, name]
             text = f"{each.condition.name}\n{each.coherence:.2f}, {each.level:.0f} dB"
             axes.text(j, i, text, ha="center", va="center", fontsize=8)
     axes.set_xticks(range(len(inputs)), inputs, rotation=35, ha="right")
     axes.set_yticks(range(len(outputs)), outputs)
     lines = "\n".join(f"{kind.name}: {kind.meaning}" for kind in Condition)
-    axes.set_title(f"{lines}\nmean coherence, level under the output's largest", fontsize=8, loc="left")
+    axes.set_title(f"{lines}\nmean coherence, level relative to the output's largest", fontsize=8, loc="left")
     _save(figure, path)
 
 
 def _columns(found: Linearity, output: str) -> list[tuple[str, list[Path]]]:
-    """Return the paths of an output by the sort of their input."""
-    sorts = {"wheelloaders": "road", "aeroloaders": "aero", "shocks": "force"}
+    """Return the paths of an output, grouped by the type of their input."""
+    types = {"wheelloaders": "road", "aeroloaders": "aero", "shocks": "force"}
     chosen = [path for path in found.paths if path.output.name == output]
-    columns = [(title, [p for p in chosen if _kind(p) == kind]) for title, kind in sorts.items()]
-    rest = [p for p in chosen if _kind(p) not in sorts.values()]
+    columns = [(title, [p for p in chosen if _kind(p) == kind]) for title, kind in types.items()]
+    rest = [p for p in chosen if _kind(p) not in types.values()]
     return [(title, group) for title, group in (*columns, ("loads", rest)) if group]
 
 

@@ -1,4 +1,4 @@
-"""The judgement as a CSV table: a line per path."""
+"""CSV tables of linearity, with a line per path."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ _EFFECTS = ("input", "output", "unit", "small", "large", "change [%]", "by chanc
 
 
 def write_paths(path: str | FilePath, found: Linearity, *, sources: Mapping[str, str] | None = None) -> None:
-    """Write what is said of every path; thresholds and sources stand in comment lines above.
+    """Write the verdicts on all paths, after comment lines with thresholds and sources.
 
     Args:
-        path: A .csv file.
-        found: What was judged.
-        sources: SHA-256 digest by name of each file.
+        path: Path of the .csv file.
+        found: Linearity of the car.
+        sources: SHA-256 digest of each file by name.
     """
     limits = found.thresholds
     comments = [f"# high: coherence from {limits.coherence:g}, level from {limits.level:g} dB"]
     comments += [f"# {name}: {digest}" for name, digest in (sources or {}).items()]
     rows = []
-    for estimate, said in zip(found.paths, found.verdicts, strict=True):
-        shares = [f"{100.0 * said.shares[kind]:.2f}" for kind in Condition]
+    for estimate, verdict in zip(found.paths, found.verdicts, strict=True):
+        shares = [f"{100.0 * verdict.shares[kind]:.2f}" for kind in Condition]
         band = (f"{estimate.frequency[0]:.4g}", f"{estimate.frequency[-1]:.4g}")
-        numbers = (said.condition.name, f"{said.coherence:.4f}", f"{said.level:.2f}")
-        rows.append((said.input, said.output, estimate.test, *numbers, *shares, *band))
+        numbers = (verdict.condition.name, f"{verdict.coherence:.4f}", f"{verdict.level:.2f}")
+        rows.append((verdict.input, verdict.output, estimate.test, *numbers, *shares, *band))
     _write(FilePath(path), comments, _PATHS, rows)
 
 
 def write_effects(path: str | FilePath, found: Linearity) -> None:
-    """Write what the amplitude changes, a line per input, output and amplitude, to a .csv file."""
+    """Write the effects of the amplitude to a .csv file, with a line per input, output and amplitude."""
     units = {estimate.input.name: estimate.input.unit for estimate in found.paths}
     rows = [
         (
@@ -51,8 +51,8 @@ def write_effects(path: str | FilePath, found: Linearity) -> None:
         )
         for each in found.effects
     ]
-    _write(FilePath(path), ["# change of the answer to the small test, had the car answered as in the large one"],
-           _EFFECTS, rows)  # fmt: skip
+    comment = "# change: relative error of the output in the small test, predicted with the response of the large test"
+    _write(FilePath(path), [comment], _EFFECTS, rows)
 
 
 def _write(path: FilePath, comments: Sequence[str], head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

@@ -1,8 +1,8 @@
-"""Preparation: from rig tests as recorded to records at a model's rate, checked, in step, without means."""
+"""Preparation of recorded rig tests: checks, synchronisation, removal of means and decimation to a model's rate."""
 
 from eightpost.ident.preparation.decimation import Decimation
-from eightpost.ident.preparation.lags import Lag, drifts, drive_lag, record_lags, shifted, time_lag
-from eightpost.ident.preparation.lost_channels import check_lives
+from eightpost.ident.preparation.lags import Lag, advance_channels, drifts, drive_lag, record_lags, time_lag
+from eightpost.ident.preparation.lost_channels import check_lost_channels
 from eightpost.ident.preparation.preparation import Preparation, prepare
 from eightpost.ident.preparation.preparation_file import read_preparation
 from eightpost.ident.preparation.prepared import Prepared
@@ -12,12 +12,12 @@ __all__ = [
     "Lag",
     "Preparation",
     "Prepared",
-    "check_lives",
+    "advance_channels",
+    "check_lost_channels",
     "drifts",
     "drive_lag",
     "prepare",
     "read_preparation",
     "record_lags",
-    "shifted",
     "time_lag",
 ]

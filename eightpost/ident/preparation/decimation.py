@@ -1,4 +1,4 @@
-"""Decimation to a model's rate (6.4.1): zero-phase low-pass, then every so many-th sample."""
+"""Decimation to a model's rate (6.4.1): zero-phase low-pass, then selection of every n-th sample."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A record's rate may miss a multiple of the model's by this part: a logger's rounding of time.
+#: Relative tolerance of a record's rate as a multiple of the model's, because loggers round time.
 _RATE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Decimation:
-    """An 8th-order Chebyshev type I low-pass, forward and backward, at 80 % of the new Nyquist frequency.
+    """Decimation with an 8th-order Chebyshev type I low-pass, forward and backward, at 80 % of the Nyquist frequency.
 
-    What folds into the band from above it is 63 dB down. All channels pass the same filter, so that responses between
-    them do not change.
+    Aliases in the band are 63 dB down. All channels pass the same filter, so that responses between them do not change.
 
     Attributes:
-        rate: The new rate [Hz]; the dissertation's models have 125 Hz.
-        band: Cut-off as part of the new Nyquist frequency [1].
-        order: Of the filter that is run twice.
-        ripple: In the pass band, of each run [dB]; 6.4.1 names none. Ours takes 0.1 % off an amplitude at most.
+        rate: New rate [Hz]; the dissertation's models have 125 Hz.
+        band: Cut-off frequency as a fraction of the new Nyquist frequency [1].
+        order: Order of the filter, which is run forward and backward.
+        ripple: Ripple in the pass band per pass [dB]. 6.4.1 does not give it; the default reduces amplitudes by at
+            most 0.1 %.
     """
 
     rate: float = 125.0
@@ -42,37 +42,37 @@ class Decimation:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not (np.isfinite(self.rate) and self.rate > 0.0 and 0.0 < self.band < 1.0):
-            raise ParameterError(f"{self}: the rate must be above 0 Hz, the band between 0 and 1")
+            raise ParameterError(f"{self}: rate must be above 0 Hz and band between 0 and 1")
         if self.order < 1 or not self.ripple > 0.0:
-            raise ParameterError(f"{self}: the order must be 1 or more, the ripple above 0 dB")
+            raise ParameterError(f"{self}: order must be 1 or more and ripple above 0 dB")
 
     @property
     def cutoff(self) -> float:
-        """The end of the pass band [Hz]."""
+        """Upper end of the pass band [Hz]."""
         return 0.5 * self.band * self.rate
 
     def factor(self, rate: float) -> int:
-        """Return how many samples at `rate` [Hz] become one.
+        """Return the ratio of `rate` [Hz] to the new rate.
 
         Raises:
-            ParameterError: The rate is no multiple of the new one.
+            ParameterError: The rate is not a multiple of the new rate.
         """
         factor = max(1, round(rate / self.rate))
         if abs(rate / (factor * self.rate) - 1.0) > _RATE_TOLERANCE:
             near = sorted({max(1, int(rate / self.rate)) + step for step in (0, 1)})
             offered = " or ".join(f"{rate / n:.6g}" for n in near)
             raise ParameterError(
-                f"a record of {rate:.6g} Hz cannot be decimated to {self.rate:.6g} Hz: its rate is no multiple of "
-                f"that; take a model's rate of {offered} Hz, or export the record at a multiple"
+                f"a record of {rate:.6g} Hz cannot be decimated to {self.rate:.6g} Hz because its rate is not a "
+                f"multiple of that; use a model rate of {offered} Hz, or export the record at a multiple"
             )
         return factor
 
     def apply(self, values: Array, rate: float) -> Array:
-        """Return every so many-th sample of the low-passed values; at the new rate already, the values themselves.
+        """Return every n-th sample of the low-passed values; the values themselves if they are at the new rate.
 
         Args:
-            values: (..., N), time last, best without mean.
-            rate: Of the values [Hz].
+            values: Samples (..., N), with time last, preferably without mean.
+            rate: Sample rate of the values [Hz].
         """
         factor = self.factor(rate)
         if factor == 1:

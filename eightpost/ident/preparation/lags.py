@@ -1,11 +1,11 @@
-"""Time lags between channels, loggers and runs, found by cross-correlation.
+"""Time lags between channels, loggers and runs, estimated by cross-correlation.
 
-Two loggers that were started by hand, or one that filters, put channels out of step; a response estimated over them has
-a false phase of 360 f lag degrees. What must be in step is known from mechanics:
+Channels are out of step if two loggers are started by hand or one of them filters its signals. Responses between such
+channels have a false phase of 360 f lag degrees. Mechanics determines which channels must be in step:
 
-- a shock's travel, twice differentiated, goes with hub minus chassis acceleration of its axle's two corners;
-- the tire forces together, less the aeroloaders', go with the accelerations (Newton's law of the whole car);
-- a shock's force goes with its velocity, but for the few milliseconds of its own lag.
+- a shock's travel, differentiated twice, and hub minus chassis acceleration of the two corners of its axle;
+- the sum of the tire forces minus the aeroloader forces, and the accelerations (Newton's law of the whole car);
+- a shock's force and its velocity, except for the few milliseconds of the shock's own lag.
 """
 
 from __future__ import annotations
@@ -26,87 +26,88 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Longest lag that is looked for [s].
+#: Longest lag that is searched for [s].
 LONGEST = 0.5
 
-#: Longest difference of the starts of two runs [s].
+#: Longest time between the starts of two runs [s].
 LONGEST_START = 10.0
 
-#: Band of the comparisons [Hz], at most 0.4 of the sample rate.
+#: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
 BAND = 20.0
 
-#: Length of record that is compared [s]: longer ones cost seconds and tell no more.
+#: Length of record that is compared [s]; longer ones take seconds and give no better result.
 SPAN = 60.0
 
-#: Up to this a lag is what a filter or a shock's own lag makes of it [s].
+#: Longest lag that a filter in the logger explains [s].
 SAME_LAG = 2e-3
 
-#: A lag is told from none by this many of its standard deviations.
-CERTAIN = 5.0
+#: Number of its standard deviations by which a lag must exceed the threshold.
+DEVIATIONS = 5.0
 
-#: How far from its top a correlation's fall is measured [s].
+#: Distance from the peak of a correlation at which its decrease is measured [s].
 _FALL = 0.025
 
-#: Lags of a likeness below this are chance, or another mechanism than the one looked for.
-LIKE = 0.6
+#: Smallest correlation of a lag; below it the lag is chance or has another cause.
+SMALLEST_CORRELATION = 0.6
 
 
 class Lag(NamedTuple):
-    """How late a channel is.
+    """Time lag of a channel.
 
     Attributes:
-        channel: The channel, or the group of channels.
-        against: What it must go with.
-        seconds: Positive where `channel` comes late [s].
-        likeness: Multiple correlation at that lag [1].
-        usual: Lag up to which nothing is wrong [s].
-        spread: Standard deviation of the lag [s]: noise moves the flat top of a slow motion's correlation far.
+        channel: Name of the channel or of the group of channels.
+        against: Reference that the channel must be in step with.
+        seconds: Lag [s]; positive if `channel` is late.
+        correlation: Multiple correlation at that lag [1].
+        usual: Lag up to which the channel is considered in step [s].
+        spread: Standard deviation of the lag [s]; it is large for slow motions, whose correlation has a flat peak.
     """
 
     channel: str
     against: str
     seconds: float
-    likeness: float
+    correlation: float
     usual: float
     spread: float = 0.0
 
     @property
     def is_notable(self) -> bool:
         """Whether the channel is out of step."""
-        return self.likeness >= LIKE and abs(self.seconds) > self.usual + CERTAIN * self.spread
+        is_certain = abs(self.seconds) > self.usual + DEVIATIONS * self.spread
+        return self.correlation >= SMALLEST_CORRELATION and is_certain
 
     def __str__(self) -> str:
-        where = "after" if self.seconds >= 0.0 else "before"
+        side = "behind" if self.seconds >= 0.0 else "ahead of"
         return (
-            f"{self.channel} comes {1e3 * abs(self.seconds):.2f} ms {where} {self.against} "
-            f"(correlation {self.likeness:.2f})"
+            f"{self.channel} is {1e3 * abs(self.seconds):.2f} ms {side} {self.against} "
+            f"(correlation {self.correlation:.2f})"
         )
 
 
 def time_lag(values: Array, references: Array, rate: float, *, longest: float = LONGEST) -> tuple[float, float]:
-    """Return by how much `values` come late, and how well references explain them then.
+    """Return the lag of `values` behind the references, and their correlation at that lag.
 
-    The lag l has the largest multiple correlation of v(t + l) with the references; between samples it is the top of a
-    parabola.
+    The lag l maximises the multiple correlation of v(t + l) with the references; between samples a parabola is
+    interpolated.
 
     Args:
-        values: v (N,).
-        references: (N,) or (C, N), one or several; a combination of them is looked for.
-        rate: Samples per second [Hz].
-        longest: Lag to either side that is looked for [s].
+        values: Samples v (N,).
+        references: One or several reference signals (N,) or (C, N); their best linear combination is used.
+        rate: Sample rate [Hz].
+        longest: Longest lag to either side that is searched [s].
 
     Returns:
-        The lag [s] and the multiple correlation [1]; (0, 0) where something does not move.
+        Lag [s] and multiple correlation [1]; (0, 0) if a signal is constant.
     """
-    found = _peak(values, references, rate, longest)
-    return found.seconds, found.likeness
+    peak = _peak(values, references, rate, longest)
+    return peak.seconds, peak.correlation
 
 
 class _Peak(NamedTuple):
-    """The top of a correlation over lags."""
+    """Peak of a correlation over lags."""
 
     seconds: float
-    likeness: float
+    correlation: float
     spread: float
 
 
@@ -122,11 +123,11 @@ def _peak(values: Array, references: Array, rate: float, longest: float = LONGES
     products = _products(v, refs, reach)
     explained = np.einsum("cl,cl->l", products, np.linalg.lstsq(refs @ refs.T, products, rcond=1e-10)[0]) / energy
     best = int(np.argmax(explained))
-    likeness = float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
-    # What is differentiated twice has its noise in the last third of the band.
+    correlation = float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
+    # The noise of a signal that is differentiated twice is in the last third of the band.
     independent = 2.0 / 3.0 * min(BAND, 0.4 * rate) * v.size / rate
     spread = _spread(explained, best, max(1, round(_FALL * rate)), independent) / rate
-    return _Peak((best - reach + _vertex(explained, best)) / rate, likeness, spread)
+    return _Peak((best - reach + _vertex(explained, best)) / rate, correlation, spread)
 
 
 def _products(v: Array, refs: Array, reach: int) -> Array:
@@ -137,7 +138,7 @@ def _products(v: Array, refs: Array, reach: int) -> Array:
 
 
 def _vertex(heights: Array, top: int) -> float:
-    """Return the place of a parabola's top between samples, from -0.5 to 0.5; 0 at the ends."""
+    """Return the position of a parabola's vertex relative to sample `top`, from -0.5 to 0.5; 0 at the ends."""
     if not 0 < top < heights.size - 1:
         return 0.0
     before, at, after = heights[top - 1 : top + 2]
@@ -146,23 +147,23 @@ def _vertex(heights: Array, top: int) -> float:
 
 
 def record_lags(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
-    """Return the lags within the first `SPAN` of a record, of those mechanisms whose channels it has.
+    """Return the lags in the first `SPAN` of a record, for all mechanisms whose channels it contains.
 
     Args:
-        series: A rig record.
-        corners: Its corners; one empty name for a quarter car.
+        series: Rig record.
+        corners: Names of its corners; one empty name for a quarter car.
     """
     return _lags(series.window(series.time[0], series.time[0] + SPAN), corners)
 
 
 def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
-    """Return by how much more channels are late at the end of a record than at its start, where that is notable.
+    """Return the notable changes of lags between the start and the end of a record.
 
-    Samples that a logger lost without a gap in its time, or two clocks of different pace, show as such a drift.
+    Such a drift appears if a logger lost samples without a gap in its time, or if two clocks run at different rates.
 
     Args:
-        series: A rig record; what is shorter than two spans is compared by its halves.
-        corners: Its corners; one empty name for a quarter car.
+        series: Rig record; if it is shorter than two spans, its halves are compared.
+        corners: Names of its corners; one empty name for a quarter car.
     """
     span = min(SPAN, 0.5 * series.duration)
     first, last = series.time[0], series.time[-1]
@@ -174,7 +175,7 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     changes = [
         late._replace(
             seconds=late.seconds - early.seconds,
-            likeness=min(early.likeness, late.likeness),
+            correlation=min(early.correlation, late.correlation),
             usual=2.0 * SAME_LAG,
             spread=float(np.hypot(early.spread, late.spread)),
         )
@@ -184,42 +185,42 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
 
 
 def _lags(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
-    compared = _Compared(series, tuple(corners))
-    found = [compared.travel(corner) for corner in corners]
-    found += [compared.force(corner) for corner in corners]
-    found.append(compared.loads())
-    return tuple(lag for lag in found if lag is not None)
+    comparison = _Comparison(series, tuple(corners))
+    lags = [comparison.travel(corner) for corner in corners]
+    lags += [comparison.force(corner) for corner in corners]
+    lags.append(comparison.loads())
+    return tuple(lag for lag in lags if lag is not None)
 
 
 def drive_lag(series: TimeSeries, first: TimeSeries, channel: str) -> Lag:
-    """Return how much later the same drive runs in a record than in the first, by a channel of both.
+    """Return the lag of the drive in a record behind the same drive in the first record, from a channel of both.
 
     Args:
-        series: A record.
-        first: Another one at the same rate.
-        channel: A wheelloader's position, best.
+        series: Record.
+        first: First record, at the same rate.
+        channel: Name of the channel, preferably a wheelloader's position.
     """
     size, rate = min(len(series), len(first)), series.sample_rate
     rough, _ = time_lag(series[channel][:size], first[channel][:size], rate, longest=LONGEST_START)
     late = round(rough * rate)
-    # Once more over what both have: ends that only one has pull the peak.
+    # Repeated over the common part, because ends that only one record has displace the peak.
     own, other = series[channel][max(late, 0) :], first[channel][max(-late, 0) :]
     size = min(own.size, other.size)
-    rest, likeness = time_lag(own[:size], other[:size], rate, longest=2.0 / rate)
-    return Lag(channel, "that of the first record", late / rate + rest, likeness, 0.5 / rate)
+    rest, correlation = time_lag(own[:size], other[:size], rate, longest=2.0 / rate)
+    return Lag(channel, "that of the first record", late / rate + rest, correlation, 0.5 / rate)
 
 
-def shifted(series: TimeSeries, delays: Mapping[str, float]) -> TimeSeries:
-    """Return the record with late channels brought forward by their delays, by cubic splines.
+def advance_channels(series: TimeSeries, delays: Mapping[str, float]) -> TimeSeries:
+    """Return the record with late channels advanced by their delays, by cubic splines.
 
-    The record loses the ends that not all channels have.
+    The ends of the record that not all channels cover are removed.
 
     Args:
-        series: An evenly sampled record.
-        delays: By how much each channel comes late [s]; those not named stay.
+        series: Evenly sampled record.
+        delays: Delay of each late channel [s]; other channels do not change.
 
     Raises:
-        MissingChannelError: The record has no such channel.
+        MissingChannelError: A channel is not in the record.
     """
     moved = {series.names.index(name): delay for name, delay in delays.items() if series[name].size and delay}
     if not moved:
@@ -233,11 +234,11 @@ def shifted(series: TimeSeries, delays: Mapping[str, float]) -> TimeSeries:
 
 
 def _spread(explained: Array, top: int, reach: int, independent: float) -> float:
-    """Return the standard deviation of a top's place in samples.
+    """Return the standard deviation of a peak's position in samples.
 
-    The share that a lag explains falls from its top E by E (w l)^2, w the motion's RMS frequency, and noise moves the
-    top by sqrt((1 - E) / (n E)) / w, n the number of independent samples. The fall is measured `reach` samples to
-    either side: nearer, ripples of the noise are in it.
+    The fraction that is explained decreases from its peak E by E (w l)^2, where w is the RMS frequency of the motion.
+    Noise moves the peak by sqrt((1 - E) / (n E)) / w, where n is the number of independent samples. The decrease is
+    measured `reach` samples to either side, because closer to the peak it contains ripples of the noise.
     """
     at, last = float(explained[top]), explained.size - 1
     fall = at - 0.5 * float(explained[max(0, top - reach)] + explained[min(last, top + reach)])
@@ -250,21 +251,21 @@ _AT_CORNERS = (
 _ONCE = ("aero_force", "heave_force")
 
 
-class _Compared:
-    """The channels of one record, made comparable."""
+class _Comparison:
+    """Low-passed channels of one record, for comparison with each other."""
 
     def __init__(self, series: TimeSeries, corners: tuple[str, ...]) -> None:
         self._corners, self._rate = corners, series.sample_rate
-        wanted = {*(_name(corner, quantity) for corner in corners for quantity in _AT_CORNERS), *_ONCE}
-        chosen = series.select([name for name in series.names if name in wanted])
+        known = {*(_name(corner, quantity) for corner in corners for quantity in _AT_CORNERS), *_ONCE}
+        chosen = series.select([name for name in series.names if name in known])
         centred = chosen.values - chosen.values.mean(axis=1, keepdims=True)
         low = lowpass(centred, self._rate, min(BAND, 0.4 * self._rate))
         self._low = dict(zip(chosen.names, low, strict=True))
 
     def travel(self, corner: str) -> Lag | None:
-        """The potentiometer against the accelerometers above and below it, and across the axle.
+        """Return the lag of the potentiometer behind the accelerometers above and below it, and across the axle.
 
-        A shock that sits inboard on a solid axle moves with both of its wheels.
+        A shock that is mounted inboard on a solid axle moves with both wheels.
         """
         pot = _name(corner, "displacement")
         across = [other for other in self._axle(corner) if other != corner]
@@ -283,14 +284,14 @@ class _Compared:
         return _name(corner, "hub_acceleration"), _name(corner, "chassis_acceleration")
 
     def force(self, corner: str) -> Lag | None:
-        """The load cell against the velocity of its shock."""
+        """Return the lag of the load cell behind the velocity of its shock."""
         force, velocity = _name(corner, "force"), _name(corner, "velocity")
         if not self._there([force, velocity]):
             return None
         return self._lag(force, velocity, self._low[force], self._low[velocity], 0.015)
 
     def loads(self) -> Lag | None:
-        """The tire forces against the accelerations, over the whole car."""
+        """Return the lag of the sum of the tire forces behind the accelerations of the whole car."""
         quantities = ("tire_force", "hub_acceleration", "chassis_acceleration")
         if not all(self._there([_name(corner, quantity) for corner in self._corners]) for quantity in quantities):
             return None
@@ -305,7 +306,7 @@ class _Compared:
 
     def _lag(self, channel: str, against: str, values: Array, references: Array, usual: float) -> Lag:
         top = _peak(values, references, self._rate)
-        return Lag(channel, against, top.seconds, top.likeness, max(usual, 0.5 / self._rate), top.spread)
+        return Lag(channel, against, top.seconds, top.correlation, max(usual, 0.5 / self._rate), top.spread)
 
     def _sum(self, quantity: str, corners: Sequence[str]) -> Array:
         return np.asarray(np.sum([self._low[_name(corner, quantity)] for corner in corners], axis=0))

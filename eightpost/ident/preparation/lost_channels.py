@@ -1,4 +1,4 @@
-"""Channels that die in the course of a record: a cable that breaks, a logger that holds its last value."""
+"""Check for channels that fail during a record, because a cable breaks or a logger repeats its last value."""
 
 from __future__ import annotations
 
@@ -18,21 +18,24 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A channel that repeats one value for this long [s] ...
+#: Time for which a failed channel repeats one value [s] ...
 HELD = 0.25
-#: ... while others of its kind, or the road, change in at least this part of the samples.
+#: ... and fraction of its samples in which another channel changes if it moves [1].
 MOVING = 0.5
 
 _RESPONSES = ("tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
 
 
-def check_lives(series: TimeSeries, corners: Sequence[str], *, path: Path | None = None) -> None:
-    """Raise ConstantChannelError where a channel stops while the others go on.
+def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Path | None = None) -> None:
+    """Check that no channel becomes constant while the others move.
 
     Args:
-        series: A rig record.
-        corners: Its corners; one empty name for a quarter car.
-        path: Its file, for messages.
+        series: Rig record.
+        corners: Names of its corners; one empty name for a quarter car.
+        path: Path of its file, for messages.
+
+    Raises:
+        ConstantChannelError: A channel becomes constant.
     """
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
     there = [name for name in names if name in series]
@@ -44,7 +47,7 @@ def check_lives(series: TimeSeries, corners: Sequence[str], *, path: Path | None
         where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
         what = (
             f"it stays at {series[name][start]:.6g} (SI) {where} ({span:.3g} s) while the other channels move: a cable "
-            "or a logger failed there; use the record without that part, or leave the channel out of the map"
+            "or a logger failed there; remove that part of the record, or remove the channel from the map"
         )
         raise ConstantChannelError(what, path=path, channel=name)
 
@@ -58,6 +61,6 @@ def _longest_hold(values: Array) -> tuple[int, int]:
 
 
 def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
-    """Say whether most of the other channels change in most samples of a span: an empty rig moves none."""
+    """Return whether most of the other channels change in most samples of a span; a resting rig moves none."""
     moving = [np.mean(np.diff(series[name][held]) != 0.0) > MOVING for name in names if name != own]
     return bool(moving) and float(np.mean(moving)) > 0.5

@@ -1,4 +1,4 @@
-"""Math channels 45 to 62 of Table 6.1, made of measured ones as 6.1.2 says."""
+"""Math channels 45 to 62 of Table 6.1, computed from measured channels (6.1.2)."""
 
 from __future__ import annotations
 
@@ -19,66 +19,67 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A low-pass before a derivative is at most this part of the sample rate [1].
+#: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
 HIGHEST_CUTOFF = 0.4
 
 
-class Made(NamedTuple):
-    """Channels that were made (N,), by name, and what was done, a sentence each.
+class MathChannels(NamedTuple):
+    """Computed channels (N,) by name, and descriptions of the steps, a sentence each.
 
-    Channels, not the record with them: at full rate a copy of it is hundreds of megabytes.
+    It does not contain the whole record, because at full rate a copy takes hundreds of megabytes.
     """
 
     channels: Mapping[str, Array]
     steps: tuple[str, ...] = ()
 
 
-def velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) -> Made:
-    """Return each shock velocity, made of its potentiometer: low-pass, central differences (6.1.2).
+def velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) -> MathChannels:
+    """Compute the shock velocities from the potentiometers: low-pass, central differences (6.1.2).
 
-    A corner without a potentiometer keeps its own velocity. Central differences read `sin(x) / x` of the truth,
-    `x = 2 pi f / rate`: 0.4 % low at 30 Hz of 1250 Hz, so they are taken before a record is decimated.
+    A corner without a potentiometer keeps its own velocity. Central differences return `sin(x) / x` of the true
+    velocity with `x = 2 pi f / rate`: 0.4 % low at 30 Hz for a rate of 1250 Hz. They are therefore computed before a
+    record is decimated.
 
     Args:
-        series: A rig record at its own rate.
-        corners: Its corners; one empty name for a quarter car.
-        cutoff: Of the low-pass [Hz], at most 0.4 of the sample rate.
+        series: Rig record at its own rate.
+        corners: Names of its corners; one empty name for a quarter car.
+        cutoff: Cut-off frequency of the low-pass [Hz], at most 0.4 of the sample rate.
     """
     rate = series.sample_rate
     cutoff = min(cutoff, HIGHEST_CUTOFF * rate)
     pots = {_name(corner, "velocity"): _name(corner, "displacement") for corner in corners}
     pots = {velocity: pot for velocity, pot in pots.items() if pot in series}
     if not pots:
-        return Made({})
-    made = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
+        return MathChannels({})
+    velocities = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
     low = 100.0 * (1.0 - float(np.sinc(2.0 * 20.0 / rate)))
-    which = ", ".join(made)
-    step = f"{which} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
-    return Made(made, (step,))
+    names = ", ".join(velocities)
+    step = f"{names} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
+    return MathChannels(velocities, (step,))
 
 
-def modes_of(series: TimeSeries, geometry: Geometry) -> Made:
-    """Return the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, where a record's channels allow it.
+def modes_of(series: TimeSeries, geometry: Geometry) -> MathChannels:
+    """Compute the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, if the record has the channels for them.
 
     Args:
-        series: A rig record of a car with four aeroloaders.
-        geometry: Where they are, and where the ride heights are measured [m].
+        series: Rig record of a car with four aeroloaders.
+        geometry: Positions of the aeroloaders and of the points where ride heights are defined [m].
     """
     steps: list[str] = []
-    made: dict[str, Array] = {}
+    channels: dict[str, Array] = {}
     heights, loads, roads = (_corners(series, quantity) for quantity in ("aero_position", "aero", "road"))
     if heights is not None:
         modes = displacement_modes(geometry) @ heights
-        made |= {f"aero.{mode}": row for mode, row in zip(MODES, modes, strict=True)}
+        channels |= {f"aero.{mode}": row for mode, row in zip(MODES, modes, strict=True)}
         steps.append("aeroloaders' heave, pitch, roll and warp from their positions (Eq 6.1)")
         if roads is not None:
             nose, spoiler = ride_heights(modes[0], modes[1], roads, geometry)
-            made |= {"front.ride_height": nose, "rear.ride_height": spoiler}
+            channels |= {"front.ride_height": nose, "rear.ride_height": spoiler}
             steps.append("ride heights from heave, pitch and the wheelloaders' plane (6.1.2)")
     if loads is not None:
-        made |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
-        steps.append("aeroloaders' mode forces from their load cells, up (Eq 6.2)")
-    return Made(made, tuple(steps))
+        channels |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
+        steps.append("aeroloaders' modal forces from their load cells, positive upward (Eq 6.2)")
+    return MathChannels(channels, tuple(steps))
 
 
 #: Channels 49 to 52.
@@ -86,7 +87,7 @@ _MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "ae
 
 
 def _corners(series: TimeSeries, quantity: str) -> Array | None:
-    """Return a quantity at lf, rf, lr, rr (4, N), None where a corner lacks it."""
+    """Return a quantity at lf, rf, lr, rr (4, N); None if a corner lacks it."""
     names = [f"{corner}.{quantity}" for corner in ("lf", "rf", "lr", "rr")]
     return np.stack([series[name] for name in names]) if all(name in series for name in names) else None
 

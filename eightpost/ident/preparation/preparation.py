@@ -1,4 +1,4 @@
-"""From rig tests as they were recorded to records that an identification takes (6.1.2, 6.4.1)."""
+"""Preparation of recorded rig tests for an identification (6.1.2, 6.4.1)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.preparation.decimation import Decimation
-from eightpost.ident.preparation.lags import LIKE, Lag, drifts, drive_lag, record_lags, shifted
-from eightpost.ident.preparation.lost_channels import check_lives
+from eightpost.ident.preparation.lags import (
+    SMALLEST_CORRELATION,
+    Lag,
+    advance_channels,
+    drifts,
+    drive_lag,
+    record_lags,
+)
+from eightpost.ident.preparation.lost_channels import check_lost_channels
 from eightpost.ident.preparation.math_channels import modes_of, velocities_of
 from eightpost.ident.preparation.prepared import Prepared
 from eightpost.ident.threads import for_each
@@ -28,23 +35,24 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Channels = Mapping[str, Array]
 
-#: Fewest samples that a record must keep.
+#: Minimum number of samples that a record must have after preparation.
 _FEWEST = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """How records are prepared. The default takes nothing for granted that the records do not say.
+    """Settings of the preparation of records. The default assumes nothing that the records do not contain.
 
     Attributes:
-        decimation: To the model's rate.
-        pot_cutoff: Low-pass of the potentiometers before shock velocities are made of them [Hz]; None keeps the
-            records' own velocities.
-        geometry: Of the rig; with it the aeroloaders' modes and the ride heights are made. None keeps the records' own.
-        delays: By how much channels come late [s], by name: they are brought forward in every record.
-        same_start: A channel by which every record is brought into step with the first, such as `lf.road`; None
-            leaves the records as they start. For recipes that need the same drive sample by sample.
-        settling: Left out at the start of every record [s].
+        decimation: Decimation to the model's rate.
+        pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the computation of shock velocities [Hz];
+            None keeps the records' own velocities.
+        geometry: Geometry of the rig, from which the aeroloaders' modes and the ride heights are computed; None keeps
+            the records' own channels.
+        delays: Delays of late channels by name [s]; these channels are advanced in every record.
+        same_start: Channel by which every record is synchronised with the first one, such as `lf.road`; None does not
+            synchronise. Recipes that need the same drive sample by sample require it.
+        settling: Time omitted at the start of every record [s].
     """
 
     decimation: Decimation = field(default_factory=Decimation)
@@ -59,25 +67,25 @@ class Preparation:
         if self.pot_cutoff is not None and not self.pot_cutoff > 0.0:
             raise ParameterError(f"the potentiometers' cut-off must be above 0 Hz, not {self.pot_cutoff:g}")
         if self.settling < 0.0:
-            raise ParameterError(f"the settling must not be negative, as {self.settling:g} s is")
+            raise ParameterError(f"the settling must not be negative; it is {self.settling:g} s")
 
 
 def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) -> Prepared:
     """Prepare rig tests.
 
-    Each test is brought to the model's rate before the next one is taken, so that tests that are read one by one (a
-    generator) need the memory of one.
+    Each test is decimated to the model's rate before the next one is requested. If the tests come from a generator,
+    only one at a time is in memory.
 
     Args:
-        tests: One or more, of one car.
-        preparation: How.
+        tests: One or more tests of one car.
+        preparation: Settings; None takes the defaults.
 
     Raises:
-        InputError: There is no test, or the tests are of different cars.
-        ParameterError: A record's rate is no multiple of the model's.
-        ConstantChannelError: A channel dies in the course of its record.
-        TooShortError: Next to nothing is left of a record.
-        MissingChannelError: A channel to be aligned is not there.
+        InputError: No test was given, or the tests are of different cars.
+        ParameterError: A record's rate is not a multiple of the model's rate.
+        ConstantChannelError: A channel fails during its record.
+        TooShortError: A record is too short.
+        MissingChannelError: A channel that is to be advanced or synchronised is missing.
     """
     how = preparation or Preparation()
     first: _Single | None = None
@@ -87,12 +95,12 @@ def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) ->
         first = first or single
         singles.append(single._replace(full=None) if number > 1 else single)
     if not singles:
-        raise InputError("there is no rig test to prepare; give one or more")
+        raise InputError("no rig test was given; give one or more")
     return _together(singles, how)
 
 
 class _Single(NamedTuple):
-    """One record, prepared."""
+    """One prepared record."""
 
     name: str
     corners: tuple[str, ...]
@@ -103,7 +111,7 @@ class _Single(NamedTuple):
     steps: tuple[str, ...]
     sha256: str
     full: TimeSeries | None
-    """The channel that other records are aligned with, at full rate."""
+    """Channel at full rate that other records are synchronised with."""
 
 
 def _called(test: RigTest, number: int) -> str:
@@ -112,66 +120,66 @@ def _called(test: RigTest, number: int) -> str:
 
 def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None) -> _Single:
     corners = test.corners
-    check_lives(test.series, corners, path=test.source)
-    series = shifted(test.series, how.delays)
+    check_lost_channels(test.series, corners, path=test.source)
+    series = advance_channels(test.series, how.delays)
     changes = drifts(series, corners)
     full = series.select([how.same_start]) if how.same_start and first is None else None
     lags = list(record_lags(series, corners))
     if how.same_start and first is not None and first.full is not None:
         late = _start(series, first.full, how.same_start, name)
         lags.append(late)
-        series = shifted(series, dict.fromkeys(series.names, late.seconds))
-    made, steps = _made(series, corners, how)
+        series = advance_channels(series, dict.fromkeys(series.names, late.seconds))
+    computed, steps = _math_channels(series, corners, how)
     first_kept = _first_kept(series, how.settling, name)
     try:
-        record, means = _decimated(series, made, first_kept, how.decimation)
+        record, means = _decimated(series, computed, first_kept, how.decimation)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from error
     return _Single(name, corners, record, means, tuple(lags), changes, steps, test.sha256, full)
 
 
-def _made(series: TimeSeries, corners: Sequence[str], how: Preparation) -> tuple[Channels, tuple[str, ...]]:
-    """Return the math channels, and what was done."""
+def _math_channels(series: TimeSeries, corners: Sequence[str], how: Preparation) -> tuple[Channels, tuple[str, ...]]:
+    """Return the math channels and the descriptions of their steps."""
     channels: Channels = {}
     steps: tuple[str, ...] = ()
     if how.pot_cutoff is not None:
         channels, steps = velocities_of(series, corners, how.pot_cutoff)
     if how.geometry is not None:
-        modes, said = modes_of(series, how.geometry)
-        channels, steps = {**channels, **modes}, (*steps, *said)
+        modes, more = modes_of(series, how.geometry)
+        channels, steps = {**channels, **modes}, (*steps, *more)
     return channels, steps
 
 
 def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> Lag:
-    """Return how late a record is against the first."""
+    """Return the lag of a record behind the first one."""
     if abs(series.sample_rate / first.sample_rate - 1.0) > 1e-3:
         rates = f"{series.sample_rate:g} and {first.sample_rate:g} Hz"
-        raise InputError(f"{name}: records of {rates} are not brought into step; export both at one rate")
+        raise InputError(f"{name}: records of {rates} cannot be synchronised; export both at one rate")
     late = drive_lag(series, first, channel)
-    if late.likeness < LIKE:
+    if late.correlation < SMALLEST_CORRELATION:
         raise InputError(
-            f"{name}: its {channel} is not that of the first record (correlation {late.likeness:.2f}), so the two "
-            "cannot be brought into step; leave same_start away for records of different drives"
+            f"{name}: its {channel} is not that of the first record (correlation {late.correlation:.2f}), so the two "
+            "cannot be synchronised; omit same_start for records with different drives"
         )
     return late
 
 
 def _first_kept(series: TimeSeries, settling: float, name: str) -> int:
-    """Return the number of the first sample that is not left out."""
+    """Return the index of the first sample after settling."""
     if settling >= series.duration:
-        raise TooShortError(f"{name}: the record has {series.duration:.4g} s, the settling takes {settling:.4g} s")
+        raise TooShortError(f"{name}: the record has {series.duration:.4g} s, but the settling is {settling:.4g} s")
     return int(np.searchsorted(series.time, series.time[0] + settling)) if settling else 0
 
 
 def _decimated(
-    series: TimeSeries, made: Channels, first: int, decimation: Decimation
+    series: TimeSeries, computed: Channels, first: int, decimation: Decimation
 ) -> tuple[TimeSeries, dict[str, float]]:
-    """Return a record, with what was made of it, at the model's rate without means, and the means."""
+    """Return a record with its math channels at the model's rate without means, and the means."""
     rate = series.sample_rate
-    rows: Channels = {**dict(zip(series.names, series.values, strict=True)), **made}
-    units = dict(zip(series.names, series.units, strict=True)) | {name: CHANNEL_UNITS[name] for name in made}
+    rows: Channels = {**dict(zip(series.names, series.values, strict=True)), **computed}
+    units = dict(zip(series.names, series.units, strict=True)) | {name: CHANNEL_UNITS[name] for name in computed}
     means = {name: float(row[first:].mean()) for name, row in rows.items()}
-    # Row by row: all channels at full rate and their filtered copies would be gigabytes.
+    # Row by row, because all channels at full rate and their filtered copies would take gigabytes.
     low = for_each(rows, lambda name: decimation.apply(rows[name][first:] - means[name], rate))
     channels = {name: (units[name], row) for name, row in zip(rows, low, strict=True)}
     return TimeSeries.from_channels(series.time[first :: decimation.factor(rate)], channels), means
@@ -184,7 +192,7 @@ def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
         if len(single.series) < _FEWEST:
             raise TooShortError(
                 f"{single.name}: {len(single.series)} samples are left at {how.decimation.rate:g} Hz; at least "
-                f"{_FEWEST} are needed: record longer, or take a higher rate"
+                f"{_FEWEST} are needed: use a longer record or a higher rate"
             )
     shared = [name for name in singles[0].series.names if all(name in single.series for single in singles)]
     records = [single.series.select(shared) for single in singles]
@@ -204,36 +212,37 @@ def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
 
 
 def _steps(single: _Single, how: Preparation) -> tuple[str, ...]:
-    said = [f"{name} brought forward by {1e3 * delay:.4g} ms" for name, delay in how.delays.items()]
+    steps = [f"{name} advanced by {1e3 * delay:.4g} ms" for name, delay in how.delays.items()]
     if how.same_start:
-        said.append(f"every record brought into step with the first by {how.same_start}")
-    said += single.steps
+        steps.append(f"every record synchronised with the first one by {how.same_start}")
+    steps += single.steps
     if how.settling:
-        said.append(f"the first {how.settling:g} s left out")
-    said.append("means taken out and kept aside")
+        steps.append(f"the first {how.settling:g} s omitted")
+    steps.append("means removed and stored")
     decimation = how.decimation
-    said.append(
+    steps.append(
         f"decimated to {decimation.rate:g} Hz: Chebyshev I of order {decimation.order}, forward and backward, "
         f"pass band to {decimation.cutoff:g} Hz"
     )
-    return tuple(said)
+    return tuple(steps)
 
 
 def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) -> tuple[str, ...]:
-    said = []
+    notes = []
     for single in singles:
         lost = [name for name in single.series.names if name not in shared]
         if lost:
-            said.append(f"{single.name}: left out, as not all records have them: {', '.join(lost)}")
+            notes.append(f"{single.name}: omitted, because not all records have them: {', '.join(lost)}")
         for lag in single.lags:
             if lag.is_notable and lag.channel != how.same_start:
-                said.append(
+                notes.append(
                     f"{single.name}: {lag}; if its logger is late, give each of that logger's channels a delay of "
                     f"{lag.seconds:.5f} s"
                 )
-        said += [
+        notes += [
             f"{single.name}: between start and end {drift.channel} falls behind {drift.against} by "
-            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ; use a part of the record"
+            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ; use part of the record"
             for drift in single.drifts
         ]
-    return tuple(said)
+
+    return tuple(notes)

@@ -1,4 +1,4 @@
-"""A preparation as a TOML file, for the command line and for what a team does alike with every record."""
+"""TOML files with the settings of a preparation, for the command line and for reuse with every record."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _KEYS = ("rate", "pot_cutoff", "settling", "same_start", "delays", "geometry")
-#: What `pot_cutoff` says to keep the records' own velocities.
+#: Value of `pot_cutoff` that keeps the records' own velocities.
 _OWN = "own"
 
 
 def read_preparation(path: str | Path) -> Preparation:
-    """Read a preparation; what the file does not say stays as `Preparation` has it.
+    """Read the settings of a preparation from a TOML file; missing keys take the defaults of `Preparation`.
 
-    As a TOML file, every number with its unit::
+    Every number needs a unit::
 
         rate = "125 Hz"
         pot_cutoff = "50 Hz"        # or "own": keep the records' velocities
@@ -34,12 +34,12 @@ def read_preparation(path: str | Path) -> Preparation:
         [delays]
         "lf.force" = "4.2 ms"
 
-        [geometry]                  # all of it, or leave the table away
+        [geometry]                  # complete, or omit the table
         front_axle = "60 in"
 
     Raises:
-        FileFormatError: No such file, or not TOML.
-        ParameterError: A key or a value cannot be used; the message says which and what to do.
+        FileFormatError: The file does not exist or is not TOML.
+        ParameterError: A key or a value is invalid.
     """
     path = Path(path)
     content = toml_content(path)
@@ -70,16 +70,14 @@ def _geometry(path: Path, table: Mapping[str, Any]) -> Geometry:
     _check_keys(path, table, names, "geometry.")
     missing = [name for name in names if name not in table]
     if missing:
-        raise ParameterError(
-            f"{path}: [geometry] lacks {', '.join(missing)}; give them, such as {missing[0]} = '60 in'"
-        )
+        raise ParameterError(f"{path}: [geometry] lacks {', '.join(missing)}; add them, e.g. {missing[0]} = '60 in'")
     return Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
 
 
 def _check_keys(path: Path, table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     for key in table:
         if key not in known:
-            raise ParameterError(f"{path}: unknown key {where + key!r}; known here are {', '.join(known)}")
+            raise ParameterError(f"{path}: unknown key {where + key!r}; the known keys are {', '.join(known)}")
 
 
 def _table(path: Path, content: Mapping[str, Any], key: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Records ready for estimation, and all that was done to them."""
+"""Prepared records, with descriptions of their preparation."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """Records of one car at one rate, without their means.
+    """Records of one car at one rate, without means.
 
     Attributes:
-        records: One per test, in the order given, with the channels that all of them have.
-        means: Of each record, by channel, SI; over the samples that were kept.
-        names: What each record is called: its file, or its number.
-        corners: One empty name for a quarter car, else lf, rf, lr, rr.
-        lags: Of each record: within it, and against the first one.
-        steps: What was done to all records, a sentence each.
-        notes: What a person should look at, a sentence each.
-        sources: SHA-256 digest of each file, by name.
+        records: One record per test, in the order given, with the channels that all records have.
+        means: Means of each record by channel, SI, over the samples that were kept.
+        names: Name of each record: its file, or its number.
+        corners: Names of the corners: lf, rf, lr, rr, or one empty name for a quarter car.
+        lags: Lags within each record, and of each record behind the first one.
+        steps: Descriptions of the steps that were applied to all records, a sentence each.
+        notes: Findings that the user should check, a sentence each.
+        sources: SHA-256 digest of each file by name.
     """
 
     records: tuple[TimeSeries, ...]
@@ -37,16 +37,16 @@ class Prepared:
 
     @property
     def rate(self) -> float:
-        """Samples per second [Hz]."""
+        """Sample rate [Hz]."""
         return self.records[0].sample_rate
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that all records have."""
+        """Names of the channels that all records have."""
         return self.records[0].names
 
     def summary(self) -> tuple[str, ...]:
-        """Return what was read, done and found, a line each, for printing."""
+        """Return lines on the records, the steps and the notes, for printing."""
         lines = [
             f"{name}: {record.duration:.6g} s at {record.sample_rate:.6g} Hz, {len(record.names)} channels"
             for name, record in zip(self.names, self.records, strict=True)

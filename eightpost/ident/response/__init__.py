@@ -1,4 +1,4 @@
-"""Frequency responses from records, and what is done to them before a model is fitted."""
+"""Estimation of frequency responses from records, and their preconditioning before a model is fitted."""
 
 from eightpost.ident.response.averaged import H1, H2, Hv
 from eightpost.ident.response.blocks import Blocks

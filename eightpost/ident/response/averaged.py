@@ -1,4 +1,4 @@
-"""Averaged estimators: H1, H2 and Hv over windowed blocks."""
+"""Estimators H1, H2 and Hv, averaged over windowed blocks."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: An input whose amplitude falls below this part of its largest (-50 dB) has no power there.
+#: Amplitude of an input, relative to its largest, below which it has no power (-50 dB) [1].
 POWER_FLOOR = 3e-3
 
 
 @dataclass(frozen=True, slots=True)
 class H1:
-    """Least squares with the noise on the outputs (Eq 4.19, 5.32; over several shocks the global way of Eq 6.7).
+    """Linear regression for noise on the outputs (Eq 4.19, 5.32; the global method of Eq 6.7 for several shocks).
 
     Attributes:
-        blocks: How the records are cut up.
-        power_floor: An input whose amplitude falls below this part of its largest is dropped at that frequency.
+        blocks: Division of the records into blocks.
+        power_floor: Amplitude of an input, relative to its largest, below which it is dropped at a frequency [1].
     """
 
     blocks: Blocks
@@ -40,18 +40,18 @@ class H1:
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate from all records at once."""
         spectra, solved = _regressed(self.blocks, self.power_floor, records)
-        return answer(records, spectra, solved, solved.H)
+        return response_from(records, spectra, solved, solved.H)
 
 
 @dataclass(frozen=True, slots=True)
 class H2:
-    """Least squares with the noise on the inputs, `H2 = S_yy S_uy^-1`; takes as many outputs as inputs.
+    """Linear regression for noise on the inputs, `H2 = S_yy S_uy^-1`; it needs as many outputs as inputs.
 
-    The inputs are regressed on the outputs and the answer is inverted. Coherence and variance are those of H1.
+    The inputs are regressed on the outputs and the result is inverted. Coherence and variance are those of H1.
 
     Attributes:
-        blocks: How the records are cut up.
-        power_floor: As in `H1`.
+        blocks: Division of the records into blocks.
+        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
     blocks: Blocks
@@ -65,25 +65,25 @@ class H2:
         """
         if len(records.inputs) != len(records.outputs):
             raise InputError(
-                f"H2 takes as many outputs as inputs, not {len(records.outputs)} and {len(records.inputs)}; "
-                "select channels, or take H1 or Hv"
+                f"H2 needs as many outputs as inputs, not {len(records.outputs)} and {len(records.inputs)}; "
+                "select channels, or use H1 or Hv"
             )
         spectra, solved = _regressed(self.blocks, self.power_floor, records)
         names = [channel.name for channel in records.outputs]
         backward = regress(spectra.Y, spectra.U, power_floor=0.0, names=names)
         H = np.linalg.pinv(backward.H.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return answer(records, spectra, solved, np.where(solved.active[None], H, 0.0))
+        return response_from(records, spectra, solved, np.where(solved.active[None], H, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Hv:
-    """Total least squares with noise on both sides, each channel's noise in proportion to its size.
+    """Total least squares for noise on inputs and outputs that is proportional to the size of each channel.
 
     For one input and one output it is the geometric mean of H1 and H2. Coherence and variance are those of H1.
 
     Attributes:
-        blocks: How the records are cut up.
-        power_floor: As in `H1`.
+        blocks: Division of the records into blocks.
+        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
     blocks: Blocks
@@ -97,10 +97,10 @@ class Hv:
             used = solved.active[:, k]
             for i in np.flatnonzero(solved.total[:, k] > 0.0):
                 H[i, used, k] = _total_least_squares(spectra.U[k][:, used], spectra.Y[k][:, i])
-        return answer(records, spectra, solved, H)
+        return response_from(records, spectra, solved, H)
 
 
-def answer(records: Records, spectra: Spectra, solved: Regression, H: Complex) -> FrequencyResponse:
+def response_from(records: Records, spectra: Spectra, solved: Regression, H: Complex) -> FrequencyResponse:
     """Return a response with the coherences and the variance of its regression."""
     return FrequencyResponse(
         spectra.frequency,
@@ -120,7 +120,7 @@ def _regressed(blocks: Blocks, power_floor: float, records: Records) -> tuple[Sp
 
 
 def _total_least_squares(U: Complex, y: Complex) -> Complex:
-    """Return h (m,) of `(U + dU) h = y + dy` with the smallest scaled disturbances."""
+    """Return h (m,) of `(U + dU) h = y + dy` with the smallest scaled disturbances dU and dy."""
     joined = np.column_stack((U, y))
     size = np.linalg.norm(joined, axis=0)
     smallest = np.linalg.svd(joined / size, full_matrices=False)[2][-1].conj()

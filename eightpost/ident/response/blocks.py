@@ -1,4 +1,4 @@
-"""Windowed, overlapped blocks and their spectra."""
+"""Windowed, overlapping blocks and their spectra."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Spectra(NamedTuple):
     """Spectra of all blocks of all tests.
 
     Attributes:
-        frequency: (K,) [Hz].
-        U: Of the inputs (K, R, m).
-        Y: Of the outputs (K, R, p).
-        test: To which test each block belongs (R,).
-        independent: How many independent blocks the R overlapping ones are worth.
+        frequency: Frequencies (K,) [Hz].
+        U: Spectra of the inputs (K, R, m).
+        Y: Spectra of the outputs (K, R, p).
+        test: Index of the test that each block belongs to (R,).
+        independent: Number of independent blocks that is equivalent to the R overlapping ones.
     """
 
     frequency: Array
@@ -39,14 +39,14 @@ class Spectra(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """How records are cut up.
+    """Division of records into blocks.
 
     Attributes:
-        length: Of a block [s]; the responses are 1 / length apart. Too short a block leaks: its window smears what
-            rings for as long as the block lasts (light damping comes out too large).
-        window: Any of `scipy.signal.get_window`; the dissertation has "hamming".
-        overlap: Of neighbouring blocks [1].
-        high: Highest frequency [Hz]; lower ones are all there is, from 1 / length.
+        length: Length of a block [s]; the frequencies are 1 / length apart. Short blocks have leakage: if a mode rings
+            for as long as the block lasts, its peak is smeared and its damping ratio is estimated too large.
+        window: Window, any of `scipy.signal.get_window`; the dissertation uses "hamming".
+        overlap: Overlap of neighbouring blocks [1].
+        high: Highest frequency [Hz]; the lowest one is 1 / length.
     """
 
     length: float
@@ -83,8 +83,8 @@ class Blocks:
     def _starts(self, number: int, samples: int, size: int, hop: int) -> range:
         if samples < size:
             raise TooShortError(
-                f"record {number + 1} has {samples} samples, a block of {self.length:g} s has {size}; "
-                "shorten the blocks"
+                f"record {number + 1} has {samples} samples, but a block of {self.length:g} s has {size}; "
+                "use shorter blocks"
             )
         return range(0, samples - size + 1, hop)
 
@@ -94,7 +94,7 @@ def _by_frequency(spectra: list[Complex]) -> Complex:
 
 
 def _repetition(window: Array, hop: int, count: int) -> float:
-    """Return how many times the variance of a mean over overlapping blocks exceeds that over separate ones (Welch)."""
+    """Return the ratio of the variances of a mean over overlapping blocks and over separate blocks (Welch)."""
     total, energy = 1.0, float(window @ window)
     for k in range(1, min(count, (window.size - 1) // hop + 1)):
         shared = float(window[k * hop :] @ window[: window.size - k * hop]) / energy

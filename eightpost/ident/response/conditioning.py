@@ -1,4 +1,4 @@
-"""Conditioning: what is done to estimated responses before a model is fitted (5.3.2, 6.3.2)."""
+"""Treatments of estimated responses before a model is fitted (5.3.2, 6.3.2)."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Widths below this are smoothed away [Hz] (5.3.2).
+#: Width over frequency below which variations are smoothed [Hz] (5.3.2).
 SMOOTHING_WIDTH = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class HighResidual:
-    """Eq 5.48, `H = K exp(i phi) / f^N`, through two points; it replaces everything above the lower point.
+    """Residual fit of Eq 5.48, `H = K exp(i phi) / f^N`, through two points; it replaces all above the lower point.
 
-    The gains of both points give K and N; phi is the mean of their phases. (20, 30 Hz) for inputs and outputs of one
-    corner, (6, 7 Hz) for others (5.3.2).
+    The gains at both points give K and N; phi is the mean of their phases. 5.3.2 uses (20, 30 Hz) for inputs and
+    outputs of one corner and (6, 7 Hz) for others.
 
     Attributes:
-        low: The lower control point [Hz].
-        high: The upper one [Hz].
+        low: Lower control point [Hz].
+        high: Upper control point [Hz].
     """
 
     low: float
@@ -49,11 +49,11 @@ class HighResidual:
 
 @dataclass(frozen=True, slots=True)
 class LowResidual:
-    """Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points; it replaces all below the lower one.
+    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points; it replaces all below the first.
 
     Attributes:
-        low: The lower control point [Hz], about 1 in 5.3.2; what lies below it is replaced.
-        high: The upper one [Hz], about 4.
+        low: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
+        high: Upper control point [Hz], about 4.
     """
 
     low: float
@@ -71,7 +71,7 @@ class LowResidual:
 
 @dataclass(frozen=True, slots=True)
 class Zeroed:
-    """A path that is set to zero (Table 6.5)."""
+    """Treatment that sets a path to zero (Table 6.5)."""
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return zeros (K,)."""
@@ -80,18 +80,18 @@ class Zeroed:
 
 @dataclass(frozen=True, slots=True)
 class ZeroPhaseSmoothing:
-    """A Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase.
+    """Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase.
 
     Attributes:
-        width: Variations narrower than this are attenuated [Hz]; 0.6 (5.3.2).
-        order: Of the filter that is run twice; 4.
+        width: Width over frequency below which variations are attenuated [Hz]; 0.6 in 5.3.2.
+        order: Order of the filter, which is run forward and backward.
     """
 
     width: float = SMOOTHING_WIDTH
     order: int = 4
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
-        """Return the path (K,) smoothed; one that is zero somewhere has no dB and stays as it is."""
+        """Return the smoothed path (K,); a path with zeros has no magnitude in dB and does not change."""
         spacing = _even_spacing(frequency)
         if self.width <= 2.0 * spacing or not np.abs(path).all():
             return path
@@ -111,15 +111,15 @@ def condition(
     *,
     paths: Iterable[tuple[str, str]] | None = None,
 ) -> FrequencyResponse:
-    """Return the response with some of its paths treated.
+    """Return the response with a treatment applied to some of its paths.
 
     Args:
-        response: As estimated, or treated already.
-        treatment: What to do.
-        paths: Pairs (output, input); None is all of them.
+        response: Estimated or treated response.
+        treatment: Treatment to apply.
+        paths: Pairs (output, input); None takes all paths.
 
     Raises:
-        ParameterError: A path or a control point is not there.
+        ParameterError: A path does not exist, or a control point is outside the frequencies.
     """
     H = response.H.copy()
     for i, j in _positions(response, paths):
@@ -128,27 +128,27 @@ def condition(
 
 
 def zeroed_paths(response: FrequencyResponse) -> NDArray[np.bool_]:
-    """Say which paths (p, m) are zero at all frequencies."""
+    """Return the mask of paths (p, m) that are zero at all frequencies."""
     return np.asarray(~np.abs(response.H).any(axis=2))
 
 
 def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDArray[np.intp]:
-    """Count the ways by which a shock reaches an output through the shock velocities (Eq 6.8).
+    """Count the feedback paths from a shock to an output through the shock velocities (Eq 6.8).
 
-        sum_k h_ik h_kj over the shock velocities k, h_ik being the response of output i to the force of shock k
+        sum_k h_ik h_kj over the shock velocities k, where h_ik is the response of output i to the force of shock k
 
-    (The printed sum over k = 9 to 12 numbers the columns of Table 6.5 for h_ik and the rows for h_kj.)
+    (In the printed sum k = 9 to 12 are column numbers of Table 6.5 for h_ik and row numbers for h_kj.)
 
     Args:
-        active: Which paths from shock force to output are not zeroed (p, shocks): Table 6.5's last columns.
-        velocities: Rows of the shock velocities, one per shock and in the order of the columns.
+        active: Mask of the paths from shock force to output that are not zeroed (p, shocks): last columns of Table 6.5.
+        velocities: Rows of the shock velocities, one per shock, in the order of the columns.
 
     Returns:
-        Counts (p, shocks), Table 6.6.
+        Number of feedback paths (p, shocks), Table 6.6.
     """
     rows = list(velocities)
     if len(rows) != active.shape[1]:
-        raise ParameterError(f"{len(rows)} shock velocities given for {active.shape[1]} shock forces; name one each")
+        raise ParameterError(f"{len(rows)} shock velocities given for {active.shape[1]} shock forces; give one each")
     paths = active.astype(np.intp)
     return np.asarray(paths @ paths[rows], dtype=np.intp)
 
@@ -159,7 +159,7 @@ def _through(
     """Return N, K, the mean phase, and (start, slope) of the phase over frequency, through two control points."""
     if not frequency[0] <= low < high <= frequency[-1]:
         span = f"{frequency[0]:g} to {frequency[-1]:g} Hz"
-        raise ParameterError(f"control points {low:g} and {high:g} Hz must rise and lie within {span}")
+        raise ParameterError(f"control points {low:g} and {high:g} Hz must increase and be within {span}")
     a, b = (int(np.argmin(np.abs(frequency - point))) for point in (low, high))
     if not abs(path[a]) or not abs(path[b]):
         raise ParameterError(f"the path is zero at {low:g} or {high:g} Hz; a residual fit needs gains above zero")
@@ -174,7 +174,7 @@ def _through(
 def _even_spacing(frequency: Array) -> float:
     steps = np.diff(frequency)
     if frequency.size < 3 or steps.max() > 1.001 * steps.min():
-        raise ParameterError("smoothing over frequency takes three or more evenly spaced frequencies")
+        raise ParameterError("smoothing over frequency needs three or more evenly spaced frequencies")
     return float(steps.mean())
 
 

@@ -1,4 +1,4 @@
-"""The verb: records to a frequency response, by any recipe."""
+"""Estimation of a frequency response from records with any recipe."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Recipe(Protocol):
-    """A way to estimate: `H1`, `H2`, `Hv`, `LocalPolynomial`, `Sequential`, `SameDrive`."""
+    """Protocol of the estimators `H1`, `H2`, `Hv`, `LocalPolynomial`, `Sequential` and `SameDrive`."""
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the response of every output to every input."""
@@ -32,14 +32,14 @@ def estimate_response(
     """Estimate frequency responses.
 
     Args:
-        records: One record per test; sequential recipes say in which order.
-        inputs: Channels of every record, shock forces among them.
-        outputs: Channels of every record.
-        recipe: How.
-        baseline_damping: C-bar [N.s/m] by port: the shock forces become what they are more than `c v` (Eq 6.4), and
-            the answer is that of the vehicle with these dampers. None takes the forces as they are.
+        records: Records, one per test; sequential recipes define their order.
+        inputs: Names of the inputs in every record, including shock forces.
+        outputs: Names of the outputs in every record.
+        recipe: Estimator.
+        baseline_damping: C-bar by port [N.s/m]: `c v` is subtracted from the shock forces (Eq 6.4), and the result is
+            the response of the vehicle with these dampers. None uses the forces without change.
 
     Raises:
-        InputError: Records, channels or recipe do not fit together; the message says how.
+        InputError: Records, channels and recipe do not match.
     """
     return recipe.estimate(gather(records, inputs, outputs, baseline_damping))

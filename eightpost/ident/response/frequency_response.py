@@ -1,4 +1,4 @@
-"""Frequency responses: what an output answers to an input, frequency by frequency."""
+"""Frequency responses between named inputs and outputs."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ class FrequencyResponse:
     """Frequency responses between named channels; arrays are (output, input, frequency), as in python-control.
 
     Attributes:
-        frequency: (K,) increasing [Hz].
-        H: (p, m, K), output unit per input unit. 0 where an input had no power.
-        inputs: The m inputs.
-        outputs: The p outputs.
-        coherence: Multiple coherence (p, K) [1]: the part of an output's power that all inputs explain; or None.
-        partial_coherence: (p, m, K) [1]: of input and output, what the other inputs explain taken out; or None.
-        variance: Of H (p, m, K), `E |H - E H|^2`; infinite where an input had no power; or None.
+        frequency: Increasing frequencies (K,) [Hz].
+        H: Responses (p, m, K) in output unit per input unit; 0 where an input had no power.
+        inputs: Input channels (m).
+        outputs: Output channels (p).
+        coherence: Multiple coherence (p, K) [1], the fraction of an output's power that all inputs explain; or None.
+        partial_coherence: Coherence of input and output (p, m, K) [1], after removal of the part that the other inputs
+            explain; or None.
+        variance: Variance of H (p, m, K), `E |H - E H|^2`; infinite where an input had no power; or None.
 
     The arrays are copied and read-only.
     """
@@ -44,7 +45,7 @@ class FrequencyResponse:
     variance: Array | None = None
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check that everything fits together."""
+        """Make the arrays read-only and check their shapes."""
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "frequency", _frozen(self.frequency, np.float64))
@@ -62,18 +63,18 @@ class FrequencyResponse:
                 object.__setattr__(self, name, _frozen(values, np.float64))
                 _check_shape(name, values, shape)
         if not np.isfinite(self.H).all():
-            raise ParameterError("a frequency response holds values that are not finite")
+            raise ParameterError("a frequency response contains values that are not finite")
         _check_names("inputs", self.input_names)
         _check_names("outputs", self.output_names)
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """The names of the inputs, in order."""
+        """Names of the inputs, in order."""
         return tuple(channel.name for channel in self.inputs)
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """The names of the outputs, in order."""
+        """Names of the outputs, in order."""
         return tuple(channel.name for channel in self.outputs)
 
     def between(self, output: str, input: str) -> Complex:
@@ -83,11 +84,11 @@ class FrequencyResponse:
         return path
 
     def with_response(self, H: ArrayLike) -> FrequencyResponse:
-        """Return the same with other values of H (p, m, K); coherences and variances stay those of the estimate."""
+        """Return a copy with other values of H (p, m, K); coherence and variance remain those of the estimate."""
         return replace(self, H=np.asarray(H, dtype=np.complex128))
 
     def select(self, *, inputs: Iterable[str] | None = None, outputs: Iterable[str] | None = None) -> FrequencyResponse:
-        """Return the channels asked for, in the order asked for; None keeps all."""
+        """Return the given channels in the given order; None keeps all."""
         columns = _positions("input", self.input_names, inputs)
         rows = _positions("output", self.output_names, outputs)
         paths = np.ix_(rows, columns)
@@ -102,15 +103,15 @@ class FrequencyResponse:
         )
 
     def band(self, low: float, high: float) -> FrequencyResponse:
-        """Return the frequencies with `low <= frequency <= high` [Hz]."""
+        """Return the response at the frequencies with `low <= frequency <= high` [Hz]."""
         inside = (self.frequency >= low) & (self.frequency <= high)
         if not inside.any():
             span = f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
-            raise ParameterError(f"no frequency between {low:g} and {high:g} Hz; the response has {span}")
+            raise ParameterError(f"the response has no frequency between {low:g} and {high:g} Hz; it has {span}")
         return self.at(inside)
 
     def at(self, chosen: slice | NDArray[np.bool_]) -> FrequencyResponse:
-        """Return some of the frequencies, by position."""
+        """Return the response at the chosen frequencies, by position."""
         return FrequencyResponse(
             self.frequency[chosen],
             self.H[..., chosen],
@@ -129,22 +130,22 @@ def response_of(model: StateSpace, frequency_hz: ArrayLike) -> FrequencyResponse
 
 
 def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse, input_power: ArrayLike) -> Array:
-    """Return how much an estimate errs where it matters: the error of each output's answer to given inputs.
+    """Return the relative error of each output's response to given inputs.
 
         e_i = sqrt( sum_jk |dH_ij(f_k)|^2 S_j(f_k)  /  sum_jk |H_ij(f_k)|^2 S_j(f_k) )
 
-    A path that hardly contributes to its output hardly counts, however wrong it is.
+    A path that contributes little to its output has little weight, even if it is wrong.
 
     Args:
-        estimate: What is judged.
-        reference: The truth, on the same channels and frequencies.
-        input_power: S, power of each input (m, K), in any common scale over frequency and input.
+        estimate: Response to assess.
+        reference: True response, with the same channels and frequencies.
+        input_power: Power S of each input (m, K), in any scale that is common to all frequencies and inputs.
 
     Returns:
-        (p,) relative errors [1].
+        Relative errors (p,) [1].
     """
     if estimate.H.shape != reference.H.shape or not np.allclose(estimate.frequency, reference.frequency):
-        raise ParameterError("the two responses differ in channels or frequencies; select and evaluate them alike")
+        raise ParameterError("the two responses differ in channels or frequencies; use the same for both")
     S = np.asarray(input_power, dtype=np.float64)
     wrong = np.sum(np.abs(estimate.H - reference.H) ** 2 * S, axis=(1, 2))
     whole = np.sum(np.abs(reference.H) ** 2 * S, axis=(1, 2))
@@ -159,30 +160,30 @@ def _frozen(values: ArrayLike, kind: type[np.float64] | type[np.complex128]) -> 
 
 def _check_frequency(frequency: Array) -> None:
     if frequency.ndim != 1 or not frequency.size:
-        raise ParameterError(f"the frequencies have the shape {frequency.shape}; give a vector with one or more")
+        raise ParameterError(f"the frequencies have the shape {frequency.shape}; give a vector with at least one")
     if not np.isfinite(frequency).all() or frequency[0] < 0.0 or (np.diff(frequency) <= 0.0).any():
-        raise ParameterError("the frequencies must be finite, not negative, and increase")
+        raise ParameterError("the frequencies must be finite, not negative, and increasing")
 
 
 def _check_shape(name: str, values: NDArray[Any], expected: tuple[int, ...]) -> None:
     if values.shape != expected:
-        raise ParameterError(f"{name} has the shape {values.shape}; channels and frequencies need {expected}")
+        raise ParameterError(f"{name} has the shape {values.shape}; channels and frequencies require {expected}")
 
 
 def _check_names(kind: str, names: tuple[str, ...]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ParameterError(f"{kind} hold {', '.join(twice)} more than once; names must differ")
+        raise ParameterError(f"{kind} contain {', '.join(twice)} more than once; names must be unique")
 
 
-def _position(kind: str, names: tuple[str, ...], wanted: str) -> int:
-    if wanted not in names:
-        raise ParameterError(f"{kind} {wanted!r} is not there; there are {', '.join(names)}")
-    return names.index(wanted)
+def _position(kind: str, names: tuple[str, ...], name: str) -> int:
+    if name not in names:
+        raise ParameterError(f"unknown {kind} {name!r}; the {kind}s are {', '.join(names)}")
+    return names.index(name)
 
 
-def _positions(kind: str, names: tuple[str, ...], wanted: Iterable[str] | None) -> list[int]:
-    if wanted is None:
+def _positions(kind: str, names: tuple[str, ...], selection: Iterable[str] | None) -> list[int]:
+    if selection is None:
         return list(range(len(names)))
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [selection] if isinstance(selection, str) else list(selection)
     return [_position(kind, names, name) for name in chosen]

@@ -1,11 +1,11 @@
-"""The local polynomial method: response and transient are smooth over a few bins, so leakage is estimated.
+"""Local polynomial method, which estimates leakage together with the response.
 
-Over a narrow band around a frequency, with r from -1 to 1,
+Response and transient are smooth over a few bins. Over a narrow band around a frequency, with r from -1 to 1,
 
     Y(f + r b) = [H + r h_1 + r^2 h_2 ...] U(f + r b) + [T + r t_1 + r^2 t_2 ...]
 
-for the spectra of whole, unwindowed records; T, the difference of the record's end states, belongs to each record. One
-least-squares problem per frequency gives H, and its residual the variance.
+for the spectra of whole, unwindowed records. T is the effect of the different states at the start and end of a record,
+and each record has its own. One linear regression per frequency gives H, and its residual gives the variance.
 
 Source: J. Schoukens, G. Vandersteen, K. Barbe, R. Pintelon, "Nonparametric preprocessing in system identification: a
 powerful tool", European Journal of Control 15 (2009) 260-274, doi 10.3166/ejc.15.260-274.
@@ -31,22 +31,23 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Inputs of two tests that correlate better than this are one drive, run twice.
+#: Correlation of an input of two tests above which it is the same drive.
 _ALIKE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class LocalPolynomial:
-    """How wide the bands are and how the response bends within them.
+    """Local polynomial estimator.
 
     Attributes:
-        degree: Of the polynomials; 2 by the literature, more where records are short and modes are light.
-        half_width: b [Hz], where it holds enough bins; a wider band averages more noise and bends more. None takes
-            the smallest that has `spare` times as many equations as unknowns.
-        spare: Equations per unknown at least.
-        spacing: Of the answer's frequencies [Hz]; the bins (1 / record length) where that is coarser.
+        degree: Degree of the polynomials; 2 in the literature, higher for short records and lightly damped modes.
+        half_width: Half width b of a band [Hz], increased if it has too few bins. A wider band averages more noise,
+            but the response varies more within it. None takes the smallest width with `spare` times as many equations
+            as unknowns.
+        spare: Minimum number of equations per unknown.
+        spacing: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
         high: Highest frequency [Hz].
-        power_floor: As in `H1`.
+        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
     degree: int = 2
@@ -59,13 +60,13 @@ class LocalPolynomial:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if self.degree < 0 or self.spare <= 1.0 or self.spacing <= 0.0 or self.high <= 0.0:
-            raise ParameterError(f"{self}: degree from 0, spare above 1, spacing and high above 0")
+            raise ParameterError(f"{self}: degree must be at least 0, spare above 1, spacing and high above 0")
 
     def estimate(self, records: Records) -> FrequencyResponse:
-        """Estimate from all records at once; each is cut to the length of the shortest.
+        """Estimate from all records at once; each is truncated to the length of the shortest.
 
         Raises:
-            TooShortError: The records have too few bins up to `high` for so many inputs.
+            TooShortError: The records have too few bins up to `high` for the number of inputs.
         """
         spectra = _whole(records, self.high)
         n = self._bins(spectra, len(records.inputs))
@@ -80,30 +81,30 @@ class LocalPolynomial:
         return FrequencyResponse(frequency, H, records.inputs, records.outputs, coherence, None, variance)
 
     def _bins(self, spectra: _Spectra, inputs: int) -> int:
-        """Return n: a band has 2 n + 1 bins.
+        """Return n, where a band has 2 n + 1 bins.
 
-        Drives that are repeated from test to test tell no more than one test of them.
+        Drives that are repeated in several tests give no more information than in one test.
         """
         tests, count = spectra.U.shape[0], spectra.frequency.size
         together = (inputs + tests) / tests
         equations = self.spare * (self.degree + 1) * max(together, _repeated(spectra.U) + 1.0)
-        asked = round((self.half_width or 0.0) / float(spectra.frequency[0]))
-        n = max(int(np.ceil((equations - 1.0) / 2.0)), asked, 1)
+        chosen = round((self.half_width or 0.0) / float(spectra.frequency[0]))
+        n = max(int(np.ceil((equations - 1.0) / 2.0)), chosen, 1)
         if 2 * n + 1 > count:
             raise TooShortError(
-                f"the records have {count} bins up to {self.high:g} Hz; {inputs} inputs and degree {self.degree} take "
-                f"{2 * n + 1}; give longer records or fewer inputs"
+                f"the records have {count} bins up to {self.high:g} Hz, but {inputs} inputs and degree {self.degree} "
+                f"need {2 * n + 1}; give longer records or fewer inputs"
             )
         return n
 
 
 class _Spectra(NamedTuple):
     frequency: Array
-    """(K,) [Hz]."""
+    """Frequencies (K,) [Hz]."""
     U: Complex
-    """(tests, K, m)."""
+    """Spectra of the inputs (tests, K, m)."""
     Y: Complex
-    """(tests, K, p)."""
+    """Spectra of the outputs (tests, K, p)."""
 
 
 class _Local(NamedTuple):
@@ -125,7 +126,7 @@ def _whole(records: Records, high: float) -> _Spectra:
 
 
 def _repeated(U: Complex) -> int:
-    """Count the inputs that are much alike in all tests, from their spectra (tests, K, m)."""
+    """Return the number of inputs that are about equal in all tests, from their spectra (tests, K, m)."""
     sizes = np.linalg.norm(U, axis=1)
     alike = np.abs(np.sum(U[:1].conj() * U, axis=1))
     return int(np.sum(np.all(alike > _ALIKE * sizes[:1] * sizes, axis=0)))
@@ -141,7 +142,7 @@ def _amplitude(U: Complex, n: int) -> Array:
 
 
 def _solve(spectra: _Spectra, k: int, n: int, degree: int, active: NDArray[np.bool_]) -> _Local:
-    """Solve the band around bin `k`; at the ends of the spectrum it lies to one side."""
+    """Solve the band around bin `k`; at the ends of the spectrum the band is one-sided."""
     first = min(max(k - n, 0), spectra.frequency.size - 2 * n - 1)
     band = slice(first, first + 2 * n + 1)
     bends = (np.arange(first - k, first - k + 2 * n + 1) / n)[:, None] ** np.arange(degree + 1)
@@ -178,5 +179,5 @@ def _check_conditions(conditions: list[float], names: list[str]) -> None:
     if typical > WORST_CONDITION**1.5:
         raise InputError(
             f"the inputs {', '.join(names)} depend linearly on each other (condition {typical:.2g}): with linear "
-            "shocks the forces follow from the rig's inputs (Eq 5.34); add records with another shock at each corner"
+            "shocks the rig's inputs determine the forces (Eq 5.34); add records with another shock at each corner"
         )

@@ -1,4 +1,4 @@
-"""How much power the inputs of records have, which says where a response matters."""
+"""Power of the inputs of records, which determines where a response is important."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def input_power(records: Records, frequency: Array) -> Array:
     """Return the power spectral density of each input, averaged over all tests (m, K) [unit^2/Hz].
 
     Args:
-        records: The tests.
-        frequency: Where (K,) [Hz], about evenly spaced: blocks are as long as the spacing asks for.
+        records: Tests.
+        frequency: Frequencies (K,) [Hz], about evenly spaced; the spacing determines the length of the blocks.
     """
     spacing = float(np.mean(np.diff(frequency))) if frequency.size > 1 else float(frequency[0])
     total = np.zeros((len(records.inputs), frequency.size))

@@ -1,4 +1,4 @@
-"""Records of rig tests as estimators take them: the same inputs and outputs of every test, at one rate."""
+"""Records of rig tests for estimators: the same inputs and outputs of every test, at one rate."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Rates of two records may differ by this part: a logger's rounding of time.
+#: Relative tolerance between the rates of two records, because loggers round time.
 _RATE_TOLERANCE = 1e-3
 
 _FEWEST_SAMPLES = 16
 
 
 class Record(NamedTuple):
-    """One test: inputs (m, N) and outputs (p, N), means removed."""
+    """One test: inputs (m, N) and outputs (p, N), without means."""
 
     u: Array
     y: Array
@@ -37,10 +37,10 @@ class Records:
     """Tests of one vehicle.
 
     Attributes:
-        tests: One or more.
-        rate: Samples per second of all of them [Hz].
-        inputs: The m inputs.
-        outputs: The p outputs.
+        tests: One or more tests.
+        rate: Sample rate of all tests [Hz].
+        inputs: Input channels.
+        outputs: Output channels.
     """
 
     tests: tuple[Record, ...]
@@ -49,7 +49,7 @@ class Records:
     outputs: tuple[Channel, ...]
 
     def only(self, tests: Iterable[int], inputs: Iterable[int]) -> Records:
-        """Return some of the tests with some of the inputs, by position."""
+        """Return the chosen tests with the chosen inputs, by position."""
         columns = list(inputs)
         chosen = tuple(Record(self.tests[i].u[columns], self.tests[i].y) for i in tests)
         return Records(chosen, self.rate, tuple(self.inputs[j] for j in columns), self.outputs)
@@ -61,26 +61,26 @@ def gather(
     outputs: Sequence[str],
     damping: Mapping[str, float] | None = None,
 ) -> Records:
-    """Collect the channels of several records and take their means out.
+    """Collect the channels of several records and remove their means.
 
     Args:
-        series: The records.
-        inputs: Their inputs.
-        outputs: Their outputs.
-        damping: C-bar [N.s/m] by port, as in `force_difference`; the forces among the inputs become differences.
+        series: Records.
+        inputs: Names of the inputs.
+        outputs: Names of the outputs.
+        damping: C-bar by port [N.s/m], see `force_difference`; the forces among the inputs become differences.
 
     Raises:
-        InputError: No record, no channel, or rates that differ.
-        DataError: A record is not evenly sampled, or a channel of it stands in another unit than in the first.
-        TooShortError: A record has next to no samples.
+        InputError: There is no record or no channel, or the rates differ.
+        DataError: A record is not evenly sampled, or one of its channels has another unit than in the first record.
+        TooShortError: A record has too few samples.
         MissingChannelError: A record lacks a channel.
     """
     if not series or not inputs or not outputs:
-        raise InputError("a frequency response takes one record or more, one input or more and one output or more")
+        raise InputError("a frequency response needs at least one record, one input and one output")
     rates = {_channel(port, "force"): (_channel(port, "velocity"), c) for port, c in (damping or {}).items()}
     for force in rates:
         if force not in inputs:
-            raise InputError(f"a baseline damping is given for {force!r}, which is none of the inputs")
+            raise InputError(f"a baseline damping is given for {force!r}, which is not an input")
     for number, record in enumerate(series, start=1):
         _check(number, record, series[0], (*inputs, *outputs))
     tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
@@ -89,11 +89,11 @@ def gather(
 
 
 def force_difference(series: TimeSeries, damping: Mapping[str, float]) -> TimeSeries:
-    """Return the record with every shock force replaced by what it is more than `c v` (Eq 4.24, 5.36, 6.4).
+    """Return the record with `c v` subtracted from every shock force (Eq 4.24, 5.36, 6.4).
 
     Args:
-        series: A record with the channels `force` and `velocity` of each port.
-        damping: The diagonal of C-bar [N.s/m] by port: "lf", "rf", ...; "" is the port of a quarter car.
+        series: Record with the channels `force` and `velocity` of each port.
+        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
     """
     for port, rate in damping.items():
         name = _channel(port, "force")
@@ -108,17 +108,18 @@ def _check(number: int, record: TimeSeries, first: TimeSeries, names: Sequence[s
         raise DataError(f"record {number} is not evenly sampled; resample it first")
     if abs(record.sample_rate / first.sample_rate - 1.0) > _RATE_TOLERANCE:
         raise InputError(
-            f"record {number} has {record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz; bring them to one rate"
+            f"record {number} has {record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz; resample to one rate"
         )
     for name in names:
         if record.unit(name) != first.unit(name):
             raise DataError(
-                f"record {number} has it in {record.unit(name)!r}, the first in {first.unit(name)!r}", channel=name
+                f"its unit is {record.unit(name)!r} in record {number}, but {first.unit(name)!r} in the first one",
+                channel=name,
             )
 
 
 def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple[str, float]]) -> Array:
-    """Return channels (len(names), N) without their means; at full rate they are large, so they are copied once."""
+    """Return channels (len(names), N) without means; they are copied only once, because they may be large."""
     values = np.empty((len(names), len(record)))
     for i, name in enumerate(names):
         values[i] = record[name]

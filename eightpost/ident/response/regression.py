@@ -1,7 +1,7 @@
-"""Scaled least squares over blocks, all frequencies at once.
+"""Scaled linear regression over blocks, for all frequencies at once.
 
-The columns are brought to length 1 before anything is decomposed: roads in metres and forces in newtons give normal
-equations of condition 1e11 and more, scaled columns one of ten or so.
+The columns are scaled to length 1 before the decomposition. With roads in metres and forces in newtons the condition
+number of the normal equations is 1e11 and more; with scaled columns it is about ten.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
-#: Scaled columns of a worse condition are no independent inputs.
+#: Condition number of the scaled columns above which the inputs are not independent.
 WORST_CONDITION = 1e7
 
 
 class Regression(NamedTuple):
-    """`Y = U H^T + E` solved at every frequency.
+    """Solution of `Y = U H^T + E` at every frequency.
 
     Attributes:
-        H: (p, m, K); 0 where an input was dropped.
+        H: Responses (p, m, K); 0 where an input was dropped.
         spread: Diagonal of (U* U)^-1 (m, K); infinite where an input was dropped.
         residual: Sum of |E|^2 (p, K).
         total: Sum of |Y|^2 (p, K).
-        active: Which inputs were kept (m, K).
+        active: Mask of the inputs that were kept (m, K).
     """
 
     H: Complex
@@ -43,19 +43,19 @@ class Regression(NamedTuple):
 
 
 def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> Regression:
-    """Solve for H with the inputs dropped where they have no power.
+    """Solve for H; inputs are dropped at frequencies where they have no power.
 
     Args:
         U: Inputs (K, R, m).
         Y: Outputs (K, R, p).
-        power_floor: An input whose amplitude falls below this part of its largest over frequency is dropped there.
-        names: Of the inputs, for messages.
+        power_floor: Amplitude of an input, relative to its largest over frequency, below which it is dropped [1].
+        names: Names of the inputs, for messages.
 
     Raises:
-        InputError: Fewer blocks than inputs, an input that is zero, or inputs that depend on each other.
+        InputError: There are not more blocks than inputs, an input is zero, or inputs depend on each other.
     """
     if U.shape[1] <= U.shape[2]:
-        raise InputError(f"{U.shape[1]} blocks cannot tell {U.shape[2]} inputs apart; take shorter blocks or more data")
+        raise InputError(f"{U.shape[1]} blocks are too few for {U.shape[2]} inputs; use shorter blocks or more data")
     size = np.linalg.norm(U, axis=1)
     active = powered(size, power_floor, names)
     scale = np.where(active, size, 1.0)
@@ -71,16 +71,16 @@ def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str])
 
 
 def powered(size: Array, power_floor: float, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Say at which frequencies an input has power (K, m), from its amplitudes `size` (K, m)."""
+    """Return the mask of frequencies at which an input has power (K, m), from its amplitudes `size` (K, m)."""
     largest = size.max(axis=0)
     for name, value in zip(names, largest, strict=True):
         if not value > 0.0:
-            raise InputError(f"the input {name!r} is zero in all records; leave it out")
+            raise InputError(f"the input {name!r} is zero in all records; remove it from the inputs")
     return np.asarray(size > power_floor * largest, dtype=np.bool_)
 
 
 def _inverted(singular: Array, active: NDArray[np.bool_], names: Sequence[str]) -> Array:
-    """Invert the singular values (K, m) of the active columns; those of dropped columns, which are 0, stay 0."""
+    """Invert the singular values (K, m) of the active columns; the zeros of dropped columns remain 0."""
     rank = active.sum(axis=1)
     kept = np.arange(singular.shape[1])[None, :] < rank[:, None]
     smallest = np.min(np.where(kept, singular, np.inf), axis=1, initial=np.inf)
@@ -88,7 +88,7 @@ def _inverted(singular: Array, active: NDArray[np.bool_], names: Sequence[str]) 
     if dependent.mean() > 0.5:
         raise InputError(
             f"the inputs {', '.join(names)} depend linearly on each other (condition above {WORST_CONDITION:g} at most "
-            "frequencies): with linear shocks the forces follow from the rig's inputs (Eq 5.34); add records with "
+            "frequencies): with linear shocks the rig's inputs determine the forces (Eq 5.34); add records with "
             "another shock at each corner"
         )
     safe = np.where(kept & (singular * WORST_CONDITION >= singular[:, :1]), singular, np.inf)

@@ -1,4 +1,4 @@
-"""Frequency responses from and to files: arrays in one .npz file, with a JSON header that says what they are."""
+"""Files of frequency responses: arrays in one .npz file, with a JSON header that describes them."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-#: The newest layout of these files that is understood, and the one written.
+#: Newest schema of these files that can be read; it is also the one that is written.
 SCHEMA = 1
 
 _ARRAYS = ("frequency", "H", "coherence", "partial_coherence", "variance")
 
 
 def write_response(path: str | Path, response: FrequencyResponse, *, sources: Mapping[str, str] | None = None) -> None:
-    """Write a frequency response; what was at `path` is replaced only once the new file is whole.
+    """Write a frequency response; an existing file is replaced only when the new one is complete.
 
     Args:
-        path: A .npz file.
-        response: What to write.
-        sources: SHA-256 digest by name of each file that it was estimated from.
+        path: Path of the .npz file.
+        response: Frequency response to write.
+        sources: SHA-256 digest by name of each file that the response was estimated from.
     """
     _check_suffix(Path(path))
     header = {
@@ -53,23 +53,23 @@ def write_response(path: str | Path, response: FrequencyResponse, *, sources: Ma
 
 
 def read_response(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response; it equals what was written to the last bit.
+    """Read a frequency response; it is bitwise equal to the one that was written.
 
     Raises:
-        FileFormatError: No such file, no frequency response, or one of a newer schema.
+        FileFormatError: The file does not exist, is not a frequency response, or has a newer schema.
     """
     path = Path(path)
     _check_suffix(path)
     members = _arrays(path)
     if "header" not in members:
-        raise FileFormatError("is no frequency response of ours: it has no header", path=path)
+        raise FileFormatError("is not a frequency response of eightpost: it has no header", path=path)
     header = parse_json(str(members["header"]), path)
     _check_header(path, header)
     try:
         return _response(header, members)
     except MALFORMED as error:
         raise FileFormatError(
-            f"does not hold a frequency response as this version writes it ({error})", path=path
+            f"does not contain a frequency response in the format of this version ({error})", path=path
         ) from error
 
 
@@ -78,26 +78,27 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         contents = read_archive(path)
     except FmuError as error:
-        raise FileFormatError(f"is no frequency response of ours ({error.__cause__ or error})", path=path) from error
+        what = f"is not a frequency response of eightpost ({error.__cause__ or error})"
+        raise FileFormatError(what, path=path) from error
     try:
         return {name.removesuffix(".npy"): _array(content) for name, content in contents.items()}
     except _DAMAGE as error:
-        raise FileFormatError(f"is no frequency response of ours ({error})", path=path) from error
+        raise FileFormatError(f"is not a frequency response of eightpost ({error})", path=path) from error
 
 
-#: What numpy raises for arrays that are damaged.
+#: Exceptions that numpy raises for damaged arrays.
 _DAMAGE = (ValueError, TypeError, EOFError, SyntaxError, LookupError, OverflowError, MemoryError, RecursionError,
            tokenize.TokenError)  # fmt: skip
 
 
 def _array(content: bytes) -> NDArray[Any]:
-    """Return an array, once its header says as many bytes as there are: numpy takes the memory before it looks."""
+    """Return an array after a check of the size in its header, because numpy allocates memory before it reads."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     head = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
     shape, _, kind = head(stream)
     if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - stream.tell():
-        raise ValueError("an array has not the size that its header says, or holds what is no number")
+        raise ValueError("an array does not have the size in its header, or contains objects")
     stream.seek(0)
     return np.lib.format.read_array(stream, allow_pickle=False)
 
@@ -112,16 +113,16 @@ def _response(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Frequ
 
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() != ".npz":
-        raise FileFormatError("a frequency response is a .npz file; name it so", path=path)
+        raise FileFormatError("the name of a frequency response file must end in .npz", path=path)
 
 
 def _check_header(path: Path, header: Any) -> None:
     if not isinstance(header, dict) or header.get("kind") != "frequency_response":
-        raise FileFormatError("is no frequency response of ours: its header says something else", path=path)
+        raise FileFormatError("is not a frequency response of eightpost: its header has another kind", path=path)
     schema = header.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:
         raise FileFormatError(
-            f"it has schema {schema} (written by {header.get('tool', '?')}), this eightpost {__version__} reads up "
-            f"to {SCHEMA}; update eightpost",
+            f"it has schema {schema} (written by {header.get('tool', '?')}), but this eightpost {__version__} reads "
+            f"up to {SCHEMA}; update eightpost",
             path=path,
         )

@@ -1,4 +1,4 @@
-"""Exports read back equal: to the last bit where the format keeps it, to its digits where not."""
+"""Tests that exports are read back equal, to the precision of the format."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ DAMPING = {"": 3000.0}
 def vehicle(dt: float | None = None) -> IdentifiedVehicle:
     model = read_vehicle(shipped("quarter_car")).with_damper()
     model = model if dt is None else discretise(model, dt, "zero")
-    told = {"static": {"tire_force": 3300.0}, "sources": {"a.parquet": "0" * 64}}
-    return IdentifiedVehicle("post 7", model, DAMPING, friction={"": Friction(60.0, 0.01)}, **told)
+    extra = {"static": {"tire_force": 3300.0}, "sources": {"a.parquet": "0" * 64}}
+    return IdentifiedVehicle("post 7", model, DAMPING, friction={"": Friction(60.0, 0.01)}, **extra)
 
 
 def response(frequency: np.ndarray | None = None) -> FrequencyResponse:
@@ -67,19 +67,19 @@ def export(*words: object) -> Result:
 
 
 @pytest.mark.parametrize("dt", [None, 0.008])
-def test_a_vehicle_comes_back_from_a_mat_file_to_the_last_bit(tmp_path: Path, dt: float | None) -> None:
+def test_a_vehicle_from_a_mat_file_is_bitwise_equal(tmp_path: Path, dt: float | None) -> None:
     write_vehicle_mat(tmp_path / "car.mat", vehicle(dt))
     assert read_vehicle_mat(tmp_path / "car.mat") == vehicle(dt)
 
 
-def test_a_vehicle_without_states_comes_back_too(tmp_path: Path) -> None:
+def test_a_vehicle_without_states_is_read_back(tmp_path: Path) -> None:
     gain = StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]], (Channel("u", "m"),),
                       (Channel("y", "N"),))  # fmt: skip
     write_vehicle_mat(tmp_path / "gain.mat", IdentifiedVehicle("gain", gain))
     assert read_vehicle_mat(tmp_path / "gain.mat").state_space == gain
 
 
-def test_the_mat_file_has_what_matlab_makes_a_model_of(tmp_path: Path) -> None:
+def test_the_mat_file_has_the_variables_for_a_matlab_model(tmp_path: Path) -> None:
     write_vehicle_mat(tmp_path / "car.mat", vehicle())
     content = loadmat(tmp_path / "car.mat", simplify_cells=True)
     assert content["Ts"] == 0.0
@@ -95,7 +95,7 @@ def test_the_mat_file_has_what_matlab_makes_a_model_of(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [40, 1])
-def test_a_response_comes_back_from_a_mat_file_to_the_last_bit(tmp_path: Path, count: int) -> None:
+def test_a_response_from_a_mat_file_is_bitwise_equal(tmp_path: Path, count: int) -> None:
     written = response(0.05 * np.arange(1, count + 1))
     write_response_mat(tmp_path / "h.mat", written)
     again = read_response_mat(tmp_path / "h.mat")
@@ -104,7 +104,7 @@ def test_a_response_comes_back_from_a_mat_file_to_the_last_bit(tmp_path: Path, c
         np.testing.assert_array_equal(getattr(again, name), getattr(written, name))
 
 
-def test_a_response_comes_back_from_a_universal_file_to_twelve_digits(tmp_path: Path) -> None:
+def test_a_response_from_a_universal_file_has_twelve_digits(tmp_path: Path) -> None:
     written = response()
     write_response_uff(tmp_path / "h.uff", written)
     again = read_response_uff(tmp_path / "h.uff")
@@ -115,14 +115,14 @@ def test_a_response_comes_back_from_a_universal_file_to_twelve_digits(tmp_path: 
 
 
 @pytest.mark.parametrize("grid", [np.geomspace(0.1, 30.0, 7), np.arange(1, 9) / 7.0])
-def test_frequencies_that_a_step_does_not_give_keep_six_digits(tmp_path: Path, grid: np.ndarray) -> None:
+def test_unevenly_spaced_frequencies_have_six_digits(tmp_path: Path, grid: np.ndarray) -> None:
     write_response_uff(tmp_path / "h.unv", response(grid))
     again = read_response_uff(tmp_path / "h.unv")
     np.testing.assert_allclose(again.frequency, grid, rtol=5e-6)
     np.testing.assert_allclose(again.H, response(grid).H, rtol=1e-11)
 
 
-def test_the_universal_file_says_functions_units_and_nodes(tmp_path: Path) -> None:
+def test_the_universal_file_has_functions_units_and_nodes(tmp_path: Path) -> None:
     write_response_uff(tmp_path / "h.uff", response())
     sets = pyuff.UFF(str(tmp_path / "h.uff")).read_sets()
     assert [each["type"] for each in sets] == [164, *[58] * 12]
@@ -138,7 +138,7 @@ def test_the_universal_file_says_functions_units_and_nodes(tmp_path: Path) -> No
     assert {each["func_type"] for each in sets[10:]} == {6}
 
 
-def test_a_response_comes_back_from_python_control(tmp_path: Path) -> None:
+def test_a_response_is_converted_to_python_control_and_back(tmp_path: Path) -> None:
     written = response()
     data = to_frd(written)
     assert data.input_labels == ["lf:road", "roll_moment", "lf:force"]
@@ -151,15 +151,15 @@ def test_a_response_comes_back_from_python_control(tmp_path: Path) -> None:
         from_frd(data, input_units=["m", "N"], output_units=units[1])
 
 
-def test_model_and_response_agree_within_python_control() -> None:
+def test_model_and_response_agree_in_python_control() -> None:
     model = read_vehicle(shipped("quarter_car")).with_damper()
     grid = np.array([0.5, 3.0, 12.0])
     data = to_frd(response_of(model, grid))
-    theirs = control.frequency_response(model.to_control(), 2.0 * np.pi * grid)
-    np.testing.assert_allclose(data.frdata, theirs.frdata, rtol=1e-9)
+    expected = control.frequency_response(model.to_control(), 2.0 * np.pi * grid)
+    np.testing.assert_allclose(data.frdata, expected.frdata, rtol=1e-9)
 
 
-def test_a_vehicle_comes_back_from_python_control() -> None:
+def test_a_vehicle_is_converted_to_python_control_and_back() -> None:
     model = vehicle().state_space
     units = ([c.unit for c in model.inputs], [c.unit for c in model.outputs])
     assert StateSpace.from_control(model.to_control(), input_units=units[0], output_units=units[1]) == model
@@ -168,34 +168,34 @@ def test_a_vehicle_comes_back_from_python_control() -> None:
 @pytest.mark.parametrize(
     ("read", "content", "message"),
     [
-        (read_vehicle_mat, {"x": 1.0}, "none of ours"),
-        (read_vehicle_mat, {"eightpost": json.dumps({"kind": "frequency_response"})}, "holds no vehicle"),
+        (read_vehicle_mat, {"x": 1.0}, "was not written by eightpost"),
+        (read_vehicle_mat, {"eightpost": json.dumps({"kind": "frequency_response"})}, "contains no vehicle"),
         (read_vehicle_mat, {"eightpost": json.dumps({"kind": "vehicle"})}, "matrix A is missing"),
         (read_response_mat, {"eightpost": json.dumps({"kind": "frequency_response", "schema": 9})}, "schema 9"),
-        (read_response_mat, {"eightpost": json.dumps({"kind": "frequency_response", "schema": 1})}, "does not hold"),
+        (read_response_mat, {"eightpost": json.dumps({"kind": "frequency_response", "schema": 1})}, "does not contain"),
     ],
 )
-def test_a_mat_file_that_holds_something_else_is_refused(tmp_path: Path, read, content, message) -> None:
+def test_a_mat_file_with_other_content_is_rejected(tmp_path: Path, read, content, message) -> None:
     savemat(tmp_path / "x.mat", content)
     with pytest.raises(FileFormatError, match=rf"x\.mat.*{message}"):
         read(tmp_path / "x.mat")
 
 
-def test_files_that_are_none_are_refused_and_names_must_fit(tmp_path: Path) -> None:
+def test_damaged_and_missing_files_and_wrong_suffixes_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "x.mat").write_bytes(b"no")
     (tmp_path / "x.uff").write_text("no universal file\n")
     for read, name in ((read_vehicle_mat, "x.mat"), (read_response_uff, "x.uff"), (read_response_uff, "y.uff")):
         with pytest.raises(FileFormatError, match=name):
             read(tmp_path / name)
-    with pytest.raises(FileFormatError, match=r"named \.mat"):
+    with pytest.raises(FileFormatError, match=r"must end in \.mat"):
         write_vehicle_mat(tmp_path / "car.m", vehicle())
-    with pytest.raises(FileFormatError, match=r"named \.uff"):
+    with pytest.raises(FileFormatError, match=r"must end in \.uff"):
         write_response_uff(tmp_path / "h.58", response())
     with pytest.raises(InputError, match="two or more"):
         write_response_uff(tmp_path / "h.uff", response(np.array([1.0])))
 
 
-def test_without_pyuff_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyuff_the_message_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyuff", None)
     with pytest.raises(FileFormatError, match=r"pip install 'eightpost\[uff\]'"):
         write_response_uff(tmp_path / "h.uff", response())
@@ -220,7 +220,7 @@ def test_the_command_exports_models_and_responses(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_response_mat(tmp_path / "h.mat").H, response().H)
 
 
-def test_the_command_takes_the_baseline_damper_out_on_request(tmp_path: Path) -> None:
+def test_the_command_removes_the_baseline_damper_on_request(tmp_path: Path) -> None:
     write_vehicle(tmp_path / "car.json", vehicle())
     assert export(tmp_path / "car.json", "--ports", "whole", "-o", tmp_path / "car.mat").exit_code == 0
     whole = read_vehicle_mat(tmp_path / "car.mat")
@@ -235,7 +235,7 @@ def test_the_command_takes_the_baseline_damper_out_on_request(tmp_path: Path) ->
         (["-o", "car.uff", "--step", "0"], "give 0 < step < high"),
     ],
 )
-def test_the_command_refuses_what_it_cannot_write(tmp_path: Path, words: list[str], message: str) -> None:
+def test_the_command_rejects_what_it_cannot_write(tmp_path: Path, words: list[str], message: str) -> None:
     done = export(shipped("quarter_car"), *[tmp_path / w if w.startswith("car") else w for w in words])
     assert done.exit_code == 2
     assert message in done.output

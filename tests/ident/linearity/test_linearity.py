@@ -1,4 +1,4 @@
-"""Paths are told apart as Table 6.4 has them, and a response that depends on the amplitude is noticed."""
+"""Tests that paths are classified as in Table 6.4, and that responses that depend on the amplitude are reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from eightpost.rig.post import RigTest
 from ..linear_rig import DAMPING, car, record
 
 NEAR, FAR = ("lf.velocity", "lf.road"), ("lf.velocity", "rr.road")
-#: In this car even the far corner answers at -15 dB.
+#: In this car even the response at the far corner has -15 dB.
 LOW = Thresholds(level=-12.0)
 
 
@@ -52,10 +52,10 @@ def test_a_linear_car_is_predicted_by_a_linear_model(singles: tuple[RigTest, ...
 
 
 def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> None:
-    said = judged(*singles, thresholds=LOW).verdict(*FAR)
-    assert said.condition is Condition.II
-    assert said.coherence > 0.99
-    assert said.level < -12.0
+    verdict = judged(*singles, thresholds=LOW).verdict(*FAR)
+    assert verdict.condition is Condition.II
+    assert verdict.coherence > 0.99
+    assert verdict.level < -12.0
 
 
 def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> None:
@@ -68,30 +68,30 @@ def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> N
     assert path.energy == pytest.approx(below, rel=0.01)
 
 
-def test_a_response_that_no_input_explains_is_lost(singles: tuple[RigTest, ...]) -> None:
+def test_a_response_that_no_input_explains_is_under_condition_iii(singles: tuple[RigTest, ...]) -> None:
     force = singles[0].series["lf.tire_force"]
     squared = force**2 / force.std()
     found = judged(with_channel(singles[0], "lf.tire_force", squared), singles[1])
-    said = found.verdict("lf.tire_force", "lf.road")
-    assert said.condition is Condition.III
-    assert said.shares[Condition.III] > 0.5
+    verdict = found.verdict("lf.tire_force", "lf.road")
+    assert verdict.condition is Condition.III
+    assert verdict.shares[Condition.III] > 0.5
 
 
-def test_a_low_response_in_noise_does_not_matter(singles: tuple[RigTest, ...]) -> None:
+def test_a_low_response_in_noise_is_under_condition_iv(singles: tuple[RigTest, ...]) -> None:
     generator, near = np.random.default_rng(1), singles[0].series["lf.tire_force"]
     drowned = 0.05 * singles[1].series["lf.tire_force"] + 0.3 * near.std() * generator.standard_normal(near.size)
-    said = judged(singles[0], with_channel(singles[1], "lf.tire_force", drowned)).verdict("lf.tire_force", "rr.road")
-    assert said.condition is Condition.IV
+    found = judged(singles[0], with_channel(singles[1], "lf.tire_force", drowned))
+    assert found.verdict("lf.tire_force", "rr.road").condition is Condition.IV
 
 
-def test_a_linear_car_answers_alike_at_every_amplitude() -> None:
+def test_the_response_of_a_linear_car_does_not_depend_on_the_amplitude() -> None:
     found = judged(single("lf.road"), single("lf.road", seed=3, size=0.25), outputs=["lf.velocity", "lf.tire_force"])
     assert [effect.input for effect in found.effects] == ["lf.road", "lf.road"]
     assert all(effect.large / effect.small == pytest.approx(4.0, rel=0.2) for effect in found.effects)
     assert not any(effect.is_notable for effect in found.effects)
 
 
-def test_a_response_that_changes_with_the_amplitude_is_noticed_though_it_is_coherent() -> None:
+def test_a_coherent_response_that_changes_with_the_amplitude_is_reported() -> None:
     small = single("lf.road", seed=3, size=0.25)
     stiff = with_channel(small, "lf.displacement", 0.8 * small.series["lf.displacement"])
     found = judged(single("lf.road"), stiff, outputs=["lf.velocity", "lf.tire_force"])
@@ -102,7 +102,7 @@ def test_a_response_that_changes_with_the_amplitude_is_noticed_though_it_is_cohe
     assert found.verdict(*NEAR).coherence > 0.99
 
 
-def test_an_actuator_with_nothing_but_noise_does_not_move() -> None:
+def test_an_actuator_with_only_noise_is_at_rest() -> None:
     test = single("lf.road")
     noise = 1e-5 * np.random.default_rng(4).standard_normal((3, len(test.series)))
     for name, row in zip(("rf.road", "lr.road", "rr.road"), noise, strict=True):
@@ -110,7 +110,7 @@ def test_an_actuator_with_nothing_but_noise_does_not_move() -> None:
     assert judged(test, outputs=["lf.velocity"]).inputs == ("lf.road",)
 
 
-def test_changing_one_shock_gives_the_answer_to_its_force() -> None:
+def test_changing_one_shock_gives_the_response_to_its_force() -> None:
     first = record("seven_dof", seconds=40.0, noise=1e-5)
     other = record("seven_dof", seconds=40.0, noise=1e-5, damping={"rf": 0.45 * DAMPING})
     found = judged(first, other, outputs=["rf.velocity", "rf.tire_force"])
@@ -123,31 +123,31 @@ def test_changing_one_shock_gives_the_answer_to_its_force() -> None:
     assert found.verdict("rf.velocity", "rf.force").condition is Condition.I
 
 
-def test_tests_that_cannot_be_used_are_left_out_and_said() -> None:
+def test_unusable_tests_are_omitted_and_reported() -> None:
     first, other = record("seven_dof"), record("seven_dof", seed=5)
     both = record("seven_dof", damping={"lf": 0.4 * DAMPING, "rr": 0.4 * DAMPING})
     notes = judged(single("lf.road"), first, other, both).notes
-    assert any("record 3: its drive is not that of record 2" in note for note in notes)
-    assert any("all changed against record 2; change one shock at a time" in note for note in notes)
+    assert any("record 3: its drive differs from that of record 2" in note for note in notes)
+    assert any("differ from record 2; change one shock at a time" in note for note in notes)
 
 
-def test_other_shocks_on_a_quarter_cars_road_are_no_other_amplitude() -> None:
+def test_other_shocks_on_a_quarter_car_do_not_count_as_another_amplitude() -> None:
     road = {"seconds": 30.0, "active": ("road",)}
     first = record("quarter_car", **road)
     softer, again = record("quarter_car", **road, damping={"": 0.5 * DAMPING}), record("quarter_car", **road)
     found = judged(first, softer, again, outputs=["tire_force"])
     assert found.inputs == ("road", "force")
     assert found.effects == ()
-    assert found.notes == ("record 3: repeats record 1 with the same shocks; left out",)
+    assert found.notes == ("record 3: repeats record 1 with the same shocks; omitted",)
 
 
-def test_without_an_input_that_moves_alone_it_says_what_to_give() -> None:
+def test_tests_without_an_input_that_moves_alone_are_rejected_with_a_remedy() -> None:
     with pytest.raises(InputError, match=r"one input moves alone.*eightpost rig --test single"):
         judged(record("seven_dof"))
 
 
-def test_short_records_and_impossible_thresholds_are_refused(singles: tuple[RigTest, ...]) -> None:
-    with pytest.raises(TooShortError, match="noise is coherent to"):
+def test_short_records_and_invalid_thresholds_are_rejected(singles: tuple[RigTest, ...]) -> None:
+    with pytest.raises(TooShortError, match="noise has a coherence of"):
         judged(*singles, recipe=LocalPolynomial(half_width=0.01, spare=1.1))
     with pytest.raises(ParameterError, match="between 0 and 1"):
         Thresholds(coherence=1.5)
@@ -159,7 +159,7 @@ KEY = ("--output", "tire_force")
 
 
 def quarter_files(folder: Path, **changes: float) -> list[str]:
-    """Files of a quarter car's road, small and large, and of its load; its tire force raised to a power."""
+    """Write quarter-car tests of a large road, a small road and a load, with tire forces raised to given powers."""
     tests = {"large": ("road", 1, 1.0), "load": ("aero_force", 2, 1.0), "small": ("road", 3, 0.25)}
     for name, (channel, seed, size) in tests.items():
         test = record("quarter_car", seconds=25.0, active=(channel,), seed=seed, size=size)
@@ -170,7 +170,7 @@ def quarter_files(folder: Path, **changes: float) -> list[str]:
     return ["linearity", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
 
 
-def test_the_command_prints_the_table_and_writes_pictures(tmp_path: Path) -> None:
+def test_the_command_prints_the_table_and_writes_plots(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*quarter_files(tmp_path), *KEY], env={"COLUMNS": "200"})
     assert done.exit_code == 0, done.output
     assert "I: high response, high coherence: a linear model predicts it" in done.output
@@ -182,7 +182,7 @@ def test_the_command_prints_the_table_and_writes_pictures(tmp_path: Path) -> Non
         assert (tmp_path / "out" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_the_command_exits_1_where_a_response_is_lost(tmp_path: Path) -> None:
+def test_the_command_exits_1_if_a_response_is_under_condition_iii(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*quarter_files(tmp_path, large=1.5), *KEY], env={"COLUMNS": "200"})
     assert done.exit_code == 1, done.output
     assert "tire_force: " in done.output

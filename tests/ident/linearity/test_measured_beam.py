@@ -1,4 +1,4 @@
-"""A measured 2x2 response, of a beam with two piezo inputs: records that were left out are predicted."""
+"""Tests on a measured 2x2 response of a beam with two piezo inputs: held-out records are predicted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INPUTS, OUTPUTS = ("u1", "u2"), ("y1", "y2")
 
 
 def beam(name: str) -> TimeSeries:
-    """A sweep of 120 s: both inputs alike (symexc) or opposite (asymexc) [V], two accelerations."""
+    """Return a sweep of 120 s with both inputs equal (symexc) or opposite (asymexc) [V], and two accelerations."""
     assert FOLDER is not None
     content = loadmat(Path(FOLDER) / "beam" / f"{name}.mat")
     u, y = content["inputvalues"][:SAMPLES].T, content["outputvalues"][:SAMPLES].T
@@ -42,7 +42,7 @@ def estimated(*names: str) -> FrequencyResponse:
 
 
 def errors(response: FrequencyResponse, name: str, repeat: str, band: tuple[float, float]) -> NDArray[np.float64]:
-    """Of the predicted outputs of a record, and of the outputs of its repetition, over a band (2, p) [1]."""
+    """Return the relative errors of a record's prediction and of its repetition over a band (2, p) [1]."""
     record = beam(name)
     bins = np.round(response.frequency * SAMPLES / RATE).astype(int)
     inside = (response.frequency >= band[0]) & (response.frequency < band[1])
@@ -62,7 +62,7 @@ def response() -> FrequencyResponse:
 
 
 @pytest.mark.parametrize("kind", ["symexc", "asymexc"])
-def test_a_record_that_was_left_out_is_predicted_about_as_well_as_it_repeats(
+def test_the_prediction_error_of_a_held_out_record_is_about_its_repeatability(
     response: FrequencyResponse, kind: str
 ) -> None:
     predicted, repeated = errors(response, f"{kind}_2", f"{kind}_1", (60.0, 200.0))
@@ -71,11 +71,11 @@ def test_a_record_that_was_left_out_is_predicted_about_as_well_as_it_repeats(
 
 
 @pytest.mark.parametrize("kind", ["symexc", "asymexc"])
-def test_a_mode_of_four_bins_is_too_light_for_the_record(response: FrequencyResponse, kind: str) -> None:
+def test_a_mode_of_four_bins_is_too_narrow_for_the_record(response: FrequencyResponse, kind: str) -> None:
     predicted, repeated = errors(response, f"{kind}_2", f"{kind}_1", (10.0, 12.0))
     assert (predicted > 2.0 * repeated).all()
 
 
-def test_equal_inputs_alone_cannot_be_told_apart() -> None:
+def test_equal_inputs_cannot_be_separated() -> None:
     with pytest.raises(InputError, match="depend linearly on each other"):
         estimated("symexc_1", "symexc_2")

@@ -1,4 +1,4 @@
-"""What is wrong with a rig file is said by `eightpost inspect` and `eightpost identify`, with where and what to do."""
+"""Tests that `eightpost inspect` and `eightpost identify` report faults of rig files, with the place and a remedy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from eightpost.__main__ import main
-from eightpost.ident.preparation import prepare, shifted
+from eightpost.ident.preparation import advance_channels, prepare
 from eightpost.rig.post import RigTest
 from eightpost.signals import TimeSeries
 
@@ -78,7 +78,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_inspect_refuses_the_file_and_says_where_and_what_to_do(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good: TimeSeries, tmp_path: Path, fault: str) -> None:
     change, keep, words = FAULTS[fault]
     path = written(good, tmp_path / "rig.parquet", change, keep)
     code, said = run("inspect", path)
@@ -87,7 +87,7 @@ def test_inspect_refuses_the_file_and_says_where_and_what_to_do(good: TimeSeries
         assert word in said
 
 
-def test_in_a_csv_the_line_is_named(good: TimeSeries, tmp_path: Path) -> None:
+def test_the_line_of_a_csv_file_is_reported(good: TimeSeries, tmp_path: Path) -> None:
     path = written(good, tmp_path / "rig.csv", keep=FAULTS["dropped samples"][1])
     code, said = run("inspect", path)
     assert code == 2
@@ -96,7 +96,7 @@ def test_in_a_csv_the_line_is_named(good: TimeSeries, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_identify_refuses_the_same_files(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+def test_identify_rejects_the_same_files(good: TimeSeries, tmp_path: Path, fault: str) -> None:
     change, keep, words = FAULTS[fault]
     fine, bad = written(good, tmp_path / "good.parquet"), written(good, tmp_path / "bad.parquet", change, keep)
     code, said = run("identify", fine, bad, "-o", tmp_path / "car.json")
@@ -106,34 +106,34 @@ def test_identify_refuses_the_same_files(good: TimeSeries, tmp_path: Path, fault
     assert not (tmp_path / "car.json").exists()
 
 
-def test_a_good_file_is_shown_with_ranges_and_found_in_step(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_good_file_is_shown_and_is_in_step(good: TimeSeries, tmp_path: Path) -> None:
     code, said = run("inspect", written(good, tmp_path / "rig.parquet"))
     assert code == 0, said
     assert "5.999 s at 1250 Hz, corners lf rf lr rr" in said
-    assert re.search(r"tire_force comes 0\.0\d ms (before|after) the accelerometers", said)
+    assert re.search(r"tire_force is 0\.0\d ms (ahead of|behind) the accelerometers", said)
     assert "warning" not in said
 
 
 def test_a_late_logger_is_a_warning(good: TimeSeries, tmp_path: Path) -> None:
     names = [name for name in good.names if name.endswith("acceleration")]
-    late = shifted(good, dict.fromkeys(names, -0.02))
+    late = advance_channels(good, dict.fromkeys(names, -0.02))
     code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
     assert code == 1, said
-    assert re.search(r"warning lf\.displacement comes (20\.0|19\.9)\d ms before the accelerometers", said)
+    assert re.search(r"warning lf\.displacement is (20\.0|19\.9)\d ms ahead of the accelerometers", said)
     assert "delays (docs/rig_data.md)" in said
 
 
-def test_a_teams_file_is_known_as_a_rigs_by_its_map(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_teams_file_is_recognised_as_rig_data_by_its_map(good: TimeSeries, tmp_path: Path) -> None:
     names = {name: name.replace(".", "_").upper() for name in good.names}
     RigTest(TimeSeries(good.time, good.values, tuple(names.values()), good.units)).write(tmp_path / "team.parquet")
-    lines = [f'[channels."{ours}"]\nsource = "{theirs}"' for ours, theirs in names.items()]
+    lines = [f'[channels."{ours}"]\nsource = "{source}"' for ours, source in names.items()]
     (tmp_path / "map.toml").write_text("\n".join(lines))
     code, said = run("inspect", tmp_path / "team.parquet", "--map", tmp_path / "map.toml")
     assert code == 0, said
     assert "corners lf rf lr rr" in said
 
 
-def test_records_of_two_rates_are_brought_to_one(good: TimeSeries) -> None:
+def test_records_of_two_rates_are_decimated_to_one_rate(good: TimeSeries) -> None:
     slow = TimeSeries(good.time[::2], good.values[:, ::2], good.names, good.units)
     first, second = prepare([RigTest(good), RigTest(slow)]).records
     inside = slice(50, -50)
@@ -141,7 +141,7 @@ def test_records_of_two_rates_are_brought_to_one(good: TimeSeries) -> None:
     assert wrong.std() < 0.01 * first["lf.tire_force"].std()
 
 
-def test_a_rate_that_does_not_divide_is_refused_with_the_files_name(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_rate_that_is_not_a_multiple_is_rejected_with_the_files_name(good: TimeSeries, tmp_path: Path) -> None:
     slow = written(good, tmp_path / "slow.parquet", keep=slice(None, None, 2))
     fine = written(good, tmp_path / "fine.parquet")
     code, said = run("identify", fine, slow, "--rate", "250 Hz", "-o", tmp_path / "car.json")

@@ -1,4 +1,4 @@
-"""Records are decimated, derived and put in step without changing what is in the band, and all of it is said."""
+"""Tests of the preparation: decimation, math channels and synchronisation keep the band, and every step is reported."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from eightpost.errors import ConstantChannelError, InputError, MissingChannelErr
 from eightpost.ident.preparation import (
     Decimation,
     Preparation,
-    check_lives,
+    advance_channels,
+    check_lost_channels,
     drifts,
     prepare,
     read_preparation,
     record_lags,
-    shifted,
     time_lag,
 )
 from eightpost.ident.preparation.lags import SAME_LAG
@@ -44,14 +44,14 @@ def seven() -> RigTest:
 
 
 def with_channels(test: RigTest, **changes: np.ndarray) -> RigTest:
-    """Replace channels; a double underscore stands for the dot of a name."""
+    """Return a test with replaced channels; a double underscore stands for the dot in a name."""
     series = test.series
     for name, values in changes.items():
         series = series.with_channel(name.replace("__", "."), series.unit(name.replace("__", ".")), values)
     return replace(test, series=series)
 
 
-def test_decimation_keeps_the_band_within_a_thousandth_and_folds_nothing_into_it():
+def test_decimation_keeps_the_band_and_adds_no_aliases():
     decimation = Decimation(125.0)
     time = np.arange(25000) / RATE
     for frequency in (0.5, 5.0, 20.0, 45.0):
@@ -73,10 +73,10 @@ def test_the_filter_is_that_of_6_4_1_run_twice():
     np.testing.assert_allclose(found[inside], gain[inside], rtol=2e-3)
 
 
-def test_a_rate_that_is_no_multiple_is_refused_with_those_that_are():
+def test_a_rate_that_is_not_a_multiple_is_rejected_with_possible_rates():
     with pytest.raises(ParameterError, match=r"1000 Hz cannot be decimated to 300 Hz.*333\.333 or 250 Hz"):
         Decimation(300.0).factor(1000.0)
-    with pytest.raises(ParameterError, match="no multiple"):
+    with pytest.raises(ParameterError, match="not a multiple"):
         Decimation(125.0).factor(100.0)
     assert Decimation(125.0).factor(1250.3) == 10
 
@@ -92,21 +92,21 @@ def test_responses_of_prepared_records_are_those_of_the_car(quarter):
     assert contribution_error(found, truth, [[0.004**2], [500.0**2]]).max() < 5e-3
 
 
-def test_means_are_taken_out_and_kept(quarter):
+def test_means_are_removed_and_stored(quarter):
     lifted = with_channels(quarter, tire_force=quarter.series["tire_force"] + 3000.0)
     prepared = prepare([lifted])
     assert prepared.means[0]["tire_force"] == pytest.approx(lifted.series["tire_force"].mean())
     assert abs(prepared.records[0]["tire_force"].mean()) < 1e-2 * prepared.records[0]["tire_force"].std()
 
 
-def test_the_shock_velocity_is_made_of_the_potentiometer_before_decimation(quarter):
+def test_shock_velocities_are_computed_from_the_potentiometer_before_decimation(quarter):
     wrong = with_channels(quarter, velocity=np.zeros(len(quarter.series)))
     velocity = prepare([wrong]).records[0]["velocity"][100:-100]
     truth = quarter.series["velocity"][::10][100:-100]
     assert np.std(velocity - truth) < 0.02 * np.std(truth)
 
 
-def test_velocities_that_were_measured_are_kept_on_request(quarter):
+def test_measured_velocities_are_kept_on_request(quarter):
     doubled = with_channels(quarter, velocity=2.0 * quarter.series["velocity"])
     own, derived = (
         prepare([doubled], Preparation(pot_cutoff=cutoff)).records[0]["velocity"] for cutoff in (None, 50.0)
@@ -114,7 +114,7 @@ def test_velocities_that_were_measured_are_kept_on_request(quarter):
     assert np.std(own) == pytest.approx(2.0 * np.std(derived), rel=0.02)
 
 
-def test_modes_are_those_of_the_transforms_and_rigid_heave_is_heave():
+def test_modes_follow_the_transforms_and_rigid_heave_is_heave():
     geometry = stand_in_truth().geometry
     generator, size = np.random.default_rng(2), 10_000
     heave, load = generator.standard_normal(size), generator.standard_normal((4, size))
@@ -137,9 +137,9 @@ def test_a_lag_is_found_to_a_tenth_of_a_sample(seconds):
     generator = np.random.default_rng(1)
     drawn = spectrum(samples, 20.0, generator)
     late = drawn * np.exp(-2j * np.pi * np.fft.rfftfreq(samples, 1.0 / RATE) * seconds)
-    lag, likeness = time_lag(np.fft.irfft(late, samples), np.fft.irfft(drawn, samples), RATE)
+    lag, correlation = time_lag(np.fft.irfft(late, samples), np.fft.irfft(drawn, samples), RATE)
     assert lag == pytest.approx(seconds, abs=0.1 / RATE)
-    assert likeness > 0.98
+    assert correlation > 0.98
 
 
 @pytest.mark.parametrize("name", ["quarter_car", "seven_dof"])
@@ -151,8 +151,8 @@ def test_a_record_in_step_has_no_notable_lag(name, request):
     assert not prepare([test]).notes
 
 
-def test_a_slow_sine_whose_correlation_is_flat_is_not_called_out_of_step():
-    """At 1 Hz the pot of Table 4.4's test bends little more than its noise: a lag of 10 ms is no finding."""
+def test_a_slow_sine_with_a_flat_correlation_is_not_reported_as_out_of_step():
+    """At 1 Hz the pot acceleration of Table 4.4's test barely exceeds its noise: a lag of 10 ms is not significant."""
     truth, lags = quarter_truth(), []
     for seed in range(3):
         slow = run_test(truth, sine_drive(truth, 1.0, 0.0254), [LinearDamper(3000.0)], seed=seed).series
@@ -161,7 +161,7 @@ def test_a_slow_sine_whose_correlation_is_flat_is_not_called_out_of_step():
     assert not any(lag.is_notable for lag in lags)
 
 
-def test_inboard_shocks_of_a_solid_axle_are_in_step_though_one_wheel_alone_moves():
+def test_inboard_shocks_of_a_solid_axle_are_in_step_if_only_one_wheel_moves():
     test = record("seven_dof", seconds=8.0, active=("lr.road",))
     left, right = test.series["lr.displacement"], test.series["rr.displacement"]
     inboard = with_channels(
@@ -169,23 +169,23 @@ def test_inboard_shocks_of_a_solid_axle_are_in_step_though_one_wheel_alone_moves
     )
     lags = record_lags(inboard.series, CORNERS)
     assert not any(lag.is_notable for lag in lags)
-    assert {lag.channel for lag in lags if lag.likeness > 0.99} > {"lr.displacement", "rr.displacement"}
+    assert {lag.channel for lag in lags if lag.correlation > 0.99} > {"lr.displacement", "rr.displacement"}
 
 
-def test_a_late_logger_is_found_said_and_brought_forward_on_request(seven):
+def test_a_late_logger_is_reported_and_corrected_on_request(seven):
     late = [f"{corner}.{quantity}" for corner in CORNERS for quantity in ("hub_acceleration", "chassis_acceleration")]
-    test = replace(seven, series=shifted(seven.series, dict.fromkeys(late, -0.0123)))
+    test = replace(seven, series=advance_channels(seven.series, dict.fromkeys(late, -0.0123)))
     prepared = prepare([test])
     pots = [lag for lag in prepared.lags[0] if lag.is_notable]
     assert [lag.channel for lag in pots] == [*(f"{corner}.displacement" for corner in CORNERS), "tire_force"]
     np.testing.assert_allclose([lag.seconds for lag in pots], -0.0123, atol=1e-4)
-    assert "lf.displacement comes 12.29 ms before the accelerometers" in prepared.notes[0]
+    assert "lf.displacement is 12.29 ms ahead of the accelerometers" in prepared.notes[0]
     corrected = prepare([test], Preparation(delays=dict.fromkeys(late, 0.0123)))
     assert corrected.notes == ()
-    assert "lf.hub_acceleration brought forward by 12.3 ms" in corrected.steps
+    assert "lf.hub_acceleration advanced by 12.3 ms" in corrected.steps
 
 
-def test_samples_that_a_logger_lost_are_found_as_a_drift(seven):
+def test_samples_that_a_logger_lost_are_reported_as_a_drift(seven):
     force = seven.series["lf.displacement"]
     lost = np.concatenate((np.delete(force, np.arange(5000, 5020)), np.full(20, force[-1])))
     test = with_channels(seven, lf__displacement=lost)
@@ -194,7 +194,7 @@ def test_samples_that_a_logger_lost_are_found_as_a_drift(seven):
     assert any("logger lost samples" in note for note in prepare([test]).notes)
 
 
-def test_runs_of_the_same_drive_are_brought_into_step(quarter):
+def test_runs_of_the_same_drive_are_synchronised(quarter):
     series = quarter.series
     kept = slice(337, None)
     later = RigTest(TimeSeries(series.time[: len(series) - 337], series.values[:, kept], series.names, series.units))
@@ -217,53 +217,53 @@ def test_runs_of_the_same_drive_then_agree_sample_by_sample(quarter):
     assert np.std(wrong) < 0.01 * np.std(first["tire_force"])
 
 
-def test_records_of_different_drives_are_not_brought_into_step(quarter):
-    with pytest.raises(InputError, match=r"its road is not that of the first record.*leave same_start away"):
+def test_records_of_different_drives_are_not_synchronised(quarter):
+    with pytest.raises(InputError, match=r"its road is not that of the first record.*omit same_start"):
         prepare([quarter, record("quarter_car", seed=9)], Preparation(same_start="road"))
 
 
-def test_a_channel_that_dies_on_the_way_is_named_with_the_time(seven):
+def test_a_channel_that_fails_during_the_record_is_reported_with_the_time(seven):
     broken = seven.series["rr.hub_acceleration"].copy()
     broken[4000:6000] = broken[4000]
     with pytest.raises(ConstantChannelError, match=r"rr\.hub_acceleration.*from 3\.2 s to 4\.799 s.*cable"):
         prepare([with_channels(seven, rr__hub_acceleration=broken)])
 
 
-def test_a_car_at_rest_is_no_broken_cable(seven):
+def test_a_car_at_rest_is_not_reported_as_a_broken_cable(seven):
     series = seven.series
     rest = TimeSeries(series.time, np.where(series.time < 2.0, 0.0, series.values), series.names, series.units)
-    check_lives(rest, CORNERS)
+    check_lost_channels(rest, CORNERS)
 
 
-def test_tests_of_two_cars_no_test_and_too_little_of_one_are_refused(quarter, seven):
+def test_tests_of_two_cars_no_test_and_short_tests_are_rejected(quarter, seven):
     with pytest.raises(InputError, match="other corners"):
         prepare([quarter, seven])
     with pytest.raises(InputError, match="give one or more"):
         prepare([])
     with pytest.raises(TooShortError, match="75 samples are left"):
         prepare([quarter], Preparation(settling=9.4))
-    with pytest.raises(TooShortError, match="the settling takes 20 s"):
+    with pytest.raises(TooShortError, match="the settling is 20 s"):
         prepare([quarter], Preparation(settling=20.0))
     with pytest.raises(ParameterError, match="settling must not be negative"):
         Preparation(settling=-1.0)
 
 
-def test_a_delay_of_no_channel_is_refused(quarter):
+def test_a_delay_of_an_unknown_channel_is_rejected(quarter):
     with pytest.raises(MissingChannelError, match="front_left"):
         prepare([quarter], Preparation(delays={"front_left": 0.01}))
 
 
-def test_channels_that_not_all_records_have_are_left_out_and_said(quarter):
+def test_channels_that_not_all_records_have_are_omitted_and_reported(quarter):
     fewer = replace(quarter, series=quarter.series.select([n for n in quarter.series.names if n != "ride_height"]))
     prepared = prepare([quarter, fewer])
     assert "ride_height" not in prepared.channels
-    assert any("left out, as not all records have them: ride_height" in note for note in prepared.notes)
+    assert any("omitted, because not all records have them: ride_height" in note for note in prepared.notes)
 
 
-def test_the_summary_says_what_was_read_and_done(quarter):
-    said = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
-    for words in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s left out", "means taken out", "to 50 Hz"):
-        assert words in said
+def test_the_summary_lists_records_and_steps(quarter):
+    summary = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
+    for text in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s omitted", "means removed", "to 50 Hz"):
+        assert text in summary
 
 
 def written(folder: Path, text: str) -> Path:
@@ -271,7 +271,7 @@ def written(folder: Path, text: str) -> Path:
     return folder / "prep.toml"
 
 
-def test_the_preparation_of_the_page_is_read(tmp_path: Path) -> None:
+def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
     page = (Path(__file__).parents[3] / "docs" / "rig_data.md").read_text()
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     how = read_preparation(written(tmp_path, block))
@@ -291,7 +291,7 @@ def test_an_empty_file_is_the_default_and_own_keeps_velocities(tmp_path: Path) -
     [
         ("rate = 125", r"'rate' is 125; write a number with a unit of Hz"),
         ("rate = '125 N'", r"'rate' is '125 N'"),
-        ("speed = '1 s'", r"unknown key 'speed'; known here are rate"),
+        ("speed = '1 s'", r"unknown key 'speed'; the known keys are rate"),
         ("[geometry]\nfront_axle = '60 in'", r"\[geometry\] lacks rear_axle"),
         ("[geometry]\nfront = '60 in'", r"unknown key 'geometry.front'"),
         ("delays = 3", r"'delays' must be a table"),
@@ -299,6 +299,6 @@ def test_an_empty_file_is_the_default_and_own_keeps_velocities(tmp_path: Path) -
         ("rate = ", r"cannot be read as TOML"),
     ],
 )
-def test_a_preparation_that_cannot_be_used_says_which_key(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_preparation_is_rejected_with_the_key(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=rf"prep\.toml.*{message}"):
         read_preparation(written(tmp_path, text))
