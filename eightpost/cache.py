@@ -14,7 +14,7 @@ import platformdirs
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 
-#: Maximum number of libraries in a folder; the least recently used ones are removed first.
+#: Maximum number of libraries in a folder; those not used for the longest time are removed first.
 KEPT = 600
 
 _LOG = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""Headless Chromium for the tests of pages: it draws, is clicked, and tells what it asked for."""
+"""Headless Chromium for the tests of pages: renders pages, clicks on them, and lists network requests."""
 
 import json
 import os
@@ -20,7 +20,7 @@ _PATIENCE = 120.0
 
 
 class Browser:
-    """A page in headless Chromium, by the DevTools protocol over a pipe."""
+    """A page in headless Chromium, controlled with the DevTools protocol over a pipe."""
 
     def __init__(self, program, profile):
         commands, self._to = os.pipe()
@@ -81,5 +81,5 @@ class Browser:
 
 
 def program():
-    """Return where Chromium is; None where there is none, or where descriptors cannot be inherited."""
+    """Return the path of Chromium; None if it is not installed, or if descriptors cannot be inherited."""
     return next(filter(None, map(shutil.which, NAMES)), None) if sys.platform != "win32" else None

@@ -1,4 +1,4 @@
-"""Fixtures that more than one folder of tests uses."""
+"""Fixtures that are shared by several test folders."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ settings.load_profile("eightpost")
 
 @pytest.fixture(scope="session")
 def monolithic() -> ModuleType:
-    """The module tests/monolithic.py: the coupled car as one set of equations."""
+    """The module tests/monolithic.py, the coupled car as one system of equations."""
     return _beside("monolithic")
 
 
 @pytest.fixture(scope="session")
 def chromium() -> ModuleType:
-    """The module tests/chromium.py: a browser that draws, is clicked, and tells what it asked for."""
+    """The module tests/chromium.py, which controls a browser."""
     return _beside("chromium")
 
 
 @pytest.fixture(scope="module")
 def browser(chromium: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
-    """Headless Chromium, ended with the module: its start takes longer than a page."""
+    """Headless Chromium, shared by the tests of a module because its start takes longer than a page."""
     program = chromium.program()
     if program is None:
         pytest.skip(f"needs {' or '.join(chromium.NAMES)} on the PATH, and a system with inherited file descriptors")
@@ -67,7 +67,7 @@ def browser(chromium: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> I
 
 
 def _beside(module_name: str) -> ModuleType:
-    """Return a module that lies beside this file."""
+    """Import a module from the folder of this file."""
     name = f"eightpost_tests_{module_name}"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{module_name}.py"))
@@ -78,7 +78,7 @@ def _beside(module_name: str) -> ModuleType:
 
 
 def _curve() -> StaticCurve:
-    """A digressive curve of the size of a stock-car shock."""
+    """A digressive curve with the forces of a stock-car shock."""
     return StaticCurve(
         inner=(1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
         compression=(1490.0, 900.0, 40.0, 5.0),
@@ -94,7 +94,7 @@ def _curve() -> StaticCurve:
 
 @pytest.fixture(scope="session")
 def shocks() -> dict[str, Shock]:
-    """One shock of each law, by the law's name; a law not named here has the parameters that a fit starts from."""
+    """One shock of each law, by the law's name; laws that are not listed here have the initial parameters of a fit."""
     port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
     laws: dict[str, ShockLaw] = {
         "polylinear": Polylinear(_curve(), port=port),
@@ -109,7 +109,7 @@ def shocks() -> dict[str, Shock]:
 
 @pytest.fixture(scope="session")
 def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock]) -> list[Path]:
-    """Files of the shocks, the seven-DOF car and the quarter car: what FMUs are built from."""
+    """Files of the shocks, the seven-DOF car and the quarter car, from which FMUs are built."""
     folder = tmp_path_factory.mktemp("models")
     sources = [shipped("seven_dof"), shipped("quarter_car")]
     for name, shock in shocks.items():
@@ -120,7 +120,7 @@ def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shoc
 
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
-    """Native FMUs of all models, by name: one process of a test run compiles them, others find them in the cache."""
+    """Native FMUs of all models, by name; one test process compiles them, the others use the cache."""
     folder = tmp_path_factory.mktemp("native")
     with FileLock(folder.parent.parent / "fmus.lock"):
         return {item.path.stem: item.path for item in build(model_files, folder)}
@@ -169,13 +169,13 @@ def _loading(fmus: dict[str, Path]) -> Iterator[Load]:
 
 @pytest.fixture
 def component(fmus: dict[str, Path]) -> Iterator[Load]:
-    """Load native FMUs by name; they end with the test."""
+    """Load native FMUs by name, and terminate them at the end of the test."""
     with _loading(fmus) as load:
         yield load
 
 
 @pytest.fixture
 def python_component(python_fmus: dict[str, Path]) -> Iterator[Load]:
-    """Load python FMUs by name; they end with the test."""
+    """Load Python FMUs by name, and terminate them at the end of the test."""
     with _loading(python_fmus) as load:
         yield load

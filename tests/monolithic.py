@@ -1,4 +1,4 @@
-"""The whole nonlinear car at once: an independent reference for everything that couples substructures.
+"""The whole nonlinear car as one system: an independent reference for the coupling of substructures.
 
 Seven-DOF car and four shocks (LPNL2) as one set of differential equations, assembled here element by element
 from the parameters, without a line of eightpost, and integrated by scipy at a tolerance far below what it is
@@ -47,12 +47,12 @@ class Car:
 
 
 def no_lag(force: Any) -> Any:
-    """Weight of a shock without lag: alpha = 0, so F = F_s."""
+    """Return the weight of a shock without lag: alpha = 0, so F = F_s."""
     return np.zeros_like(force)
 
 
 def full_lag(force: Any) -> Any:
-    """Weight of LPF1: alpha = 1, so F = F_lag."""
+    """Return the weight of LPF1: alpha = 1, so F = F_lag."""
     return np.ones_like(force)
 
 
@@ -69,7 +69,7 @@ class Shock:
 
 @dataclass(frozen=True)
 class Reference:
-    """What the coupled car did at `time` (K,): signals are (signal, time)."""
+    """Motion of the coupled car at `time` (K,); arrays are (signal, time)."""
 
     time: np.ndarray
     shock_velocity: np.ndarray  # (4, K)
@@ -82,12 +82,12 @@ class Reference:
 
 
 def mass(car: Any) -> np.ndarray:
-    """Diagonal of M for q = (heave, roll, pitch, wheels)."""
+    """Return the diagonal of M for q = (heave, roll, pitch, wheels)."""
     return np.array([car.sprung_mass, car.roll_inertia, car.pitch_inertia, *car.unsprung_mass])
 
 
 def struts(car: Any) -> np.ndarray:
-    """Rows S (4, 7): compression of each suspension, wheel height less chassis height above it."""
+    """Return the rows S (4, 7): compression of each suspension, wheel height minus chassis height above it."""
     rows = np.zeros((4, 7))
     for i, (side, end) in enumerate(SIDES):
         to_axle = car.cg_to_front_axle if end > 0 else -car.cg_to_rear_axle
@@ -97,7 +97,7 @@ def struts(car: Any) -> np.ndarray:
 
 
 def stiffness(car: Any) -> np.ndarray:
-    """K from the energy: each spring adds `k b b^T`, b being its elongation per coordinate."""
+    """Return K from the energy: each spring adds `k b b^T`, where b is its elongation per coordinate."""
     K = np.zeros((7, 7))
     for row, rate in zip(struts(car), car.spring_rate, strict=True):
         K += rate * np.outer(row, row)
@@ -111,7 +111,7 @@ def stiffness(car: Any) -> np.ndarray:
 
 
 def nose_and_spoiler(car: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Ride heights from q (2, 7) and from the road (2, 4), by fitting a plane to the four wheelloaders."""
+    """Return the ride heights from q (2, 7) and from the road (2, 4), with a plane fitted to the four wheelloaders."""
     a, b = car.cg_to_front_axle, car.cg_to_rear_axle
     forward = np.array([a + car.front_overhang, -b - car.rear_overhang])
     corners = np.array([[1.0, side, a if end > 0 else -b] for side, end in SIDES])
@@ -141,7 +141,7 @@ def coupled_run(
         drive_time: Knots (N,) [s] between which the inputs are linear.
         road: Wheelloaders (4, N) [m].
         external: heave_force, roll_moment, pitch_moment (3, N), or none.
-        at: When to give results (K,) [s]; the knots where not said.
+        at: Times of the results (K,) [s]; default the knots.
         method: DOP853, or Radau where a lag is very short.
         rtol: Relative tolerance.
     """

@@ -1,4 +1,4 @@
-"""Archives that are damaged, strange or too large are refused with the archive, the entry and the limit."""
+"""Damaged, unsafe or too large archives are refused; the message names the archive, the entry and the limit."""
 
 import io
 import stat
@@ -41,7 +41,7 @@ STRANGE = {
 
 @pytest.mark.parametrize(("entries", "said"), STRANGE.values(), ids=STRANGE)
 @pytest.mark.parametrize("read", [read_archive, lambda path: extract_archive(path, path.parent / "out")])
-def test_strange_entries_are_refused_before_anything_is_written(tmp_path, entries, said, read):
+def test_unsafe_entries_are_refused_before_anything_is_written(tmp_path, entries, said, read):
     path = packed(tmp_path / "odd.fmu", ("modelDescription.xml", b"<a/>"), *entries)
     with pytest.raises(FmuError, match=r"odd\.fmu") as caught:
         read(path)
@@ -75,7 +75,7 @@ def test_sizes_and_counts_have_limits(tmp_path, monkeypatch):
         read_archive(path)
 
 
-def test_a_size_that_is_a_lie_is_damage(tmp_path):
+def test_a_wrong_size_is_reported_as_damage(tmp_path):
     content = packed(tmp_path / "a.fmu", ("a", b"x" * 1000)).read_bytes()
     at = content.index(b"PK\x01\x02") + 24
     for lie in (0, 10, 999):
@@ -93,13 +93,13 @@ def test_an_encrypted_entry_is_refused(tmp_path):
         read_archive(tmp_path / "a.fmu")
 
 
-def test_what_cannot_be_unpacked_names_the_file_to_be(tmp_path):
+def test_a_file_that_cannot_be_unpacked_is_named(tmp_path):
     path = packed(tmp_path / "long.fmu", ("x" * 300, b"1"))
     with pytest.raises(OutputError, match=r"long\.fmu: cannot be unpacked: .*out/xxx.*File name too long"):
         extract_archive(path, tmp_path / "out")
 
 
-def test_unpacking_gives_what_was_packed(tmp_path):
+def test_unpacking_returns_the_packed_files(tmp_path):
     members = {"modelDescription.xml": b"<a/>", "binaries/linux64/a.so": bytes(range(256)) * 10_000, "empty": b""}
     write_archive(tmp_path / "a.fmu", members)
     extract_archive(tmp_path / "a.fmu", tmp_path / "out")

@@ -1,4 +1,4 @@
-"""The shipped bank is what its script makes."""
+"""The shipped bank is the output of its script."""
 
 import importlib.util
 import json
@@ -18,7 +18,7 @@ def test_there_is_a_shock_for_every_build_of_table_7_3():
 
 
 @pytest.mark.slow
-def test_a_build_of_the_bank_is_made_again_by_its_script(tmp_path):
+def test_a_build_of_the_bank_is_reproduced_by_its_script(tmp_path):
     spec = importlib.util.spec_from_file_location("make_bank", EXAMPLES / "make_bank.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

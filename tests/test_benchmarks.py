@@ -1,4 +1,4 @@
-"""The table of engines: one short run of each kind of engine gives a row, and what is said of rows is right."""
+"""The table of engines: a short run of each type of engine gives a row, and the figures of the rows are right."""
 
 import json
 import math
@@ -138,9 +138,9 @@ def test_cost_at_equal_accuracy_follows_the_measured_order_and_says_where_it_is_
         *FIRST_ORDER,
         *(entry("eightpost", "gauss-seidel", r, 1.0, 0.2 * (1000.0 / r) ** 2) for r in (500.0, 2000.0)),
     ]
-    ours, theirs = sorted(reaches(rows), key=lambda one: one.cost)
-    assert (ours.rate, ours.cost, ours.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
-    assert (theirs.rate, theirs.cost, theirs.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
+    cheaper, dearer = sorted(reaches(rows), key=lambda one: one.cost)
+    assert (cheaper.rate, cheaper.cost, cheaper.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
+    assert (dearer.rate, dearer.cost, dearer.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
     said = summary(rows)
     assert "| fmpy | jacobi, held | 20000 (extrapolated with its measured order) | about 400 | about 400 |" in said
     assert "| eightpost | gauss-seidel | 1000 | 1 | 1 |" in said

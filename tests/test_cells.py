@@ -1,4 +1,4 @@
-"""No CSV table that is written holds a formula, numbers stay numbers, and names come back as they were."""
+"""Written CSV tables contain no formulas, numbers stay numbers, and names read back unchanged."""
 
 import csv
 
@@ -16,7 +16,7 @@ NAMES = (FORMULA, "+1+1", "-x", "@SUM(A1)", "'=quoted", "plain;=1+1")
 
 
 @given(st.text())
-def test_a_cell_is_no_formula_and_comes_back_as_the_same_text(text):
+def test_a_cell_is_not_a_formula_and_reads_back_unchanged(text):
     cell = safe_cell(text)
     assert plain_cell(cell) == text
     assert cell == text or not cell.startswith(("=", "+", "-", "@", "\t", "\r"))
@@ -28,11 +28,11 @@ def test_numbers_stay_numbers(number):
 
 
 @pytest.mark.parametrize("text", ["=1", "-a", "+-1", "-1-1", "@x", "\t=1", "-1e", "＝1"])
-def test_what_a_spreadsheet_would_run_gets_an_apostrophe(text):
+def test_a_text_that_a_spreadsheet_would_execute_gets_an_apostrophe(text):
     assert safe_cell(text) == f"'{text}"
 
 
-def test_free_text_is_safe_in_every_cell_that_a_spreadsheet_sees_in_it():
+def test_free_text_is_safe_in_every_cell_into_which_a_spreadsheet_splits_it():
     assert safe_line("Note,=1+1;@x,-2.5, -y") == "Note,'=1+1;'@x,-2.5, -y"
 
 
@@ -45,7 +45,7 @@ def is_safe(cell):
     return safe_cell(cell) == cell or cell.startswith("'")
 
 
-def test_a_series_with_names_like_formulas_is_safe_and_comes_back(tmp_path):
+def test_a_series_with_names_like_formulas_is_safe_and_reads_back(tmp_path):
     time = np.arange(10) / 10.0
     series = TimeSeries.from_channels(time, dict.fromkeys(NAMES, ("m", -1.5 - time)))
     write_series(series, tmp_path / "run.csv")
@@ -66,5 +66,5 @@ def test_the_judgement_of_linearity_is_safe(tmp_path):
     assert cells(tmp_path / "paths.csv")[3:] == [f"'{FORMULA}", "-1.5", "a,b", 'say "x"']
 
 
-def test_quotes_hold_what_any_country_separates_cells_by():
+def test_cells_with_a_delimiter_of_any_locale_are_quoted():
     assert quoted_cell("a;=1") == '"a;=1"' and quoted_cell("plain") == "plain"

@@ -1,4 +1,4 @@
-"""A library that crashes over a file, hangs or takes too much memory ends in a message, and the next file is read."""
+"""A library that crashes, hangs or uses too much memory gives an error message, and the next file is read."""
 
 import os
 import sys
@@ -31,8 +31,8 @@ def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkey
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 
 
-def test_a_file_is_not_refused_for_what_an_earlier_one_did_to_the_process(record):
-    """The first answer is that of a process that is about to die: a fresh one reads the file."""
+def test_a_file_is_not_refused_because_an_earlier_one_damaged_the_process(record):
+    """If the first process dies, a new one reads the file."""
     read_series(record)
     (child,) = process._children
     child._process.kill()
@@ -61,7 +61,7 @@ def test_a_file_that_takes_too_much_memory_is_refused(record, monkeypatch):
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 
 
-def test_what_the_library_raises_is_told_with_the_files_name(record):
+def test_an_error_of_the_library_is_reported_with_the_file_name(record):
     record.write_bytes(b"MATLAB 5.0 MAT-file" + bytes(range(200)))
     with pytest.raises(FileFormatError, match=r"run\.mat: not a MATLAB file: \w+Error"):
         read_series(record)

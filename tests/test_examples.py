@@ -1,4 +1,4 @@
-"""Every example and every snippet of README runs, in a folder of its own."""
+"""Every example and every snippet of README runs in an empty folder."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def workplace(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_python_example_of_readme_runs_as_it_stands(workplace):
+def test_the_python_example_of_readme_runs(workplace):
     (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     (workplace / "snippet.py").write_text(snippet)
     ran = python("snippet.py", cwd=workplace)
@@ -52,7 +52,7 @@ def test_the_python_example_of_readme_runs_as_it_stands(workplace):
 
 
 def shorten_study(path):
-    """Two setups of 21 s in the place of 2401 of 30 s."""
+    """Reduce the study to two setups of 21 s instead of 2401 of 30 s."""
     text = path.read_text().replace('stop = "30 s"', 'stop = "21 s"').replace("# [corners]", "[corners]")
     builds = {"lf": ["B/B", "C/C"], "rf": ["B/B"], "lr": ["B/B"], "rr": ["B/B"]}
     few = "\n".join(f"{corner} = {json.dumps(names)}" for corner, names in builds.items())
@@ -60,11 +60,11 @@ def shorten_study(path):
 
 
 @pytest.mark.slow
-def test_the_commands_of_readme_run_as_they_stand(workplace, monkeypatch, one_platform):
+def test_the_commands_of_readme_run(workplace, monkeypatch, one_platform):
     text = (ROOT / "README.md").read_text()
     commands = re.findall(r"^eightpost (.*)$", text, re.MULTILINE)
     assert [c.split()[0] for c in commands] == ["inspect", "fit", "build", "check", "run", "study"]
-    # Three seconds of the track tell as much as thirty.
+    # Three seconds of the track are sufficient for this test.
     case = workplace / "examples" / "seven_dof.toml"
     case.write_text(case.read_text().replace('stop = "30 s"', 'stop = "3 s"'))
     shorten_study(workplace / "examples" / "study.toml")
@@ -82,7 +82,7 @@ def test_the_commands_of_readme_run_as_they_stand(workplace, monkeypatch, one_pl
 
 
 def holding(fmu, folder):
-    """A copy of an FMU that says it takes no input derivatives, so that the master holds its inputs."""
+    """Return a copy of an FMU that declares no support for input derivatives, so that the master holds its inputs."""
     members = read_archive(fmu)
     description = members["modelDescription.xml"]
     held = description.replace(b'canInterpolateInputs="true"', b'canInterpolateInputs="false"')
@@ -91,7 +91,7 @@ def holding(fmu, folder):
     return folder / fmu.name
 
 
-def test_the_fmpy_only_loop_gives_what_our_master_gives(workplace, shocks, tmp_path, one_platform):
+def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_path, one_platform):
     write_shock(shocks["lpnl2"], tmp_path / "shock.json")
     (tmp_path / "ramping").mkdir()
     with one_platform():
@@ -132,7 +132,7 @@ def test_the_quarter_car_example_runs(workplace, shocks, one_platform):
     assert any("counts twice" in note for note in result.notes), "the test's shock has a gas preload of its own"
 
 
-def test_the_demo_data_are_what_their_script_makes(tmp_path):
+def test_the_demo_data_are_the_output_of_their_script(tmp_path):
     """Bytes may differ between versions of numpy and scipy; the samples may not."""
     shutil.copy(ROOT / "examples" / "make_demo_data.py", tmp_path)
     (tmp_path / "data").mkdir()

@@ -1,4 +1,4 @@
-"""Files of settings are refused with a reason and their name; what cannot be written names itself."""
+"""Invalid files with settings are refused with their name and a reason; write errors name the file."""
 
 import json
 import subprocess
@@ -54,7 +54,7 @@ def test_settings_keep_their_values(tmp_path):
     assert json_content(tmp_path / "b.json", finite=False) == {"a": float("inf")}
 
 
-def test_what_is_no_file_or_no_text_is_refused_by_name(tmp_path):
+def test_a_path_without_a_text_file_is_refused_by_name(tmp_path):
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "loop.toml").symlink_to("loop.toml")
     (tmp_path / "latin.toml").write_bytes(b"a = 1\nb = '\xe9'\n")
@@ -103,12 +103,12 @@ assert sorted(path.name for path in folder.iterdir()) == sorted(writers)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of files are POSIX's")
-def test_a_full_disk_is_said_with_the_files_name_and_leaves_the_old_one(tmp_path):
+def test_a_full_disk_is_reported_with_the_file_name_and_keeps_the_old_file(tmp_path):
     ran = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+def test_a_folder_that_cannot_be_created_is_named(tmp_path):
     with pytest.raises(InputError, match=r"plain is a file, not a folder"):
         (tmp_path / "plain").write_text("")
         with atomic_path(tmp_path / "plain" / "out.csv"):

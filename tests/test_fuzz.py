@@ -1,4 +1,4 @@
-"""A short campaign of damaged files over every reader: each is read, or refused with its name."""
+"""A short fuzz campaign with all readers: each damaged file is read, or refused with its name."""
 
 import shutil
 from pathlib import Path
@@ -52,8 +52,8 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("body", "outcome"), BROKEN.values(), ids=BROKEN)
-def test_a_campaign_finds_what_a_broken_reader_does(samples, monkeypatch, tmp_path, body, outcome):
-    """The worker's readers are replaced by one that breaks: the campaign goes on after it, and counts each mutant."""
+def test_a_campaign_detects_the_defect_of_a_broken_reader(samples, monkeypatch, tmp_path, body, outcome):
+    """A broken reader replaces those of the worker; the campaign continues and counts each mutant."""
     (tmp_path / "sitecustomize.py").write_text(
         "import os, sys, benchmarks.fuzz.readers as module\n"
         "from eightpost.errors import InputError\n"

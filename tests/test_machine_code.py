@@ -1,4 +1,4 @@
-"""Machine code that is kept on disk: damaged files are rebuilt with a word, and a run never ends over them."""
+"""Machine code cached on disk: damaged files are rebuilt with a warning and never end a run."""
 
 import importlib.util
 import logging
@@ -13,7 +13,7 @@ from eightpost.machine_code import kept
 
 @pytest.fixture
 def fresh(tmp_path, monkeypatch):
-    """Return a function as another process would have it: compiled, or taken from disk."""
+    """Return a function that compiles a test function, or loads it from disk, like another process."""
     path = tmp_path / "kept_sine.py"
     path.write_text("import math\n\n\ndef sine(x):\n    return math.sin(x) + 1.0\n")
     spec = importlib.util.spec_from_file_location("kept_sine", path)
@@ -34,7 +34,7 @@ def flipped(content):
 
 @pytest.mark.parametrize("damage", [lambda content: b"", cut, flipped], ids=["empty", "cut", "flipped"])
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-def test_damaged_machine_code_is_compiled_again_and_said(fresh, tmp_path, caplog, damage, suffix):
+def test_damaged_machine_code_is_compiled_again_with_a_warning(fresh, tmp_path, caplog, damage, suffix):
     assert fresh()(0.0) == 1.0
     (path,) = tmp_path.rglob(f"*.{suffix}")
     path.write_bytes(damage(path.read_bytes()))

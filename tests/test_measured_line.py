@@ -1,4 +1,4 @@
-"""The whole line on measured records: fit, build, check, couple. Runs where EIGHTPOST_DATA names the folder."""
+"""The whole workflow with measured records (fit, build, check, couple), if EIGHTPOST_DATA names their folder."""
 
 import os
 from contextlib import nullcontext
@@ -34,7 +34,7 @@ def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, on
     assert DATA is not None
     fit = fit_shock(read_dyno_test(Path(DATA) / record, flip=RECORDS[record]), "lpf1")
     assert fit.percent < 40.0
-    # Rig records of small dampers: a motion ratio would be chosen; here the curve is what is tested.
+    # The records are of small dampers, which a car would use with a motion ratio; this test is about the curve.
     write_shock(replace(fit.shock, name="measured"), tmp_path / "shock.json")
     with nullcontext() if is_first else one_platform():
         build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)

@@ -16,7 +16,7 @@ NAMES = ("builder", "cosim", "numpy", "json", "fmpy", "logging", "eightpost_", "
 
 
 def environment(*path):
-    """The environment of a user who has these folders in PYTHONPATH; the packages are found in any case."""
+    """Return an environment with these folders in PYTHONPATH; the packages are found in any case."""
     rest = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
     return rest | {"PYTHONPATH": os.pathsep.join([*map(str, path), str(ROOT)])}
 
@@ -37,7 +37,7 @@ def ran(folder, *words, path=(), start=("-m", "eightpost")):
 
 
 def test_check_passes_the_demo_fmus_from_a_folder_with_clashing_names(fmus, crowded):
-    """It takes no account of what lies there: neither itself nor a probe, the rebuild included."""
+    """The files in the folder affect neither the check nor its probes, including the rebuild."""
     shown = ran(crowded, "check", "--json", fmus["lpnl2"], fmus["seven_dof"])
     reports = json.loads(shown.stdout)["reports"]
     assert [report["findings"] for report in reports] == [[], []]
@@ -70,7 +70,7 @@ def script(folder):
     return path
 
 
-def test_a_package_in_place_of_ours_is_a_clash_and_a_folder_of_that_name_is_none(tmp_path):
+def test_a_package_of_the_same_name_is_a_clash_and_a_folder_of_that_name_is_not(tmp_path):
     (tmp_path / "builder").mkdir()
     assert clashing_files([str(tmp_path), *sys.path]) == []
     (tmp_path / "builder" / "__init__.py").touch()

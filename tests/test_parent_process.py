@@ -1,4 +1,4 @@
-"""Children end with their parent, also one that is killed; and with nothing else."""
+"""Child processes end when their parent ends or is killed, and not before."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ def gone(processes: list[psutil.Process], seconds: float) -> bool:
     return not alive
 
 
-def test_children_and_theirs_end_with_a_parent_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_children_and_grandchildren_end_when_the_parent_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "nested.py").write_text(NESTED)
     monkeypatch.syspath_prepend(str(tmp_path))
     with subprocess.Popen(

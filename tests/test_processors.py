@@ -1,4 +1,4 @@
-"""The processors that a process may use, and a rig that runs where the system does not tell which."""
+"""Number of processors that a process may use, also on systems that do not report it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_only_the_processors_that_this_process_may_use_count(monkeypatch: pytest
 
 
 @pytest.mark.parametrize(("counted", "usable"), [(4, 4), (None, 1)])
-def test_where_the_system_does_not_tell_all_count(
+def test_all_processors_count_if_the_system_does_not_report_usable_ones(
     monkeypatch: pytest.MonkeyPatch, counted: int | None, usable: int
 ) -> None:
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)

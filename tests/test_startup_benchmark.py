@@ -1,4 +1,4 @@
-"""The table of start-up times: what is said of times is right, and what is too slow is named."""
+"""The table of start-up times: comparisons are right, and commands that are too slow are named."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def times(first=8.0, later=2.0, slow=0.15):
     }
 
 
-def test_the_least_times_are_compared_and_the_slowest_help_text_is_named():
+def test_the_shortest_times_are_compared_and_the_slowest_help_text_is_named():
     lines = table(times()).splitlines()
     assert lines[2] == f"| {FIRST} | 20, 20 | 8, 8 | 0.4 |"
     assert lines[3] == f"| {LATER} | 4, 5 | 2, 2.5 | 0.5 |"

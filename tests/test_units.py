@@ -1,4 +1,4 @@
-"""Units are those of the field, converted by their definitions."""
+"""Units of vehicle dynamics are converted by their definitions."""
 
 import subprocess
 import sys
@@ -55,7 +55,7 @@ def test_si_exponents_are_those_of_the_base_units(unit, exponents):
 
 
 @pytest.mark.parametrize("unit", ["furlong/fortnit", "velocity", "x", "N/", "m//s"])
-def test_what_is_no_unit_is_refused_with_an_example(unit):
+def test_an_unknown_unit_is_refused_with_examples(unit):
     with pytest.raises(UnknownUnitError, match="examples of units"):
         units.si_unit(unit)
 
@@ -73,18 +73,18 @@ def test_a_quantity_is_a_value_with_its_unit(text, value):
 
 
 @pytest.mark.parametrize("text", ["in", "seventy in", "70 sideways", "", "30"])
-def test_what_is_no_quantity_is_refused(text):
+def test_an_invalid_quantity_is_refused(text):
     with pytest.raises(UnknownUnitError):
         units.quantity(text)
 
 
-def test_a_unit_of_no_quantity_of_this_field_is_refused():
+def test_a_unit_with_an_unsupported_dimension_is_refused():
     with pytest.raises(UnknownUnitError, match="is not supported"):
         units.si_unit("count")
 
 
-def test_the_table_of_common_units_is_what_pint_says():
-    """To the bit; `python -m eightpost.unit_table` writes it anew."""
+def test_the_table_of_common_units_agrees_with_pint():
+    """The values are equal to the last bit; `python -m eightpost.unit_table` writes the table again."""
     assert unit_table.read_table() == unit_table.make_table()
 
 

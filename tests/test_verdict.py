@@ -1,4 +1,4 @@
-"""The one type of verdict: grades, order, combination, JSON."""
+"""Verdicts: grades, order, combination and JSON."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def test_json_keeps_a_verdict(reasons: list[Reason]) -> None:
     assert Verdict.from_json(json.loads(json.dumps(verdict.to_json()))) == verdict
 
 
-def test_what_was_not_examined_is_unknown() -> None:
+def test_a_verdict_without_reasons_is_unknown() -> None:
     assert Verdict().grade is Grade.UNKNOWN
 
 
-def test_reasons_that_differ_in_their_origin_only_are_one() -> None:
+def test_reasons_that_differ_only_in_their_origin_are_merged() -> None:
     (found,) = Verdict(reason(Grade.LIMITED, origin=name) for name in ("lf", "rf", "lf")).reasons
     assert found.origin == "lf, rf"
 
 
-def test_the_summary_says_what_is_better_than_the_whole() -> None:
+def test_the_summary_lists_subjects_with_a_better_grade() -> None:
     verdict = Verdict([reason(Grade.USABLE), reason(Grade.UNKNOWN, "model of part", "part.fmu")])
     assert verdict.summary() == (
         "Unknown: something was found (7 %; part.fmu); usable: coupling."
@@ -66,7 +66,7 @@ def test_a_reason_without_figure_origin_or_remedy_is_refused(field: str) -> None
         Reason(grade=Grade.USABLE, **texts)
 
 
-def test_a_rule_gives_its_own_remedy_or_a_better_one() -> None:
+def test_a_rule_gives_its_own_remedy_or_a_more_specific_one() -> None:
     rule = Rule("r", "coupling", Grade.LIMITED, "c", "w", "halve the step")
     assert rule.reason("s", figure="1 %", origin="o").remedy == "halve the step"
     assert rule.reason("s", figure="1 %", origin="o", remedy="look at bond lf").remedy == "look at bond lf"

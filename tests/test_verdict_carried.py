@@ -1,4 +1,4 @@
-"""What a fit knows of a shock comes with it into its FMU, and is said again by every run (docs/verdict.md)."""
+"""The verdict of a fit is stored in the shock's FMU and repeated by every run (docs/verdict.md)."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ record = {record}
 
 
 def late_and_slow(delay: float, size: float) -> DynoTest:
-    """The demo's record with its force late by `delay` [s] and all of it `size` times as large."""
+    """Return the demo record with the force delayed by `delay` [s] and all channels multiplied by `size`."""
     test = read_dyno_test(EXAMPLES / "data" / "dyno_A.csv")
     series, late = test.series.select(["velocity", "displacement", "force"]), round(delay * test.series.sample_rate)
     values = size * series.values
@@ -96,8 +96,8 @@ def run(folder: Path, shock: str, record: str = '["corner.velocity", "corner.dis
     return done, json.loads((out / "result.json").read_text()), (out / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_lag_of_the_instrument_and_a_range_that_is_left_are_said_from_the_fit_to_the_run(folder: Path) -> None:
-    """The shock of the audit: a lag of 40 ms, and most of the time outside the fitted velocities, under green."""
+def test_a_measurement_lag_and_an_exceeded_range_are_reported_from_the_fit_to_the_run(folder: Path) -> None:
+    """A shock with a lag of 40 ms, and a run that is mostly outside the fitted velocities, must not be usable."""
     done, document, page = run(folder, "late.fmu")
     assert done.exit_code == 1, done.output
     verdict = Verdict.from_json(document["verdict"])
@@ -113,7 +113,7 @@ def test_a_lag_of_the_instrument_and_a_range_that_is_left_are_said_from_the_fit_
         assert reason.statement in html.unescape(page)
 
 
-def test_an_fmu_that_says_nothing_of_its_model_is_unknown_and_its_coupling_is_judged_all_the_same(
+def test_an_fmu_without_a_verdict_is_unknown_and_its_coupling_is_still_judged(
     folder: Path,
 ) -> None:
     members = read_archive(folder / "late.fmu")
@@ -129,14 +129,14 @@ def test_an_fmu_that_says_nothing_of_its_model_is_unknown_and_its_coupling_is_ju
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"[]", b'{"schema": 9}', b'{"schema": 1, "verdict": 3}', b"\xff", b"[" * 9000]
 )
-def test_a_damaged_member_is_no_error_but_unknown(folder: Path, content: bytes) -> None:
+def test_a_damaged_member_is_unknown_and_not_an_error(folder: Path, content: bytes) -> None:
     members = read_archive(folder / "late.fmu")
     write_archive(folder / "damaged.fmu", members | {MEMBER: content})
     assert FmuComponent(folder / "late.fmu", "shock").validity is not None
     assert FmuComponent(folder / "damaged.fmu", "shock").validity is None
 
 
-def test_the_fit_itself_says_so_and_its_file_keeps_it(bad: Shock, tmp_path: Path) -> None:
+def test_the_fit_reports_its_verdict_and_its_file_contains_it(bad: Shock, tmp_path: Path) -> None:
     assert bad.validity is not None
     rules = {reason.rule for reason in bad.validity.verdict.reasons}
     assert {"lag of the instrument", "parameter at its bound"} <= rules
@@ -146,7 +146,7 @@ def test_the_fit_itself_says_so_and_its_file_keeps_it(bad: Shock, tmp_path: Path
     assert {("displacement", "amplitude"), ("velocity", "frequency")} <= kinds
 
 
-def test_a_shock_file_without_a_verdict_is_read_and_says_that_its_fit_is_unknown(bad: Shock, tmp_path: Path) -> None:
+def test_the_fit_of_a_shock_file_without_a_verdict_is_unknown(bad: Shock, tmp_path: Path) -> None:
     write_shock(replace(bad, validity=None), tmp_path / "old.json")
     old = read_shock(tmp_path / "old.json")
     assert old.validity is None
@@ -155,14 +155,14 @@ def test_a_shock_file_without_a_verdict_is_read_and_says_that_its_fit_is_unknown
     assert "fit the record again" in verdict.reasons[0].remedy
 
 
-def test_every_kind_of_fmu_carries_it(bad: Shock) -> None:
+def test_every_type_of_fmu_contains_it(bad: Shock) -> None:
     product = shock_product(bad, "late")
     python, native = python_fmu(product), _source(product, Disclosure.FULL).members
     assert python[MEMBER] == native[MEMBER]
     assert Validity.from_json(json.loads(native[MEMBER])) == bad.validity
 
 
-def test_a_confidential_fmu_carries_the_verdict_without_names_of_files(bad: Shock) -> None:
+def test_a_confidential_fmu_contains_the_verdict_without_file_names(bad: Shock) -> None:
     members = _source(shock_product(bad, "late"), Disclosure.CONFIDENTIAL).members
     carried = Validity.from_json(json.loads(members[MEMBER]))
     assert carried.verdict.grade is Grade.NOT_USABLE

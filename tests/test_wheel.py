@@ -1,4 +1,4 @@
-"""An install outside the checkout builds FMUs and runs the demo: the wheel carries what that needs."""
+"""An installation outside the checkout can build FMUs and run the demo with the contents of the wheel."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ def wheel(tmp_path_factory):
     return path
 
 
-def test_the_wheel_carries_fmu_sources_examples_types_and_parameters(wheel):
+def test_the_wheel_contains_fmu_sources_examples_types_and_parameters(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     for name in (
         "builder/fmus/common/table_slave.py",

@@ -1,4 +1,4 @@
-"""Rigs: dynamometer tests, drivefile generators, a virtual dynamometer."""
+"""Rigs: dynamometer tests, generators of drive files, and a virtual dynamometer."""
 
 from eightpost.rig.actuator import Actuator
 from eightpost.rig.damper import BUILDS, CONFIGURATIONS, PhysicalDamper, cavitation, configuration, shim_build

@@ -1,4 +1,4 @@
-"""The dynamometer's actuator does not follow its command exactly: magnets pull it along."""
+"""Actuator of the dynamometer, whose position deviates from the command because of magnetic cogging."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """A linear motor whose cogging leaves a position error with the pitch of its magnets (3.4.4 sees the ripple).
+    """A linear motor whose cogging causes a position error with the pitch of its magnets (the ripple of 3.4.4).
 
         x = x_cmd + r sin(2 pi x_cmd / p)
 
-    The ripple is real motion: the damper feels it and the sensors see it.
+    The ripple is real motion: it acts on the damper, and the sensors measure it.
 
     Attributes:
-        ripple: r [m]. The velocity's ripple is 2 pi r / p of the velocity: 1 % with the defaults; 0 to 3 %.
-        pitch: p [m]; 20 to 60 mm for motors of this force.
+        ripple: Amplitude r of the ripple [m]. The velocity ripple is 2 pi r / p of the velocity: 1 % with the defaults;
+            plausible values are 0 to 3 %.
+        pitch: Pitch p of the magnets [m]; 20 to 60 mm for motors of this force.
     """
 
     ripple: float = 5e-5
@@ -31,6 +32,6 @@ class Actuator:
 
     def follow(self, command: TimeSeries) -> TimeSeries:
         """Return the motion along a command with the channel `displacement` [m]."""
-        asked = command["displacement"]
-        made = asked + self.ripple * np.sin(2.0 * np.pi * asked / self.pitch)
-        return command.with_channel("displacement", "m", made)
+        target = command["displacement"]
+        actual = target + self.ripple * np.sin(2.0 * np.pi * target / self.pitch)
+        return command.with_channel("displacement", "m", actual)

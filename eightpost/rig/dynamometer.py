@@ -1,4 +1,4 @@
-"""A virtual shock dynamometer: drive a damper, measure it with real sensors."""
+"""Virtual shock dynamometer: moves a damper and measures it with realistic sensors."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 
 class Damper(Protocol):
-    """What can be put into the dynamometer."""
+    """Interface of a damper that the dynamometer can test."""
 
     def respond(self, motion: TimeSeries, *, rate: float) -> TimeSeries:
-        """Return displacement [m], velocity [m/s], force [N] and perhaps more along a displacement command [m].
+        """Return displacement [m], velocity [m/s], force [N] and optional channels for a displacement command [m].
 
-        A channel `warming` [K] is what the body's temperature has risen since the start.
+        An optional channel `warming` [K] is the temperature rise of the body since the start.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor: white noise, then rounding to its resolution.
+    """A sensor that adds white noise and rounds to its resolution.
 
     Attributes:
-        noise: Standard deviation, in the channel's SI unit.
-        resolution: Step of the readings, in the channel's SI unit.
+        noise: Standard deviation of the noise, in the channel's SI unit.
+        resolution: Step between readings, in the channel's SI unit.
     """
 
     noise: float
@@ -50,13 +50,13 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """The sensors of a dynamometer; the defaults resolve 0.1 lbf, 0.0001 in, 0.01 in/s and 0.1 K.
+    """Sensors of a dynamometer; the default resolutions are 0.1 lbf, 0.0001 in, 0.01 in/s and 0.1 K.
 
     Attributes:
-        displacement: [m].
-        velocity: [m/s].
-        force: [N].
-        temperature: [K].
+        displacement: Displacement sensor [m].
+        velocity: Velocity sensor [m/s].
+        force: Load cell [N].
+        temperature: Temperature sensor [K].
     """
 
     displacement: Sensor = Sensor(convert(1e-4, "in", "m"), convert(1e-4, "in", "m"))
@@ -65,10 +65,11 @@ class Sensors:
     temperature: Sensor = Sensor(0.05, 0.1)
 
 
-#: Temperature of a damper that does not say how it warms: at the start [K], and how fast [K/s]; a plausible short run.
+#: Start temperature [K] and its rate of change [K/s] for a damper without the channel `warming`; plausible for a short
+#: run.
 START_TEMPERATURE, WARMING = 300.0, 0.2
 
-#: Temperature that a damper which says how it warms was brought to before the test: 110 degF (3.2.1) [K].
+#: Start temperature [K] for a damper with the channel `warming`: warmed up to 110 degF before the test (3.2.1).
 WARM_START = convert(110.0, "degF", "K")
 
 
@@ -81,17 +82,17 @@ def measure(
     actuator: Actuator | None = None,
     seed: int = 0,
 ) -> TimeSeries:
-    """Run a damper along a displacement drivefile and return what the sensors say.
+    """Test a damper with a displacement drive file and return the sensor readings.
 
-    The sensors have no lag; without an actuator of its own the machine follows the command exactly.
+    The sensors have no lag. Without an actuator model, the machine follows the command exactly.
 
     Args:
-        damper: The damper.
-        drivefile: A command with the channel `displacement` [m], finely and evenly sampled.
-        rate: Samples per second [Hz].
+        damper: Damper to test.
+        drivefile: Command with the channel `displacement` [m], finely and evenly sampled.
+        rate: Sample rate [Hz].
         sensors: Noise and resolution of the four sensors.
-        actuator: How the motion departs from the command.
-        seed: Seed of the noise.
+        actuator: Model of the deviation of the motion from the command.
+        seed: Seed of the noise generator.
 
     Returns:
         displacement [m], velocity [m/s], force [N] (positive in compression), temperature [K].
@@ -101,7 +102,7 @@ def measure(
 
 
 def read_out(response: TimeSeries, *, sensors: Sensors | None = None, seed: int = 0) -> TimeSeries:
-    """Return what the sensors say of a damper's response; arguments and result as `measure`."""
+    """Return the sensor readings for a damper's response; see `measure` for arguments and result."""
     sensors = sensors or Sensors()
     generator = np.random.default_rng(seed)
     return TimeSeries.from_channels(

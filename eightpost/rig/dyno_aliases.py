@@ -1,4 +1,4 @@
-"""What shock dynamometers call their channels."""
+"""Channel names that shock dynamometers use."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from eightpost.units import compatible, is_unit
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
 
-#: The SI unit of each channel of a dynamometer test.
+#: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
 
-#: Column names by channel, in lower case without anything but letters. `F` and `T` are met in both cases.
+#: Column names by channel, in lower case and reduced to letters. Files use `F` and `T` in upper and lower case.
 _ALIASES = {
     "time": set(TIME_NAMES),
     "velocity": {"velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "speed"},
@@ -28,12 +28,12 @@ _ALIASES = {
 
 
 def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
-    """Return the channel map of a dynamometer record: the given one first, the usual names for the rest.
+    """Return the channel map of a dynamometer record: the given map, completed by columns with usual names.
 
-    A capital `T` alone is the temperature, unless it is the only column that can be the time.
+    A column named `T` is the temperature, unless it is the only column that can be the time.
 
     Raises:
-        FileFormatError: Two columns could be the same channel.
+        FileFormatError: Two columns have usual names of the same channel.
     """
     given = channel_map or ChannelMap()
     taken = {pick.source for pick in given.channels.values()} | ({given.time.source} if given.time else set())
@@ -45,18 +45,18 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
 
 
 def _alias(record: RawRecord, channel: str, taken: set[str]) -> MappedChannel | None:
-    """Return the one column that has a usual name of `channel`, None where there is none."""
+    """Return the column that has a usual name of `channel`, or None."""
     matches = [name for name in record.names if name not in taken and _plain(name) in _ALIASES[channel]]
     if channel == "time":
         matches = [name for name in matches if name != "T" or (len(matches) == 1 and not _is_heat(record, name))]
     if len(matches) > 1:
-        what = f"{' and '.join(map(repr, matches))} could both be it; say which with a channel map"
+        what = f"{' and '.join(map(repr, matches))} could both be this channel; select one with a channel map"
         raise record.origin.header_fault(FileFormatError, what, channel=channel)
     return MappedChannel(matches[0]) if matches else None
 
 
 def _is_heat(record: RawRecord, name: str) -> bool:
-    """Say whether a column's unit is one of temperature."""
+    """Return whether a column has a temperature unit."""
     unit = record.units[record.names.index(name)]
     return unit is not None and is_unit(unit) and compatible(unit, "K")
 

@@ -1,4 +1,4 @@
-"""The conditions of a dynamometer test, and what the preamble of its file says about them."""
+"""Conditions of a dynamometer test, and how they are read from the preamble of a file."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DynoConditions:
-    """The conditions of a dynamometer test, as far as they are known.
+    """Conditions of a dynamometer test; unknown conditions are None.
 
     Attributes:
-        build: The shock's build, as the team names it.
-        clicks: The adjusters and how they are counted, in the team's words (`1 from closed, rebound`).
-        gas_pressure: [Pa].
-        gas_force: Static force of the gas at the test's ride height [N], positive in compression.
-        temperature: Of the shock when the test began [K].
-        run: The test's name in the file.
-        date: Of the test, as the file writes it.
+        build: Team's own name for the shock build.
+        clicks: Adjuster settings and how they are counted, in the team's words (`1 from closed, rebound`).
+        gas_pressure: Gas pressure [Pa].
+        gas_force: Static gas force at the ride height of the test [N], positive in compression.
+        temperature: Temperature of the shock at the start of the test [K].
+        run: Name of the test in the file.
+        date: Date of the test, as written in the file.
     """
 
     build: str | None = None
@@ -36,12 +36,12 @@ class DynoConditions:
     date: str | None = None
 
     def over(self, other: DynoConditions) -> DynoConditions:
-        """Return these conditions, and those of `other` where nothing is known here."""
+        """Return these conditions, with unknown ones taken from `other`."""
         ours = {field.name: getattr(self, field.name) for field in fields(self)}
         return DynoConditions(**{n: getattr(other, n) if value is None else value for n, value in ours.items()})
 
 
-#: Keys of a preamble by condition, in lower case without anything but letters.
+#: Keys of a preamble by condition, in lower case and reduced to letters.
 _KEYS = {
     "build": {
         "shock", "shockid", "shockname", "shocknumber", "shockserial", "shockserialnumber", "damper", "damperid",
@@ -58,7 +58,7 @@ _KEYS = {
         "shocktemperature", "shocktemp", "bodytemperature", "ambienttemperature",
     },
 }  # fmt: skip
-#: Words that make any other key one of an adjuster.
+#: Words in a key that make it an adjuster setting.
 _ADJUSTERS = (
     "click",
     "adjust",
@@ -76,13 +76,14 @@ _IN_BRACKETS = re.compile(r"^(?P<key>.*\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
 
 
 def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions, tuple[str, ...]]:
-    """Return the conditions that a preamble says, and in words what of it could not be taken.
+    """Return the conditions stated in a preamble, and notes on entries that could not be read.
 
-    Lines are `key: value`, `key = value` or `key,value`; several in one line where each key ends in a colon. A
-    quantity needs its unit, beside it (`150 psi`), in a cell of its own, or with the key (`Gas Pressure (psi)`).
+    Lines have the form `key: value`, `key = value` or `key,value`. A line may have several entries if each key ends in
+    a colon. A quantity needs a unit: after the value (`150 psi`), in a separate cell, or with the key
+    (`Gas Pressure (psi)`).
 
     Args:
-        preamble: The cells of each line.
+        preamble: Cells of each line.
     """
     texts: dict[str, str] = {}
     quantities: dict[str, float] = {}
@@ -93,7 +94,7 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
             try:
                 quantities |= _quantity(name, key, value)
             except UnknownUnitError as error:
-                notes.append(f"the preamble's {key!r} is not taken: {error}")
+                notes.append(f"the entry {key!r} of the preamble is ignored: {error}")
         elif name == "clicks":
             clicks.append(f"{key} {value}")
         elif name:
@@ -111,7 +112,7 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
 
 
 def _condition(key: str) -> str | None:
-    """Return the condition that a key is about."""
+    """Return the name of the condition for a key, or None."""
     match = _IN_BRACKETS.match(key)
     plain = re.sub(r"[^a-z]", "", (match["key"] if match else key).lower())
     for name, keys in _KEYS.items():
@@ -129,18 +130,18 @@ def _pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
         key, first = (match[1], [match[2]] if match[2] else []) if match else (head, [])
         words = [word for word in (*first, *rest) if word]
         if key and words:
-            yield key.strip(), _joined(words)
+            yield key.strip(), _join(words)
 
 
-def _joined(words: list[str]) -> str:
-    """Join the cells of a value: a number and its unit by a blank, all else by commas."""
+def _join(words: list[str]) -> str:
+    """Join the cells of a value: a number and its unit with a space, other cells with commas."""
     if len(words) == 2 and units.is_unit(words[1]) and re.fullmatch(r"[-+]?[\d.]+", words[0]):
         return " ".join(words)
     return ", ".join(words)
 
 
 def _quantity(name: str, key: str, value: str) -> dict[str, float]:
-    """Return the one condition [SI] that a quantity says; gas is a pressure or a force by its unit."""
+    """Return the condition [SI] given by a quantity; the unit decides whether gas is a pressure or a force."""
     match = _IN_BRACKETS.match(key)
     try:
         number, unit = units.quantity(value if match is None else f"{value} {match['unit']}")

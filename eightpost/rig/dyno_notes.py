@@ -1,7 +1,7 @@
-"""What is suspicious in a dynamometer record that can still be used: said, not refused.
+"""Notes on suspicious features of a dynamometer record that is still usable.
 
-What makes a record useless is an error (`eightpost.signals.faults`). The rest is here: each check returns a sentence
-that says what, where, how much and what to do, or nothing.
+Faults that make a record unusable raise an error (`eightpost.signals.faults`). The checks in this module return a
+sentence that says what is suspicious, where, how much and what to do, or None.
 """
 
 from __future__ import annotations
@@ -25,49 +25,49 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: A channel with fewer steps of its resolution over its range is coarse: rounding is then over 0.8 % of a sine.
+#: Minimum number of resolution steps over the range of a channel; with fewer, rounding exceeds 0.8 % of a sine.
 FEWEST_LEVELS = 100
-#: A change between two samples that is this share of the range (a shock's position cannot jump), and ...
+#: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
-#: ... this many times the usual change around it, is a jump.
+#: ... this multiple of the median change around it.
 JUMP_FACTOR = 10.0
-#: Force may follow velocity by this much [s] (a shock's own lag, 3.3, and some filter), and lead by `LEAD` [s].
+#: Maximum lag [s] of force behind velocity (the shock's own lag, 3.3, and a filter), and maximum lead `LEAD` [s].
 LAG, LEAD = 0.010, 0.002
-#: Speeds, strokes and forces above these are not a shock's: a wrong unit [SI].
+#: Maximum plausible velocity, stroke and force of a shock [SI]; larger values indicate a wrong unit.
 IMPLAUSIBLE = {"velocity": 10.0, "displacement": 0.6, "force": 1e5}
-#: ... and largest values below these are none either.
+#: Minimum plausible values [SI]; smaller maxima also indicate a wrong unit.
 TINY = {"velocity": 1e-3, "displacement": 1e-4, "force": 1.0}
-#: ... where that is over this angle [rad] at the mean frequency: a gas spring makes so much in a slow test.
+#: Phase [rad] at the mean frequency below which a lag is accepted: a gas spring causes such a phase in a slow test.
 PHASE = np.deg2rad(5.0)
-#: Channels that correlate so well show a lag in samples through their noise.
+#: Correlation above which a lag of a few samples is significant in spite of noise.
 CLEAR = 0.98
-#: Measured velocity and the slope of displacement may differ by this share in size, ...
+#: Maximum relative difference in size between measured velocity and the slope of displacement, ...
 SLOPE_SHARE = 0.1
-#: ... their means by this share of velocity's standard deviation, ...
+#: ... maximum difference of their means as a share of the standard deviation of velocity, ...
 OFFSET_SHARE = 0.02
-#: ... and this share of velocity's range anywhere.
+#: ... and maximum difference at any sample as a share of the range of velocity.
 APART = 0.2
-#: Below this correlation of force and velocity a column or the record is in doubt.
+#: Minimum correlation of force and velocity; below, a column or the record is suspicious.
 WEAK = 0.3
-#: Share of repeated samples that is worth a word.
+#: Share of repeated samples that gives a note.
 REPEATED_SHARE = 0.02
-#: Force at rest below this share of its range is negative beyond doubt.
+#: Share of the force range; a force at rest below minus this share is significantly negative.
 REST_SHARE = 0.05
 #: Force at rest [N] that few gas springs reach: 2 MPa on a rod of 25 mm.
 STRONG_GAS = 1000.0
-#: Temperature change [K] that is worth a word.
+#: Temperature change [K] that gives a note.
 DRIFT = 5.0
 
 
 def notes_of(
     series: TimeSeries, *, measured: tuple[str, ...] | None = None, origin: Origin = IN_MEMORY
 ) -> tuple[str, ...]:
-    """Return what is suspicious in a dynamometer record, in words.
+    """Return notes on suspicious features of a dynamometer record.
 
     Args:
-        series: `velocity` [m/s], `force` [N], perhaps `displacement` [m] and `temperature` [K].
-        measured: The channels that were measured, not derived; default all.
-        origin: Where the samples came from, for the line of a fault.
+        series: Record with `velocity` [m/s], `force` [N], and optionally `displacement` [m] and `temperature` [K].
+        measured: Names of the channels that were measured, not derived; default all.
+        origin: Origin of the samples, for line numbers in notes.
     """
     names = tuple(name for name in series.names if measured is None or name in measured)
     moving = tuple(name for name in ("velocity", "displacement", "force") if name in names)
@@ -86,23 +86,23 @@ def _implausible(name: str, values: Array) -> str | None:
     largest = float(np.ptp(values)) if name == "displacement" else float(np.abs(values).max())
     if TINY[name] <= largest <= IMPLAUSIBLE[name]:
         return None
-    return f"{name}: it reaches {largest:.4g} (SI), which is no shock's; check the column's unit"
+    return f"{name}: it reaches {largest:.4g} (SI), which is not plausible for a shock; check the column's unit"
 
 
 def _coarse(name: str, values: Array) -> str | None:
-    """Say when a channel has few levels."""
+    """Return a note if a channel has few levels."""
     step = quantum(values)
     levels = float(np.ptp(values)) / step if step else np.inf
     if levels >= FEWEST_LEVELS:
         return None
     return (
         f"{name}: quantised, {levels:.0f} steps of {step:.3g} (SI) over its range; "
-        "use a finer range or more digits, or read velocity from displacement"
+        "use a finer range or more digits, or derive velocity from displacement"
     )
 
 
 def quantum(values: Array) -> float | None:
-    """Return the step to which `values` (N,) are rounded, None where they are not."""
+    """Return the step to which `values` (N,) are rounded, or None if they are not rounded."""
     span = float(np.ptp(values))
     steps = np.diff(np.unique(values))
     steps = steps[steps > 1e-9 * span]
@@ -114,7 +114,7 @@ def quantum(values: Array) -> float | None:
 
 
 def _jump(name: str, series: TimeSeries, origin: Origin) -> str | None:
-    """Say where a channel jumps between two samples: spikes, joined records, pasted or lost samples."""
+    """Return a note if a channel jumps between two samples: spikes, joined records, pasted or lost samples."""
     values = series[name]
     change = np.abs(np.diff(values))
     usual = np.maximum(median_filter(change, size=11, mode="nearest"), _noise(values))
@@ -124,8 +124,8 @@ def _jump(name: str, series: TimeSeries, origin: Origin) -> str | None:
         return None
     first = int(bad[0])
     return (
-        f"{name}: it jumps by {change[first]:.4g} (SI) at {_place(origin, first + 1)} ({bad.size} such places); a "
-        "spike, lost samples or two records joined: cut it out"
+        f"{name}: it jumps by {change[first]:.4g} (SI) at {_place(origin, first + 1)} ({bad.size} such places), "
+        "because of a spike, lost samples or joined records; cut this part out"
     )
 
 
@@ -135,10 +135,10 @@ def _noise(values: Array) -> float:
 
 
 def _is_step(name: str, values: Array, series: TimeSeries, i: int) -> bool:
-    """Say whether a jump after sample `i` is one that a dynamometer makes: the value stays where it jumped to.
+    """Return whether a jump after sample `i` is a step that a dynamometer can cause: the value stays at the new level.
 
-    Velocity does so at the corners of a triangle (a measured displacement bears witness of it), force by dry friction
-    where velocity changes sign.
+    Velocity has steps at the corners of a triangle (confirmed by a measured displacement). Force has steps because of
+    dry friction where velocity changes sign.
     """
     change = np.median(values[i + 1 : i + 6]) - np.median(values[max(0, i - 4) : i + 1])
     if abs(change) < 0.5 * abs(values[i + 1] - values[i]):
@@ -150,43 +150,44 @@ def _is_step(name: str, values: Array, series: TimeSeries, i: int) -> bool:
 
 
 def _held(name: str, values: Array, origin: Origin) -> str | None:
-    """Say where a motion channel sits at its end value: clipped, or truly held by the drive."""
+    """Return a note if a motion channel stays at its maximum or minimum: clipped, or held there by the drive."""
     for signed, end in ((values, "highest"), (-values, "lowest")):
         samples = clipped_samples(signed, np.ones(values.size, dtype=bool))
         if samples.size:
             return (
-                f"{name}: {samples.size} of {values.size} samples sit at the {end} value {values[samples[0]]:.4g} "
-                f"(SI), the first at {_place(origin, int(samples[0]))}; clipped, unless the drive holds it there"
+                f"{name}: {samples.size} of {values.size} samples are equal to the {end} value "
+                f"{values[samples[0]]:.4g} (SI), the first at {_place(origin, int(samples[0]))}; the channel is "
+                "clipped, unless the drive holds it there"
             )
     return None
 
 
 def _repeated(series: TimeSeries, names: tuple[str, ...], origin: Origin) -> str | None:
-    """Say when samples are copies of the one before while the shock moves, or of a whole earlier part."""
+    """Return a note if samples repeat the one before while the shock moves, or if a part of the record is repeated."""
     rows = series.select(names).values
     speed = np.abs(series["velocity"])
     same = (np.diff(rows, axis=1) == 0.0).all(axis=0) & (speed[1:] > 0.1 * speed.max())
     if np.count_nonzero(same) > REPEATED_SHARE * same.size:
         return (
             f"{np.count_nonzero(same)} of {same.size + 1} samples repeat the one before, the first at "
-            f"{_place(origin, int(np.argmax(same)) + 1)}: the logger's own rate is lower than the file's; export at "
-            "its rate"
+            f"{_place(origin, int(np.argmax(same)) + 1)}: the sample rate of the logger is lower than that of the "
+            "file; export at the rate of the logger"
         )
     copy = _copied(rows)
     if copy is None:
         return None
     return (
-        f"the samples at {_place(origin, copy[1])} are those at {_place(origin, copy[0])} again: a part of the record "
-        "was pasted twice (or it is computed, without noise); cut it out"
+        f"the samples from {_place(origin, copy[1])} repeat those from {_place(origin, copy[0])}: a part of the record "
+        "was pasted twice (or the record is computed, without noise); cut the copy out"
     )
 
 
-#: So many samples in a row that come again are a copy.
+#: Minimum number of consecutive repeated samples that are a copy.
 _COPIED = 20
 
 
 def _copied(rows: Array) -> tuple[int, int] | None:
-    """Return where a run of samples and its copy begin, None where there is none; `rows` is (C, N)."""
+    """Return the first sample of a repeated sequence and of its copy, or None; `rows` is (C, N)."""
     _, same = np.unique(rows, axis=1, return_inverse=True)
     keys = np.asarray(same, dtype=np.int64).ravel()
     order = np.argsort(keys, kind="stable")
@@ -204,7 +205,7 @@ def _copied(rows: Array) -> tuple[int, int] | None:
 
 
 def _motion(series: TimeSeries, measured: tuple[str, ...], origin: Origin) -> Iterator[str]:
-    """Compare measured velocity with the slope of displacement: time, size, offset, then sample by sample."""
+    """Yield notes on differences between measured velocity and the slope of displacement."""
     if "velocity" not in measured:
         return
     if "displacement" not in series:
@@ -214,27 +215,27 @@ def _motion(series: TimeSeries, measured: tuple[str, ...], origin: Origin) -> It
     rate = even.sample_rate
     cutoff = min(50.0, 0.4 * rate)
     velocity, slope = even["velocity"], velocity_from_displacement(even["displacement"], rate, cutoff)
-    said = _not_the_slope(velocity, slope, rate)
-    if said:
-        yield said
+    note = _slope_note(velocity, slope, rate)
+    if note:
+        yield note
         return
     edge = int(5.0 * rate / cutoff)  # the filter rings at the ends
     apart = np.abs(lowpass(velocity, rate, cutoff) - slope)[edge : velocity.size - edge]
     if apart.size and apart.max() > APART * np.ptp(velocity):
         place = _place(origin if even is series else IN_MEMORY, int(np.argmax(apart)) + edge)
         yield (
-            f"velocity: it is {apart.max():.3g} m/s off the slope of displacement at {place}; lost samples, a spike or "
-            "a clipped channel there: cut it out"
+            f"velocity: it is {apart.max():.3g} m/s off the slope of displacement at {place}, because of lost samples, "
+            "a spike or a clipped channel; cut this part out"
         )
 
 
-def _not_the_slope(velocity: Array, slope: Array, rate: float) -> str | None:
-    """Say when velocity differs from the slope of displacement in time, size or mean."""
+def _slope_note(velocity: Array, slope: Array, rate: float) -> str | None:
+    """Return a note if velocity differs from the slope of displacement in time, size or mean."""
     lag = lag_between(velocity, slope, rate)
-    if abs(lag) > 1.5 / rate and _alike(velocity, slope, round(lag * rate)) > CLEAR:
+    if abs(lag) > 1.5 / rate and _correlation(velocity, slope, round(lag * rate)) > CLEAR:
         return (
             f"velocity: it {_follows(lag)} the slope of displacement by {1e3 * abs(lag):.3g} ms; the channels are not "
-            "sampled together: shift one, or read velocity from displacement"
+            "sampled at the same times: shift one, or derive velocity from displacement"
         )
     factor = float(slope.std() / velocity.std())
     if abs(factor - 1.0) > SLOPE_SHARE:
@@ -242,28 +243,28 @@ def _not_the_slope(velocity: Array, slope: Array, rate: float) -> str | None:
     offset = float((velocity - slope).mean())
     if abs(offset) > OFFSET_SHARE * velocity.std():
         return (
-            f"velocity: its mean is {offset:.3g} m/s off that of the slope of displacement: an offset; set one in the "
+            f"velocity: its mean is {offset:.3g} m/s off that of the slope of displacement; correct this offset in the "
             "channel map"
         )
     return None
 
 
-def _alike(values: Array, reference: Array, lag: int) -> float:
-    """Return the correlation of `values` (N,) with `reference` (N,) `lag` samples before."""
+def _correlation(values: Array, reference: Array, lag: int) -> float:
+    """Return the correlation of `values` (N,) with `reference` (N,) delayed by `lag` samples."""
     first, second = (values, reference) if lag >= 0 else (reference, values)
     count = values.size - abs(lag)
     return float(np.corrcoef(first[abs(lag) :], second[:count])[0, 1])
 
 
 def _travel(series: TimeSeries) -> Iterator[str]:
-    """Say when a velocity that nothing stands beside would carry the shock away."""
+    """Yield a note if the mean of velocity, in a record without displacement, is too large for a shock's travel."""
     path, time = _integral(series), series.time
     net = float(path[-1])
     stroke = float(np.ptp(path - net * (time - time[0]) / series.duration))
     if abs(net) > max(2.0 * stroke, IMPLAUSIBLE["displacement"]) or abs(net) > 5.0 * stroke:
         yield (
-            f"velocity: its mean of {net / series.duration:.3g} m/s would carry the shock {net:.3g} m: an offset; "
-            "set one in the channel map"
+            f"velocity: its mean of {net / series.duration:.3g} m/s would move the shock by {net:.3g} m; correct this "
+            "offset in the channel map"
         )
 
 
@@ -274,7 +275,7 @@ def _integral(series: TimeSeries) -> Array:
 
 
 def _path(series: TimeSeries) -> Array:
-    """Return displacement (N,) [m], or velocity's integral without its drift."""
+    """Return displacement (N,) [m], or the integral of velocity without its drift."""
     if "displacement" in series:
         return series["displacement"]
     path = _integral(series)
@@ -282,13 +283,13 @@ def _path(series: TimeSeries) -> Array:
 
 
 def _force(series: TimeSeries) -> Iterator[str]:
-    """Say when the force does not go with the velocity as a damper's does."""
+    """Yield notes if force and velocity are not related as in a damper."""
     velocity, force = series["velocity"], series["force"]
     correlation = float(np.corrcoef(force, velocity)[0, 1])
     if correlation < WEAK:
         yield (
-            f"force: it correlates with velocity at {correlation:.2f} only; a wrong column, a spring on the "
-            "dynamometer, or channels far apart in time"
+            f"force: its correlation with velocity is only {correlation:.2f}; check for a wrong column, a spring on "
+            "the dynamometer, or channels sampled at different times"
         )
     if lag := lag_note(series):
         yield lag.note
@@ -296,19 +297,23 @@ def _force(series: TimeSeries) -> Iterator[str]:
 
 
 class LagNote(NamedTuple):
-    """A force that follows velocity, or leads it, otherwise than a shock's."""
+    """Note on a lag or lead of force that a shock cannot have.
+
+    Attributes:
+        delay: Delay of force behind velocity [s]; negative if force leads.
+        lead: Maximum plausible lead [s].
+        allowed: Maximum plausible delay [s].
+        note: Text of the note.
+    """
 
     delay: float
-    """By which force follows velocity [s]; negative where it leads."""
     lead: float
     allowed: float
-    """What force may lead and follow velocity by [s]."""
     note: str
-    """In words."""
 
 
 def lag_note(series: TimeSeries) -> LagNote | None:
-    """Return by how much force follows or leads velocity where that is no shock's own lag."""
+    """Return a note if the lag between force and velocity is larger than that of a shock."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
     delay = lag_between(even["force"], even["velocity"], even.sample_rate)
     frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
@@ -316,45 +321,48 @@ def lag_note(series: TimeSeries) -> LagNote | None:
     if -lead <= delay <= allowed:
         return None
     note = (
-        f"force: it {_follows(delay)} velocity by {1e3 * abs(delay):.3g} ms, more than a shock's own lag (under "
-        f"{1e3 * LAG:.0f} ms): channels sampled apart, a filter on one of them, or a spring beside the damper; a "
-        "fitted lag holds it"
+        f"force: it {_follows(delay)} velocity by {1e3 * abs(delay):.3g} ms, more than the lag of a shock (under "
+        f"{1e3 * LAG:.0f} ms), because of channels sampled at different times, a filter on one of them, or a spring "
+        "parallel to the damper; a fitted lag will include it"
     )
     return LagNote(delay, lead, allowed, note)
 
 
 def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
-    """Say when the force at standstill is no gas force."""
+    """Yield a note if the force at standstill is not a plausible gas force."""
     rest = np.abs(velocity) <= 0.05 * np.abs(velocity).max()
     if not rest.any():
-        yield f"velocity: it is never near zero ({velocity.min():.3g} to {velocity.max():.3g} m/s): an offset"
+        limits = f"{velocity.min():.3g} to {velocity.max():.3g} m/s"
+        yield f"velocity: it is never near zero ({limits}); correct this offset in the channel map"
         return
     middle, span = float(np.median(force[rest])), float(np.ptp(force))
     if middle < -REST_SHARE * span:
         yield (
-            f"force: {middle:.4g} N at standstill, where gas pushes with a positive force: the load cell's zero, or "
-            "velocity and displacement are the channels that are positive the other way"
+            f"force: {middle:.4g} N at standstill, although the gas force is positive: check the load cell's zero, and "
+            "whether velocity and displacement are the channels with the wrong sign"
         )
     if middle > max(0.5 * span, STRONG_GAS):
         yield (
-            f"force: {middle:.4g} N at standstill, over half of its range: a strong gas force, or the load cell's zero"
+            f"force: {middle:.4g} N at standstill, more than half of its range: a large gas force, or an offset of the "
+            "load cell's zero"
         )
 
 
 def warming_note(series: TimeSeries) -> str | None:
-    """Return a note where the temperature changes; None where it does not, or is not known."""
+    """Return a note if the temperature changes; None if it is constant or unknown."""
     if "temperature" not in series:
         return None
     drift = temperature_drift(series)
     if abs(drift) <= DRIFT:
         return None
     return (
-        f"temperature: it changes by {drift:+.1f} K over the record, and damping with it; fit parts, and compare them"
+        f"temperature: it changes by {drift:+.1f} K over the record, and so does the damping; fit parts of the record "
+        "separately, and compare them"
     )
 
 
 def temperature_drift(series: TimeSeries) -> float:
-    """Return the change of temperature [K] over a record: the means of its last and first tenth."""
+    """Return the change of temperature [K] over a record, from the mean of its first tenth to that of its last."""
     values = series["temperature"]
     tenth = max(1, values.size // 10)
     return float(values[-tenth:].mean() - values[:tenth].mean())
@@ -365,5 +373,5 @@ def _follows(lag: float) -> str:
 
 
 def _place(origin: Origin, sample: int) -> str:
-    """Say where a zero-based sample is: its line in a text file, else its number."""
+    """Return the location of a zero-based sample: its line in a text file, otherwise its number."""
     return f"{'line' if origin.lines is not None else 'sample'} {origin.line(sample)}"

@@ -1,4 +1,4 @@
-"""The tests that the dynamometer runs by name, and their drivefiles (dissertation 3.2.3)."""
+"""Tests of the virtual dynamometer and their drive files, by name (dissertation 3.2.3)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ RANDOM_DURATION = 30.0
 
 
 def program(*, seed: int) -> dict[str, Drivefile]:
-    """Return every test of 3.2.3 by name, two random ones: one to fit to and one, of another draw, to validate on.
+    """Return all tests of 3.2.3 by name. There are two random tests: one to fit, and another draw to validate.
 
     Args:
-        seed: Of the first random test's phases; the second has the next.
+        seed: Seed of the phases of the first random test; the second test uses the next seed.
     """
     tests = {
         "random": random_multisine(seed, duration=RANDOM_DURATION),

@@ -1,4 +1,4 @@
-"""Shock dynamometer tests: a checked record and the conditions it was taken under."""
+"""Shock dynamometer tests: checked records and their conditions."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
-#: The dissertation's low-pass cut-off for dynamometer data (3.3) [Hz].
+#: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
 CUTOFF = 50.0
 
-#: Shortest record [s] and fewest samples that say something about a shock.
+#: Minimum duration [s] and minimum number of samples of a record.
 SHORTEST, FEWEST = 0.5, 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynoTest:
-    """A dynamometer test that passed every check.
+    """A dynamometer test that passed all checks.
 
     Attributes:
-        series: `velocity` [m/s] and `force` [N], where known `displacement` [m] and `temperature` [K]; all
-            but the last positive in compression.
-        conditions: Build, clicks, gas pressure, and what else is known.
-        source: The file, None for a record made in memory.
-        sha256: The file's digest, empty without a file.
-        derived: What was not measured but computed, in words.
-        notes: What is suspicious in the record, in words (`eightpost.rig.dyno_notes`); a fit repeats them.
+        series: Record with `velocity` [m/s] and `force` [N], and if known `displacement` [m] and `temperature` [K]; all
+            except the temperature are positive in compression.
+        conditions: Build, clicks, gas pressure and other known conditions.
+        source: Path of the file, None for a record created in memory.
+        sha256: SHA-256 digest of the file, empty without a file.
+        derived: Descriptions of channels that were computed, not measured.
+        notes: Notes on suspicious features of the record (`eightpost.rig.dyno_notes`); a fit repeats them.
     """
 
     series: TimeSeries
@@ -56,7 +56,7 @@ class DynoTest:
         for name in ("velocity", "force"):
             if name not in self.series:
                 known = ", ".join(self.series.names)
-                raise MissingChannelError(f"a dynamometer test needs it; there are: {known}", channel=name)
+                raise MissingChannelError(f"a dynamometer test needs this channel; there are: {known}", channel=name)
 
 
 def read_dyno_test(
@@ -70,32 +70,32 @@ def read_dyno_test(
 ) -> DynoTest:
     """Read and check a shock dynamometer file with one table.
 
-    Columns are recognised by their usual names (t, x, disp, v, vel, F, load, temp, ...); a channel map goes
-    first. A missing velocity is derived from the displacement by a low-pass and central differences (6.1.2).
-    An offset of the force (static gas force, rod weight) is left in it. What is suspicious but usable is in the
-    test's notes.
+    Columns are recognised by their usual names (t, x, disp, v, vel, F, load, temp, ...); a channel map takes
+    precedence. A missing velocity is derived from the displacement with a low-pass and central differences (6.1.2). An
+    offset of the force (static gas force, rod weight) is not removed. Suspicious features that leave the record usable
+    are described in the test's notes.
 
     Args:
-        path: A .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file.
-        channel_map: Columns by channel, for what is not recognised.
-        units: Units by channel name, for columns whose header says none.
-        flip: Channels whose sign is turned.
-        conditions: What is known about the shock; goes before what the file's preamble says.
+        path: Path of a .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file.
+        channel_map: Columns by channel, for columns with unusual names.
+        units: Units by channel name, for columns without a unit in the header.
+        flip: Names of the channels whose sign is changed.
+        conditions: Known conditions of the test, which take precedence over the file's preamble.
         cutoff: Low-pass cut-off for a derived velocity [Hz]; default 50 Hz, at most 0.4 of the sample rate.
 
     Raises:
-        FileFormatError: The file cannot be read, or holds several tables.
+        FileFormatError: The file cannot be read, or contains several tables.
         MissingChannelError: There is no force, or neither velocity nor displacement.
         MissingUnitError: A channel has no unit.
-        UnknownUnitError: A unit is not known or of the wrong dimension.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
         NotANumberError: A sample is NaN, empty or text.
         BackwardTimeError: Time decreases.
         DuplicateTimeError: Time repeats.
         TimeGapError: Samples are missing.
-        TooShortError: Under 0.5 s or 200 samples.
-        ConstantChannelError: Velocity, displacement or force do not move.
-        ClippedChannelError: The force sits at the end of its range.
-        WrongSignError: The force, or the displacement, is positive the other way.
+        TooShortError: The record has less than 0.5 s or 200 samples.
+        ConstantChannelError: Velocity, displacement or force is constant.
+        ClippedChannelError: The force is clipped.
+        WrongSignError: The force or the displacement has the wrong sign.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
     return reading.test(read_record(path), conditions or DynoConditions())
@@ -110,10 +110,10 @@ def read_dyno_tests(
     conditions: DynoConditions | None = None,
     cutoff: float | None = None,
 ) -> tuple[DynoTest, ...]:
-    """Read and check every table of a shock dynamometer file; arguments and errors as for read_dyno_test.
+    """Read and check all tables of a shock dynamometer file; see read_dyno_test for arguments and errors.
 
-    What a preamble says holds for its table and those below it, until another preamble says otherwise. A time that
-    runs through several tables is kept; splitting a table into runs is `split_runs`.
+    Conditions in a preamble apply to its table and to the following tables, until another preamble changes them. Times
+    that continue from one table to the next are not changed. `split_runs` splits a table into runs.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
     known = DynoConditions()
@@ -126,7 +126,7 @@ def read_dyno_tests(
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
-    """How the tables of a file are read."""
+    """Options for reading the tables of a file."""
 
     path: Path
     channel_map: ChannelMap | None
@@ -154,20 +154,20 @@ class _Reading:
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
-    """Raise MissingChannelError unless time, force and a motion are there."""
+    """Raise MissingChannelError if time, force or a motion channel is missing."""
     known = ", ".join(record.names)
     advice = f"the file has: {known}; name the column in a channel map"
     if mapping.time is None:
-        raise record.origin.header_fault(MissingChannelError, f"there is none; {advice}", channel="time")
+        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="time")
     if "force" not in mapping.channels:
-        raise record.origin.header_fault(MissingChannelError, f"there is none; {advice}", channel="force")
+        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="force")
     if not {"velocity", "displacement"} & set(mapping.channels):
         what = f"there is neither velocity nor displacement; {advice}"
         raise record.origin.header_fault(MissingChannelError, what, channel="velocity")
 
 
 def _check_record(series: TimeSeries, origin: Origin) -> None:
-    """Check time and movement of what was measured."""
+    """Check the time and that the measured channels vary."""
     faults.check_gaps(series.time, origin=origin)
     faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
     for name in ("velocity", "displacement", "force"):
@@ -176,7 +176,7 @@ def _check_record(series: TimeSeries, origin: Origin) -> None:
 
 
 def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...]) -> None:
-    """Check the force for clipping, and its sign against the velocity."""
+    """Check the force for clipping, and its sign by its correlation with the velocity."""
     velocity, force = series["velocity"], series["force"]
     faults.check_not_clipped(force, channel="force", origin=origin, against=velocity)
     against = "the velocity derived from displacement" if derived else "velocity"
@@ -184,7 +184,7 @@ def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...]) -
 
 
 def _check_displacement_sign(series: TimeSeries, origin: Origin) -> None:
-    """Check the displacement's sign against the velocity that was measured beside it."""
+    """Check the displacement's sign by comparison with the measured velocity."""
     rate = series.sample_rate
     slope = velocity_from_displacement(series["displacement"], rate, _default_cutoff(rate))
     faults.check_sign(slope, series["velocity"], channel="displacement", against="velocity", origin=origin)
@@ -195,7 +195,7 @@ def _default_cutoff(rate: float) -> float:
 
 
 def _with_velocity(series: TimeSeries, cutoff: float | None) -> tuple[TimeSeries, tuple[str, ...]]:
-    """Add the velocity that the displacement implies, and say how it was made."""
+    """Return the series with the derivative of the displacement as velocity, and descriptions of the steps."""
     steps = []
     if not series.is_uniform:
         series = series.resample(series.sample_rate)

@@ -1,4 +1,4 @@
-"""The time by which one channel follows another."""
+"""Time lag between two channels."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Longest lag that is looked for [s].
+#: Maximum lag of the search [s].
 LONGEST = 0.25
 
 
 def lag_between(values: Array, reference: Array, rate: float, *, longest: float = LONGEST) -> float:
-    """Return the time [s] by which `values` (N,) follow `reference` (N,): where they correlate best.
+    """Return the lag [s] of `values` (N,) behind `reference` (N,); negative if `values` lead.
 
-    The maximum of the cross-correlation, refined by a parabola through its neighbours; negative where `values` lead.
-    In a steady sine it is known up to whole periods only, and the smallest is returned.
+    The lag is the maximum of the cross-correlation, refined by a parabola through its neighbours. For a steady sine it
+    is determined only up to whole periods, and the smallest lag is returned.
 
     Args:
-        values: (N,).
-        reference: (N,).
-        rate: Samples per second [Hz].
-        longest: Longest lag that is looked for [s].
+        values: Samples (N,) of the channel.
+        reference: Samples (N,) of the reference channel.
+        rate: Sample rate [Hz].
+        longest: Maximum lag of the search [s].
     """
     first, second = (row - row.mean() for row in (values, reference))
     lags = correlation_lags(first.size, second.size)
@@ -39,12 +39,12 @@ def lag_between(values: Array, reference: Array, rate: float, *, longest: float 
 
 
 def _separate(peaks: NDArray[np.intp]) -> bool:
-    """Say whether samples near a maximum belong to more than one peak."""
+    """Return whether samples near a maximum belong to more than one peak."""
     return bool((np.diff(peaks) > 1).any())
 
 
 def _vertex(values: Array, peak: int) -> float:
-    """Return where the parabola through a maximum and its neighbours has its vertex, in samples from the maximum."""
+    """Return the vertex of the parabola through a maximum and its neighbours, in samples from the maximum."""
     if not 0 < peak < values.size - 1:
         return 0.0
     before, here, after = values[peak - 1 : peak + 2]

@@ -1,4 +1,4 @@
-"""The random multisine of the shock dynamometer (dissertation 3.2.3)."""
+"""Random multisine of the shock dynamometer (dissertation 3.2.3)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPACING = 0.1
 
 
 def multisine_spectrum() -> tuple[Array, Array]:
-    """Return the 300 frequencies (300,) [Hz] and relative amplitudes (300,) [1]: Table 3.2 every 0.1 Hz."""
+    """Return the frequencies (300,) [Hz] and relative amplitudes (300,) [1] of Table 3.2 in steps of 0.1 Hz."""
     frequencies = SPACING * np.arange(1, 301, dtype=np.float64)
     table = np.array(TABLE_3_2)
     return frequencies, np.interp(frequencies, table[:, 0], table[:, 1])
@@ -38,20 +38,21 @@ def random_multisine(
 
         x(t) = scale * sum_i A_i sin(2 pi f_i t + phi_i)
 
-    with uniform random phases: the draw with the lowest crest factor of `draws`, scaled to the peak.
+    The phases are uniformly random. Of `draws` draws, the one with the lowest crest factor is used and scaled to the
+    peak.
 
     Args:
         seed: Seed of the phases.
-        duration: Length [s]; 30 in the dissertation. The signal repeats every 10 s.
-        rate: Samples per second [Hz], above 60 and a multiple of 0.1.
-        peak: Largest magnitude over a period [m]; 1 in in the dissertation.
+        duration: Duration [s]; 30 in the dissertation. The signal repeats every 10 s.
+        rate: Sample rate [Hz], above 60 and a multiple of 0.1.
+        peak: Maximum magnitude over a period [m]; 1 in in the dissertation.
         draws: Number of phase draws.
 
     Returns:
-        A drivefile with the channel `displacement` [m].
+        Drive file with the channel `displacement` [m].
 
     Raises:
-        ValueError: The rate cannot carry 30 Hz or has no whole number of samples in 10 s.
+        ValueError: The sample rate is too low for 30 Hz, or 10 s are not a whole number of samples.
     """
     count = round(rate / SPACING)
     if rate <= 60.0 or abs(count * SPACING - rate) > 1e-9 * rate:

@@ -1,4 +1,4 @@
-"""A peak-velocity table: the force of a shock at a few speeds, as a "peak velocity picture" gives it."""
+"""Peak-velocity table: force of a shock at a few speeds, as in a "peak velocity picture" (PVP)."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewest speeds that a curve is drawn through.
+#: Minimum number of speeds for a curve.
 FEWEST = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeakVelocityTable:
-    """Force per speed in both strokes, at one setting of the adjusters; no dynamics.
+    """Force by speed in both strokes, at one setting of the adjusters and without dynamics.
 
     Attributes:
-        speed: (K,) peak speeds [m/s], positive, rising.
-        compression: (K,) force in compression [N], positive.
-        rebound: (K,) force in rebound [N], negative.
-        clicks: The adjusters and how they are counted, in the team's words.
-        source: The file, None for a table made in memory.
-        sha256: The file's digest, empty without a file.
+        speed: Peak speeds (K,) [m/s], positive and increasing.
+        compression: Force in compression (K,) [N], positive.
+        rebound: Force in rebound (K,) [N], negative.
+        clicks: Adjuster settings and how they are counted, in the team's words.
+        source: Path of the file, None for a table created in memory.
+        sha256: SHA-256 digest of the file, empty without a file.
 
     Raises:
-        TooShortError: Fewer than two speeds.
-        DataError: The columns differ in length, hold NaN, or speeds do not rise from above zero.
+        TooShortError: There are fewer than two speeds.
+        DataError: The columns differ in length or contain NaN, or the speeds are not positive and increasing.
     """
 
     speed: Array
@@ -48,17 +48,19 @@ class PeakVelocityTable:
             values = np.asarray(getattr(self, name), dtype=np.float64)
             object.__setattr__(self, name, values)
             if values.shape != (len(self),):
-                what = f"has {values.size} values and speed {len(self)}: a row needs all three"
+                what = f"has {values.size} values, but speed has {len(self)}; every row needs all three values"
                 raise DataError(what, path=self.source, channel=name)
             if not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-                raise DataError(f"row {row} is not a number; fill it or leave it out", path=self.source, channel=name)
+                what = f"row {row} is not a number; enter a number or delete the row"
+                raise DataError(what, path=self.source, channel=name)
         if len(self) < FEWEST:
-            raise TooShortError(f"{len(self)} speeds; a curve needs {FEWEST} or more", path=self.source)
+            what = f"the table has {len(self)} speeds; a curve needs at least {FEWEST}"
+            raise TooShortError(what, path=self.source)
         if self.speed[0] <= 0.0 or (np.diff(self.speed) <= 0.0).any():
-            what = f"speeds must be positive and rise from row to row, not {self.speed.tolist()}"
+            what = f"speeds must be positive and increase from row to row, not {self.speed.tolist()}"
             raise DataError(what, path=self.source, channel="speed")
 
     def __len__(self) -> int:
-        """The number of speeds K."""
+        """Return the number of speeds K."""
         return int(np.size(self.speed))

@@ -1,4 +1,4 @@
-"""Peak-velocity tables from text files, in the layouts that manufacturers and dynamometers give."""
+"""Reading of peak-velocity tables from text files, in the layouts of manufacturers and dynamometers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WORDS = {
     "compression": ("compression", "comp", "bump", "jounce", "c"),
     "rebound": ("rebound", "reb", "extension", "r"),
 }
-#: A column of one stroke: its word, then perhaps the clicks.
+#: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
 _COLUMN = {
     stroke: re.compile(
         rf"^(?:{'|'.join(words)})(?![a-z])\.?(?:[\s_]*(?:peak[\s_]*)?force)?[\s_:,-]*(.*)$", re.IGNORECASE
@@ -41,14 +41,14 @@ _COLUMN = {
     for stroke, words in _WORDS.items()
 }
 _FORCE_WORD = re.compile(r"^(?:peak\s*)?(?:force|load|f)(?![a-z])[\s_:,-]*", re.IGNORECASE)
-#: A table with a signed speed and no word of strokes has fewer lines than a record over time.
+#: Maximum number of lines of a table with a signed speed and without stroke names; time records have more.
 _MOST_LINES = 200
-#: Forces of one speed agree within this share of the largest, or the table contradicts itself.
+#: Maximum difference of two forces at the same speed, as a share of the largest force.
 SAME_SPEED = 0.05
 
 
 class _Point(NamedTuple):
-    """One force of a table: SI, speed positive."""
+    """One force of a table in SI, with a positive speed."""
 
     setting: str
     stroke: str
@@ -59,35 +59,35 @@ class _Point(NamedTuple):
 def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = None) -> tuple[PeakVelocityTable, ...]:
     """Read the peak-velocity tables of a text file: one per setting of the adjusters, in the file's order.
 
-    Layouts, told apart by the column names (units in them or in a row under them):
+    The layout is recognised by the column names (with units in the names or in a row under them):
 
-    - `speed, compression, rebound`, perhaps with a column `clicks`, or with the clicks in the names (`comp 3, reb 3,
+    - `speed, compression, rebound`, optionally with a column `clicks`, or with the clicks in the names (`comp 3, reb 3,
       comp 6, reb 6`);
-    - `side, setting, speed, force`, one line per point, side being compression or rebound (comp, bump, reb, ...);
+    - `side, setting, speed, force`, one line per point, where side is compression or rebound (comp, bump, reb, ...);
     - a signed `speed` (compression positive) and one column of force per setting.
 
-    Forces are turned so that compression is positive and rebound negative, for the whole file alike: magnitudes, signs
-    as here, and signs the other way are told apart by each stroke's sum. Points at no speed are left out: they are
-    friction and gas. Where the strokes have different speeds, both are taken at all speeds that lie in the range of
-    both, by straight lines between the points. Two forces at one speed are averaged if they agree within 5 % of the
-    largest.
+    The signs are changed so that compression is positive and rebound negative. The sum of the forces of each stroke in
+    the whole file shows whether the file contains magnitudes, these signs or the opposite signs. Points at zero speed
+    are left out, because they are friction and gas force. If the strokes have different speeds, both curves are
+    interpolated linearly at all speeds in their common range. Two forces at the same speed are averaged if they agree
+    within 5 % of the largest force.
 
     Args:
-        path: A .csv, .txt or .tsv file; a sheet must be saved as one first.
-        units: Units by column name, or `speed` and `force`, where the file says none.
+        path: Path of a .csv, .txt or .tsv file; a spreadsheet must first be saved in one of these formats.
+        units: Units by column name, or for `speed` and `force`, for columns without a unit in the file.
 
     Raises:
         FileFormatError: The file cannot be read.
         MissingChannelError: There is no speed or force, or a setting lacks a stroke.
         MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is not known or of the wrong dimension.
-        NotANumberError: A cell is empty or no number.
-        DataError: Two forces at one speed contradict each other.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
+        NotANumberError: A cell is empty or not a number.
+        DataError: Two forces at the same speed differ by too much.
         WrongSignError: Both strokes have negative forces.
     """
     path = Path(path)
     if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
-        raise FileFormatError("sheets are not read; save it as .csv", path=path)
+        raise FileFormatError("spreadsheet files cannot be read; save it as .csv", path=path)
     record = read_record(path)
     columns = _Columns(record, dict(units or {}))
     points = _with_signs(list(columns.points()), path)
@@ -96,7 +96,7 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
 
 
 def is_peak_velocity(record: RawRecord) -> bool:
-    """Say whether a record is a peak-velocity table and no record over time: speed, strokes, no time."""
+    """Return whether a record is a peak-velocity table: it has a speed and strokes, but no time."""
     plain = [_plain(name) for name in record.names]
     if {"t", "time", "timestamp", "times"} & set(plain) or not _SPEED & set(plain):
         return False
@@ -107,13 +107,13 @@ def is_peak_velocity(record: RawRecord) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """The columns of a table and what they hold."""
+    """Columns of a table and their contents."""
 
     record: RawRecord
     units: Mapping[str, str]
 
     def points(self) -> Iterator[_Point]:
-        """Yield the points of the table, in whichever layout it is."""
+        """Yield the points of the table in any of the layouts."""
         speed = self._values(self._need(_SPEED, "speed"), "speed", "m/s")
         strokes = {i: stroke for i in range(len(self.record.names)) if (stroke := self._stroke_column(i))}
         sides = self._find(_STROKE)
@@ -139,7 +139,10 @@ class _Columns:
 
     def _by_sign(self, speed: Array) -> Iterator[_Point]:
         if speed.min() >= 0.0:
-            what = "there are no columns of compression and rebound, no column `side`, and no speed is negative"
+            what = (
+                "the strokes are not given: there are no columns for compression and rebound, there is no column "
+                "`side`, and no speed is negative"
+            )
             raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
         settings = self._settings()
         columns = [i for i in range(len(self.record.names)) if self._is_force(i)]
@@ -153,7 +156,7 @@ class _Columns:
                 yield _Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
 
     def _stroke_column(self, i: int) -> tuple[str, str] | None:
-        """Return the stroke and the clicks that a column's name says, None where it says none."""
+        """Return the stroke and the clicks in a column's name, or None."""
         for stroke, pattern in _COLUMN.items():
             match = pattern.match(self.record.names[i])
             if match:
@@ -169,12 +172,12 @@ class _Columns:
             return False
 
     def _is_setting(self, i: int) -> bool:
-        """Say whether a column names the setting of each line; `0 clicks` is the force at a setting."""
+        """Return whether a column contains the setting of each line; a column `0 clicks` contains forces instead."""
         name = self.record.names[i]
         return _plain(name) in _SETTING and not re.search(r"\d", name)
 
     def _settings(self) -> list[str]:
-        """Return the setting of each line: its cell in the column of that name, empty without one."""
+        """Return the setting of each line, from the column of settings; empty without this column."""
         i = next((i for i in range(len(self.record.names)) if self._is_setting(i)), None)
         count = self.record.columns[0].size
         if i is None:
@@ -193,11 +196,11 @@ class _Columns:
     def _find(self, names: set[str]) -> int | None:
         return next((i for i, name in enumerate(self.record.names) if _plain(name) in names), None)
 
-    def _need(self, names: set[str], wanted: str) -> int:
+    def _need(self, names: set[str], channel: str) -> int:
         found = self._find(names)
         if found is None:
-            what = f"there is no column for it; the file has: {', '.join(self.record.names)}"
-            raise self.record.origin.header_fault(MissingChannelError, what, channel=wanted)
+            what = f"there is no column for this channel; the file has: {', '.join(self.record.names)}"
+            raise self.record.origin.header_fault(MissingChannelError, what, channel=channel)
         return found
 
     def _values(self, i: int, channel: str, si: str) -> Array:
@@ -211,7 +214,7 @@ class _Columns:
         except UnknownUnitError as error:
             raise self.record.origin.header_fault(UnknownUnitError, str(error), channel=channel) from error
         if not fits:
-            what = f"the unit {unit!r} cannot be converted to {si!r}; is it the right column?"
+            what = f"the unit {unit!r} cannot be converted to {si!r}; check that it is the right column"
             raise self.record.origin.header_fault(UnknownUnitError, what, channel=channel)
         raw = self.record.numbers(i, channel=channel)
         check_finite(raw, channel=channel, origin=self.record.origin)
@@ -223,18 +226,21 @@ def _plain(name: str) -> str:
 
 
 def _with_signs(points: list[_Point], path: Path) -> list[_Point]:
-    """Leave out what stands still, and turn forces so that compression is positive and rebound negative."""
+    """Return the points at nonzero speed, with positive forces in compression and negative forces in rebound."""
     moving = [point for point in points if point.speed > 0.0]
     sums = {stroke: sum(point.force for point in moving if point.stroke == stroke) for stroke in _WORDS}
     if sums["compression"] < 0.0 and sums["rebound"] < 0.0:
-        what = "compression and rebound both have negative forces; which is which cannot be told: turn one column"
+        what = (
+            "compression and rebound both have negative forces, so the sign convention is not clear; change the sign "
+            "of one column"
+        )
         raise WrongSignError(what, path=path, channel="force")
     signs = {"compression": np.sign(sums["compression"]) or 1.0, "rebound": -np.sign(sums["rebound"]) or 1.0}
     return [point._replace(force=float(signs[point.stroke]) * point.force) for point in moving]
 
 
 def _table(setting: str, points: list[_Point], path: Path) -> PeakVelocityTable:
-    """Return the table of one setting at the speeds of both strokes that lie in the range of both."""
+    """Return the table of one setting at the speeds of both strokes in their common range."""
     curves = {stroke: _curve(setting, stroke, points, path) for stroke in _WORDS}
     (low, _), (high, _) = curves.values()
     speeds = np.union1d(low, high)
@@ -244,16 +250,17 @@ def _table(setting: str, points: list[_Point], path: Path) -> PeakVelocityTable:
 
 
 def _curve(setting: str, stroke: str, points: list[_Point], path: Path) -> tuple[Array, Array]:
-    """Return the rising speeds (K,) and forces (K,) of a stroke."""
+    """Return the increasing speeds (K,) and the forces (K,) of a stroke."""
     rows = np.array([(point.speed, point.force) for point in points if point.stroke == stroke])
     if not rows.size:
-        what = f"the setting {setting or 'of the file'!r} has no point in {stroke}; a table needs both strokes"
+        name = repr(setting) if setting else "of the file"
+        what = f"the setting {name} has no point in {stroke}; a table needs both strokes"
         raise MissingChannelError(what, path=path, channel=stroke)
     speeds, places = np.unique(rows[:, 0], return_inverse=True)
     counts = np.bincount(places)
     forces = np.bincount(places, weights=rows[:, 1]) / counts
     worst = int(np.argmax(np.abs(rows[:, 1] - forces[places])))
     if abs(rows[worst, 1] - forces[places[worst]]) > SAME_SPEED * np.abs(rows[:, 1]).max():
-        what = f"{setting or 'the table'} has different forces at {rows[worst, 0]:g} m/s; give every setting a name"
+        what = f"{setting or 'the table'} has different forces at {rows[worst, 0]:g} m/s; name every setting"
         raise DataError(what, path=path, channel=stroke)
     return speeds, forces

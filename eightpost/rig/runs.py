@@ -1,4 +1,4 @@
-"""Splitting a dynamometer record into its runs: at pauses, and where amplitude or frequency of a sine change."""
+"""Splitting of a dynamometer record into runs, at pauses and at changes of amplitude or frequency of a sine."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: At rest the shock moves by less than this share of the record's stroke ...
+#: The shock is at rest if it moves by less than this share of the record's stroke, ...
 REST_SHARE = 0.01
-#: ... over this time [s] at least.
+#: ... for at least this time [s], ...
 PAUSE = 0.5
-#: ... and this share of the half cycle beside it: a sine stays within 1 % of its stroke for 13 % of a half cycle.
+#: ... and for this share of the adjacent half cycle: a sine stays within 1 % of its stroke for 13 % of a half cycle.
 PAUSE_SHARE = 0.5
-#: Half cycles belong to one block while stroke and duration stay within this share of the block's median.
+#: Half cycles belong to one block if stroke and duration are within this share of the block's median.
 ALIKE = 0.1
-#: Smallest stroke of a half cycle, as a share of the stretch's; what is under it is noise.
+#: Minimum stroke of a half cycle, as a share of the stroke of the section; smaller motions are noise.
 SMALLEST = 0.02
-#: Half cycles that make a block.
+#: Minimum number of half cycles in a block.
 FEWEST_HALVES = 6
-#: Blocks must fill this share of a stretch; otherwise it is no sequence of sines (a random drive), and one run.
+#: Minimum share of a section that blocks must fill. Otherwise the section is one run, for example a random drive.
 FILLED = 0.75
 
 
@@ -44,7 +44,7 @@ class _Half:
     duration: float
 
     def like(self, block: list[_Half]) -> bool:
-        """Say whether it belongs to a block."""
+        """Return whether the half cycle belongs to a block."""
         stroke, duration = np.median([half.stroke for half in block]), np.median([half.duration for half in block])
         return bool(abs(self.stroke - stroke) <= ALIKE * stroke and abs(self.duration - duration) <= ALIKE * duration)
 
@@ -52,23 +52,23 @@ class _Half:
 def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
     """Split a record into its runs.
 
-    1. A *pause* is `pause` seconds or more over which the shock moves by less than 1 % of the record's stroke, and
-       which lasts half of the half cycle beside it or longer (a slow sine stands long at its ends). The record is cut
-       there, and pauses are left out.
-    2. A stretch between pauses is cut into half cycles at its turning points. Consecutive ones whose stroke and
-       duration stay within 10 % of their median are a *block* of three cycles or more. Where blocks fill three quarters
-       of the stretch, each is a run, and the cycles between (the machine changes speed) are left out. Otherwise, as in
-       a random drive, the stretch is one run.
-    3. What is under 0.5 s or 200 samples is left out, and said in the notes of the first run.
+    1. A *pause* is a time of at least `pause` seconds in which the shock moves by less than 1 % of the record's stroke.
+       It must last at least half as long as the adjacent half cycle, because a slow sine is nearly at rest at its ends.
+       The record is split at pauses, and pauses are left out.
+    2. A section between pauses is divided into half cycles at its turning points. Three or more consecutive cycles
+       whose stroke and duration are within 10 % of their median are a *block*. If blocks fill three quarters of the
+       section, each block is a run, and the cycles in between (in which the machine changes speed) are left out.
+       Otherwise, as in a random drive, the section is one run.
+    3. Runs with less than 0.5 s or 200 samples are left out, and a note of the first run says so.
 
-    Where displacement is not known, the integral of velocity stands in for it. Time keeps its origin.
+    If displacement is unknown, the integral of velocity is used instead. The times are not shifted.
 
     Args:
-        test: The record.
-        pause: Shortest pause [s].
+        test: Record to split.
+        pause: Minimum duration of a pause [s].
 
     Returns:
-        The runs in their order; the test itself where there is nothing to split.
+        Runs in their order, or only the test itself if there is nothing to split.
     """
     path = _path(test)
     stretches = _stretches(test, path, pause)
@@ -78,13 +78,14 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
         return (test,)
     runs = [_run(test, piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
     if runs and len(kept) < len(pieces):
-        left_out = f"{len(pieces) - len(kept)} runs under {SHORTEST:g} s or {FEWEST} samples are left out"
+        count = len(pieces) - len(kept)
+        left_out = f"{count} runs with less than {SHORTEST:g} s or {FEWEST} samples are left out"
         runs[0] = replace(runs[0], notes=(left_out, *runs[0].notes))
     return tuple(runs) or (test,)
 
 
 def _path(test: DynoTest) -> Array:
-    """Return displacement (N,) [m], without what is above a tenth of the sample rate."""
+    """Return displacement (N,) [m], low-passed at a tenth of the sample rate or 50 Hz."""
     series = test.series
     if "displacement" in series:
         path = series["displacement"]
@@ -96,13 +97,13 @@ def _path(test: DynoTest) -> Array:
 
 
 def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int]]:
-    """Return the first sample and the one after the last of each stretch between pauses."""
+    """Return the first sample and the sample after the last of each section between pauses."""
     width = max(3, round(pause * test.series.sample_rate))
     if width >= path.size:
         return [(0, path.size)]
     moved = maximum_filter1d(path, width) - minimum_filter1d(path, width)
     still = moved < REST_SHARE * float(np.ptp(path))
-    # A still window makes all of its samples a pause, not only the middle one.
+    # If a window is at rest, all of its samples belong to the pause, not only the middle one.
     resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
     turns = np.array(_turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
     for start, stop in _intervals(resting):
@@ -112,20 +113,20 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
 
 
 def _intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first sample and the one after the last of each stretch of True."""
+    """Return the first sample and the sample after the last of each sequence of True."""
     edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [(int(start), int(stop)) for start, stop in zip(starts, stops, strict=True)]
 
 
 def _half_cycle_beside(turns: NDArray[np.int64], start: int, stop: int) -> float:
-    """Return the samples from the last turning point before a pause to it, or from it to the next if these are more."""
+    """Return the number of samples between a pause and the farther of the two adjacent turning points."""
     before, after = turns[turns < start], turns[turns >= stop]
     return float(max(start - before[-1] if before.size else 0, after[0] - stop if after.size else 0))
 
 
 def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[int, int]]:
-    """Return the steady sines of a stretch, or the stretch where they do not fill it."""
+    """Return the steady sines of a section, or the whole section if they do not fill it."""
     halves = _halves(test.series.time[start:stop], path[start:stop], start)
     blocks: list[list[_Half]] = []
     for half in halves:
@@ -141,7 +142,7 @@ def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[in
 
 
 def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
-    """Return the half cycles between turning points that are 2 % of the stretch's stroke apart or more."""
+    """Return the half cycles between turning points at least 2 % of the section's stroke apart."""
     turns = _turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
     return [
         _Half(a + offset, b + offset, float(abs(path[b] - path[a])), float(time[b] - time[a]))
@@ -150,7 +151,7 @@ def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
 
 
 def _turning_points(path: Array, *, threshold: float) -> list[int]:
-    """Return the samples of alternate maxima and minima that are more than `threshold` apart."""
+    """Return the samples of alternating maxima and minima that are more than `threshold` apart."""
     extrema = np.flatnonzero(np.diff(np.sign(np.diff(path))) != 0.0) + 1
     turns: list[int] = []
     for i in map(int, extrema):
@@ -171,10 +172,11 @@ def _long_enough(test: DynoTest, start: int, stop: int) -> bool:
 def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
     start, stop = piece
     series = test.series.window(test.series.time[start], test.series.time[stop - 1])
-    said = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
+    section = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
     measured = None if not _derives_velocity(test) else tuple(n for n in series.names if n != "velocity")
-    return replace(test, series=series, derived=(*test.derived, said), notes=notes_of(series, measured=measured))
+    return replace(test, series=series, derived=(*test.derived, section), notes=notes_of(series, measured=measured))
 
 
 def _derives_velocity(test: DynoTest) -> bool:
+    """Return whether the velocity was derived from the displacement."""
     return any(what.startswith("velocity from") for what in test.derived)

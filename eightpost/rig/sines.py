@@ -1,4 +1,4 @@
-"""The sine drivefiles of Table 3.3."""
+"""Sine drive files of Table 3.3."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
-#: Table 3.3: amplitude [in] and peak velocity [in/s]. Its frequencies are those two's, velocity / (2 pi amplitude).
+#: Table 3.3: amplitude [in] and peak velocity [in/s]. The frequencies follow as velocity / (2 pi amplitude).
 TABLE_3_3 = (
     (1.0, 1.0), (1.0, 3.0), (1.0, 6.0), (1.0, 10.0), (1.0, 20.0), (1.0, 30.0),
     (0.5, 5.0), (0.5, 10.0), (0.5, 20.0),
@@ -20,19 +20,19 @@ TABLE_3_3 = (
     (0.1, 2.5), (0.1, 5.0), (0.1, 10.0),
 )  # fmt: skip
 
-#: Shortest steady part of a sine [s].
+#: Minimum duration of the steady part of a sine [s].
 STEADY = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineTest:
-    """A sine of the dynamometer.
+    """A sine test of the dynamometer.
 
     Attributes:
-        amplitude: [m].
+        amplitude: Amplitude [m].
         speed: Peak velocity [m/s].
-        start: Time from which on it is steady [s]; whole cycles follow.
-        drivefile: The channel `displacement` [m].
+        start: Start time of the steady part [s], which has whole cycles.
+        drivefile: Drive file with the channel `displacement` [m].
     """
 
     amplitude: float
@@ -42,12 +42,12 @@ class SineTest:
 
     @property
     def frequency(self) -> float:
-        """[Hz]."""
+        """Frequency [Hz]."""
         return self.speed / (2.0 * math.pi * self.amplitude)
 
     @property
     def name(self) -> str:
-        """As in `1in_10ips`."""
+        """Name of the test, such as `1in_10ips`."""
         return f"{convert(self.amplitude, 'm', 'in'):.3g}in_{convert(self.speed, 'm/s', 'in/s'):.3g}ips"
 
 
@@ -56,16 +56,16 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
 
         x = A w(t) sin(omega t),  w a raised cosine from 0 to 1 over the first whole cycles, half a second or more
 
-    With a fade-in over a cycle the velocity never exceeds the steady one.
+    With a fade-in over a whole cycle, the velocity never exceeds the steady peak velocity.
 
     Args:
-        amplitude: A [m].
-        speed: A omega [m/s].
-        cycles: Fewest steady cycles; more where they take less than 3 s.
-        rate: Samples per second [Hz]; 20 a cycle or more.
+        amplitude: Amplitude A [m].
+        speed: Peak velocity A omega [m/s].
+        cycles: Minimum number of steady cycles; increased if they take less than 3 s.
+        rate: Sample rate [Hz], at least 20 samples per cycle.
 
     Raises:
-        ParameterError: A value is not positive, or the rate is too low.
+        ParameterError: A value is not positive, or the sample rate is too low.
     """
     for name, value in (("amplitude", amplitude), ("speed", speed), ("cycles", cycles), ("rate", rate)):
         if not (value > 0.0 and math.isfinite(value)):
@@ -73,7 +73,7 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
     frequency = speed / (2.0 * math.pi * amplitude)
     if rate < 20.0 * frequency:
         raise ParameterError(
-            f"a sine of {frequency:.4g} Hz needs {20.0 * frequency:.0f} samples a second, not {rate:g}"
+            f"a sine of {frequency:.4g} Hz needs a sample rate of at least {20.0 * frequency:.0f} Hz, not {rate:g} Hz"
         )
     start = math.ceil(max(1.0, 0.5 * frequency)) / frequency
     stop = start + math.ceil(max(cycles, STEADY * frequency)) / frequency
@@ -85,6 +85,6 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
 
 
 def sine_tests(*, cycles: int = 3, rate: float = 2000.0) -> tuple[SineTest, ...]:
-    """Return the 14 sines of Table 3.3, in its order; arguments as for `sine_test`."""
+    """Return the 14 sines of Table 3.3 in the order of the table; see `sine_test` for the arguments."""
     table = [(convert(a, "in", "m"), convert(v, "in/s", "m/s")) for a, v in TABLE_3_3]
     return tuple(sine_test(amplitude, speed, cycles=cycles, rate=rate) for amplitude, speed in table)

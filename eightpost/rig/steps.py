@@ -1,4 +1,4 @@
-"""Drivefiles of ramps and holds: the static test and the bump (dissertation 3.2.3)."""
+"""Drive files with ramps and holds: the static test and the bump (dissertation 3.2.3)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The offset that the dynamometer's commands count from, near the middle of the travel (3.2.1) [m].
+#: Zero position of the dynamometer's commands, near the middle of the travel (3.2.1) [m].
 OFFSET = convert(3.0, "in", "m")
 
 _INCH = convert(1.0, "in", "m")
@@ -38,15 +38,15 @@ def static_steps(
     """Return the static profile (Fig 3.12): hold, move one step, hold, up and down again.
 
     Args:
-        start: First position, counted from the 3 in offset [m]; 2 in of offset.
-        step: [m]; 1 in.
-        steps: Up, and as many down; 3.
-        speed: Between positions [m/s]; 0.2 in/s.
-        hold: At each position [s]; 20.
-        rate: Samples per second [Hz].
+        start: First position relative to the 3 in zero position [m]; default 2 in, which is -1 in.
+        step: Height of a step [m]; default 1 in.
+        steps: Number of steps up, and the same number down; default 3.
+        speed: Speed between positions [m/s]; default 0.2 in/s.
+        hold: Duration at each position [s]; default 20.
+        rate: Sample rate [Hz].
 
     Returns:
-        A drivefile with the channel `displacement` [m].
+        Drive file with the channel `displacement` [m].
 
     Raises:
         ParameterError: A value is not positive.
@@ -64,20 +64,20 @@ def bump(
     rounding: float = 0.004,
     rate: float = 2000.0,
 ) -> Drivefile:
-    """Return the bump (Fig 3.13): rest, up in one ramp, rest, and down again.
+    """Return the bump (Fig 3.13): hold, one ramp up, hold, one ramp down, hold.
 
     Args:
-        height: [m]; 0.5 in.
-        speed: Of the ramps' straight middle [m/s]; 30 in/s.
-        hold: Before, between and after [s].
-        rounding: Time over which the speed is built up [s]: no actuator starts at once.
-        rate: Samples per second [Hz].
+        height: Height of the bump [m]; default 0.5 in.
+        speed: Speed in the straight part of the ramps [m/s]; default 30 in/s.
+        hold: Duration of each hold [s].
+        rounding: Time to reach the speed [s], because an actuator cannot start instantly.
+        rate: Sample rate [Hz].
 
     Returns:
-        A drivefile with the channel `displacement` [m].
+        Drive file with the channel `displacement` [m].
 
     Raises:
-        ParameterError: A value is not positive, or the ramp has no straight middle.
+        ParameterError: A value is not positive, or the ramp has no straight part.
     """
     _check(height=height, speed=speed, hold=hold, rounding=rounding, rate=rate)
     if 2.0 * rounding > height / speed:
@@ -95,7 +95,7 @@ def _check(**values: float) -> None:
 
 
 def _ramps(positions: Sequence[float], *, speed: float, hold: float, rounding: float, rate: float) -> Drivefile:
-    """Return holds at positions [m] with ramps between, the corners rounded by two moving means."""
+    """Return holds at positions [m] connected by ramps, with corners rounded by two moving averages."""
     corners = [(0.0, positions[0]), (hold, positions[0])]
     for here, there in itertools.pairwise(positions):
         arrival = corners[-1][0] + abs(there - here) / speed
@@ -103,7 +103,7 @@ def _ramps(positions: Sequence[float], *, speed: float, hold: float, rounding: f
     times, values = np.array(corners).T
     time = np.arange(round(times[-1] * rate) + 1) / rate
     displacement = np.interp(time, times, values)
-    # Two means of half the length: the acceleration is a triangle, so the velocity is smooth.
+    # With two averages of half the length, the acceleration is a triangle and the velocity is smooth.
     width = max(round(0.5 * rounding * rate), 1) // 2 * 2 + 1
     for _ in range(2):
         displacement = uniform_filter1d(displacement, width, mode="nearest")

@@ -1,4 +1,4 @@
-"""What temperature does to the force, where runs or cycles repeat at several temperatures."""
+"""Effect of temperature on the force, estimated from runs that are repeated at several temperatures."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Runs repeat each other when stroke speed (standard deviation) agrees within this share.
+#: Runs are repetitions if the standard deviations of their velocities agree within this share.
 ALIKE = 0.05
-#: Smallest spread of temperature [K] that says something.
+#: Minimum range of temperature [K] for an estimate.
 SMALLEST_SPREAD = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class TemperatureEffect:
-    """The change of force with temperature, from repeated runs.
+    """Change of force with temperature, estimated from repeated runs.
 
     Attributes:
-        per_kelvin: Relative change of the force's standard deviation [1/K]; negative where the shock softens.
-        error: Its standard error [1/K]; NaN where two runs determine it exactly.
-        runs: How many runs it is from.
-        spread: Range of their mean temperatures [K].
+        per_kelvin: Relative change of the force's standard deviation [1/K]; negative if the shock becomes softer.
+        error: Standard error of per_kelvin [1/K]; NaN if it is determined exactly by two runs.
+        runs: Number of runs.
+        spread: Range of the mean temperatures of the runs [K].
     """
 
     per_kelvin: float
@@ -42,12 +42,12 @@ class TemperatureEffect:
 def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     """Estimate the change of force with temperature from runs that repeat each other.
 
-    log(standard deviation of force) = g_k + b T over the groups k of runs with the same velocity (standard deviation
-    within 5 %), least squares; the differences of speed inside a group are taken as proportional. None where no two
-    runs repeat, or their temperatures differ by less than 1 K.
+    The model log(standard deviation of force) = g_k + b T is fitted by least squares. The groups k are runs with the
+    same velocity (standard deviation within 5 %); within a group, the force is assumed proportional to the velocity.
+    The result is None if no runs are repeated, or if their temperatures differ by less than 1 K.
 
     Args:
-        tests: Runs, as `split_runs` gives them or from several files of one build.
+        tests: Runs from `split_runs` or from several files of one build.
     """
     known = [test for test in tests if "temperature" in test.series]
     temperatures, logs = [], []
@@ -59,11 +59,11 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
             logs.append(force - force.mean())
     if not temperatures or max(float(np.ptp(heat)) for heat in temperatures) < SMALLEST_SPREAD:
         return None
-    return _regressed(temperatures, logs)
+    return _regress(temperatures, logs)
 
 
 def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
-    """Return the runs by the standard deviation of their velocity."""
+    """Return the runs in groups with the same standard deviation of velocity."""
     groups: list[list[DynoTest]] = []
     for test in sorted(tests, key=_speed):
         if groups and _speed(test) <= (1.0 + ALIKE) * _speed(groups[-1][0]):
@@ -77,7 +77,7 @@ def _speed(test: DynoTest) -> float:
     return float(test.series["velocity"].std())
 
 
-def _regressed(temperatures: list[Array], logs: list[Array]) -> TemperatureEffect:
+def _regress(temperatures: list[Array], logs: list[Array]) -> TemperatureEffect:
     heat, force = np.concatenate(temperatures), np.concatenate(logs)
     slope = float(heat @ force / (heat @ heat))
     free = heat.size - len(temperatures) - 1

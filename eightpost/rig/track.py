@@ -1,4 +1,4 @@
-"""Synthetic track drivefiles for the seven-DOF car: rough road and slow body loads (dissertation 6.1.3)."""
+"""Synthetic track drive files for the seven-DOF car: rough road and slow body loads (dissertation 6.1.3)."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Table 6.3, wheelloader: frequency [Hz] and relative amplitude [1]; nothing above 30 Hz.
+#: Table 6.3, wheelloader: frequency [Hz] and relative amplitude [1]; zero above 30 Hz.
 WHEELLOADER = (
     (0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (2.0, 0.8), (3.0, 0.7), (5.0, 0.5), (8.0, 0.3), (10.0, 0.3),
     (15.0, 0.3), (20.0, 0.1), (30.0, 0.01),
 )  # fmt: skip
 
-#: Table 6.3, aeroloader: frequency [Hz] and relative amplitude [1]; nothing above 5 Hz.
+#: Table 6.3, aeroloader: frequency [Hz] and relative amplitude [1]; zero above 5 Hz.
 AEROLOADER = ((0.0, 1.0), (0.5, 1.0), (3.0, 1.0), (4.0, 0.1), (5.0, 0.01))
 
-#: Time over which a drivefile grows from its mean to full size [s].
+#: Time over which a drive file grows from its mean to its full amplitude [s].
 TAPER = 1.0
 
-#: Time that is made before and after the record and cut off, so that the periodic noise does not wrap [s].
+#: Time that is generated before and after the record and cut off, so that the periodic noise does not wrap around [s].
 _MARGIN = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """How the car meets the road. Sizes from 6.1.3 where it gives them, else our own choice.
+    """Parameters of a track drive file, from section 6.1.3 if it gives them, otherwise our own choice.
 
     Attributes:
-        speed: [m/s].
-        wheelbase: The rear axle meets the road wheelbase / speed after the front [m].
-        track_width: Distance of the wheels of an axle [m].
-        coherence_width: Left and right are alike above wavelengths of track_width / coherence_width [1].
-        road_peak: Largest wheelloader displacement [m]; 0.4 in (6.1.3).
+        speed: Speed of the car [m/s].
+        wheelbase: Wheelbase [m]; the rear axle follows the road of the front axle after wheelbase / speed.
+        track_width: Distance between the wheels of an axle [m].
+        coherence_width: Ratio [1]; left and right are similar above wavelengths of track_width / coherence_width.
+        road_peak: Maximum wheelloader displacement [m]; 0.4 in (6.1.3).
         downforce: Mean downforce [N].
-        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf, what 6.1.3 has per aeroloader.
+        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf, the value per aeroloader in 6.1.3.
         roll_rms: Root mean square of the roll moment [N.m].
         pitch_rms: Root mean square of the pitch moment [N.m].
     """
@@ -64,38 +64,38 @@ class Track:
         return self.wheelbase / self.speed
 
     def likeness(self, frequency: Array) -> Array:
-        """Return the coherence (not squared) of left and right (K,) [1] at `frequency` (K,) [Hz].
+        """Return the coherence (not squared) of the left and right road (K,) [1] at `frequency` (K,) [Hz].
 
             gamma(f) = exp(-f w / (c v)),  w track width, v speed, c coherence width
 
-        One at long wavelengths and falling with frequency, as measured roads do.
+        The coherence is one at long wavelengths and decreases with frequency, as on measured roads.
         """
         return np.asarray(np.exp(-frequency * self.track_width / (self.coherence_width * self.speed)))
 
 
 def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, track: Track | None = None) -> Drivefile:
-    """Return a synthetic track drivefile for the seven-DOF car.
+    """Return a synthetic track drive file for the seven-DOF car.
 
-    Gaussian noise is shaped to the spectra of Table 6.3: the four roads to the wheelloader's, left and right
-    alike at long wavelengths only, the rear axle the delayed front; heave force (about a mean downforce, so
-    negative), roll and pitch moment to the aeroloader's. In the first second everything grows from its mean,
-    so that a run may start in equilibrium.
+    Gaussian noise is shaped to the spectra of Table 6.3. The four roads have the spectrum of the wheelloaders; left and
+    right are similar only at long wavelengths, and the rear axle has the delayed road of the front axle. Heave force
+    (about a mean downforce, so negative), roll and pitch moment have the spectrum of the aeroloaders. In the first
+    second all channels grow from their means, so that a run can start in equilibrium.
 
     Args:
-        seed: Seed of the noise.
-        duration: Length [s].
-        rate: Samples per second [Hz], above 60.
-        track: Speed, geometry and sizes.
+        seed: Seed of the noise generator.
+        duration: Duration [s].
+        rate: Sample rate [Hz], above 60.
+        track: Speed, geometry and amplitudes.
 
     Returns:
-        A drivefile with `lf.road`, `rf.road`, `lr.road`, `rr.road` [m, up], `heave_force` [N, up],
+        Drive file with `lf.road`, `rf.road`, `lr.road`, `rr.road` [m, up], `heave_force` [N, up],
         `roll_moment` and `pitch_moment` [N.m].
 
     Raises:
-        ValueError: The rate cannot carry the spectrum.
+        ValueError: The sample rate is too low for the spectrum.
     """
     if rate <= 60.0:
-        raise ValueError(f"the rate must be above 60 Hz to carry the spectrum to 30 Hz, not {rate:g} Hz")
+        raise ValueError(f"the sample rate must be above 60 Hz for a spectrum up to 30 Hz, not {rate:g} Hz")
     track = track or Track()
     generator = np.random.default_rng(seed)
     samples = round(duration * rate) + 1
@@ -117,7 +117,7 @@ def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, t
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Noise:
-    """White noise on a record with a margin on both sides, shaped in the frequency domain."""
+    """White noise for a record with a margin on both sides, shaped in the frequency domain."""
 
     generator: np.random.Generator
     samples: int
@@ -129,7 +129,7 @@ class _Noise:
         return np.asarray(np.fft.rfftfreq(self.samples + 2 * self.margin, 1.0 / self.rate))
 
     def shaped(self, table: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
-        """Return the lines (K,) of a new noise with the amplitude spectrum of a table, without a mean."""
+        """Return the Fourier coefficients (K,) of new zero-mean noise with the amplitude spectrum of a table."""
         white = self.generator.standard_normal(self.samples + 2 * self.margin)
         frequencies, amplitudes = np.array(table).T
         shape = np.interp(self.frequency, frequencies, amplitudes, right=0.0)
@@ -137,7 +137,7 @@ class _Noise:
         return np.asarray(np.fft.rfft(white) * shape, dtype=np.complex128)
 
     def cut(self, lines: NDArray[np.complex128]) -> Array:
-        """Return the record (N,) of lines (K,), the margins cut off."""
+        """Return the record (N,) of Fourier coefficients (K,) without the margins."""
         whole = np.fft.irfft(lines, self.samples + 2 * self.margin)
         return np.asarray(whole[self.margin : self.margin + self.samples], dtype=np.float64)
 
@@ -145,8 +145,8 @@ class _Noise:
 def _roads(noise: _Noise, track: Track) -> Array:
     """Return the roads (4, N) under lf, rf, lr, rr, in any unit.
 
-    With a common part c and an opposed part d, left = c + d and right = c - d are of one spectrum and have
-    the coherence gamma when the power of c is (1 + gamma) / 2 and that of d is (1 - gamma) / 2.
+    With a common part c and an opposed part d, left = c + d and right = c - d have the same spectrum. Their coherence
+    is gamma if the power of c is (1 + gamma) / 2 and that of d is (1 - gamma) / 2.
     """
     likeness = track.likeness(noise.frequency)
     common = noise.shaped(WHEELLOADER) * np.sqrt(0.5 * (1.0 + likeness))
@@ -157,6 +157,6 @@ def _roads(noise: _Noise, track: Track) -> Array:
 
 
 def _taper(samples: int, rate: float) -> Array:
-    """Return the growth (N,) from 0 to 1 over the first second: a raised cosine."""
+    """Return a raised cosine (N,) that grows from 0 to 1 over the first second."""
     time = np.arange(samples) / rate
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(time / TAPER, 1.0)), dtype=np.float64)

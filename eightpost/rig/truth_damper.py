@@ -1,8 +1,8 @@
-"""A damper of another kind than the laws that are fitted: the truth behind the demonstration data.
+"""Damper that generates the demonstration data; its model differs from the laws that are fitted.
 
-The valve gives velocity as a function of force (the laws give force as a function of velocity), it is
-digressive and different on its two sides, and it acts through a fluid that stiffens with pressure, so that
-the lag changes with the force. No law of `eightpost.shock` contains it, and it is integrated here by scipy.
+The valve gives velocity as a function of force (the laws give force as a function of velocity). It is digressive and
+different on its two sides. The fluid stiffens with pressure, so that the lag changes with the force. No law of
+`eightpost.shock` contains this model. It is integrated with scipy.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ _POUND = convert(1.0, "lbf", "N")
 
 @dataclass(frozen=True, slots=True)
 class ValveSide:
-    """One side of the piston: a bleed orifice beside a blow-off stack.
+    """One side of the piston: a bleed orifice in parallel with a blow-off stack.
 
         bleed:     |F| = R u + Q u^2
         blow-off:  u = (w / c) [ln(1 + exp((|F| - F_open) / w)) - ln(1 + exp(-F_open / w))]
 
-    Both flows add up; u is the flow velocity at the piston.
+    The two flows are added; u is the flow velocity at the piston.
 
     Attributes:
-        bleed_linear: R, laminar resistance of the bleed [N.s/m].
-        bleed_square: Q, turbulent resistance of the bleed [N.s2/m2].
-        opening_force: F_open, at which the stack opens [N].
-        opening_width: w, over which it opens [N].
-        open_damping: c, slope of the open stack [N.s/m].
+        bleed_linear: Laminar resistance R of the bleed [N.s/m].
+        bleed_square: Turbulent resistance Q of the bleed [N.s2/m2].
+        opening_force: Force F_open at which the stack opens [N].
+        opening_width: Force range w over which the stack opens [N].
+        open_damping: Slope c of the open stack [N.s/m].
     """
 
     bleed_linear: float
@@ -73,18 +73,18 @@ class TruthDamper:
 
         dF/dt = k0 (1 + |F| / F1) (v - g(F)),  port force = F + K x + F0 + F_seal tanh(v / v_seal)
 
-    with v the velocity, x the displacement and g the valve's flow velocity, each side its own.
+    Here v is the velocity, x the displacement and g the flow velocity of the valve, which differs between the sides.
 
     Attributes:
-        compression: The valve at positive force.
-        rebound: The valve at negative force.
-        fluid_stiffness: k0 [N/m].
-        stiffening_force: F1, at which the fluid is twice as stiff [N].
-        gas_pressure: Static gas pressure [Pa]; it documents K and F0.
-        gas_stiffness: K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
-        gas_preload: F0 at zero displacement [N] (Eq 3.18).
-        seal_drag: F_seal [N]; 3 to 5 lbf (3.4.3).
-        seal_velocity: v_seal [m/s].
+        compression: Valve side for positive force.
+        rebound: Valve side for negative force.
+        fluid_stiffness: Fluid stiffness k0 at zero force [N/m].
+        stiffening_force: Force F1 at which the fluid is twice as stiff [N].
+        gas_pressure: Static gas pressure [Pa], for information only: it corresponds to K and F0.
+        gas_stiffness: Gas stiffness K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
+        gas_preload: Gas force F0 at zero displacement [N] (Eq 3.18).
+        seal_drag: Seal friction F_seal [N]; 3 to 5 lbf (3.4.3).
+        seal_velocity: Transition velocity v_seal of the seal friction [m/s].
     """
 
     compression: ValveSide
@@ -98,29 +98,29 @@ class TruthDamper:
     seal_velocity: float = convert(0.2, "in/s", "m/s")
 
     def valve_velocity(self, force: float) -> float:
-        """Return g: the flow velocity [m/s] at the valve force [N], both signed."""
+        """Return the flow velocity g [m/s] at a valve force [N], both signed."""
         if force >= 0.0:
             return self.compression.flow(force)
         return -self.rebound.flow(-force)
 
     def static_force(self, velocity: float) -> float:
-        """Return the valve force [N] at a constant velocity [m/s]: the inverse of g."""
+        """Return the valve force [N] at a constant velocity [m/s], which is the inverse of g."""
         reach = 1000.0
         while (self.valve_velocity(math.copysign(reach, velocity)) - velocity) * velocity < 0.0:
             reach *= 2.0
         return float(brentq(lambda force: self.valve_velocity(force) - velocity, -reach, reach))
 
     def respond(self, motion: TimeSeries, *, rate: float) -> TimeSeries:
-        """Integrate the damper along a displacement command.
+        """Integrate the damper for a displacement command.
 
-        The command is read as a cubic spline through its samples; the valve starts in its static force.
+        The command is interpolated by a cubic spline; the valve starts with its static force.
 
         Args:
-            motion: An evenly sampled series with the channel `displacement` [m].
-            rate: Samples of the result per second [Hz].
+            motion: Evenly sampled series with the channel `displacement` [m].
+            rate: Sample rate of the result [Hz].
 
         Returns:
-            displacement [m], velocity [m/s] and the port's force [N].
+            Series with displacement [m], velocity [m/s] and the force of the port [N].
 
         Raises:
             ValueError: The command is not evenly sampled.
@@ -164,12 +164,12 @@ class TruthDamper:
             max_step=5e-3,
         )
         if not solution.success:
-            raise RuntimeError(f"the truth damper was not integrated: {solution.message}")
+            raise RuntimeError(f"the integration of the demonstration damper failed: {solution.message}")
         return np.asarray(solution.y[0], dtype=np.float64)
 
 
 def _fast_quadratic(coefficients: Array, start: float, step: float) -> Callable[[float], float]:
-    """Return a piecewise quadratic (3, K) on an even grid as a function of one time, quicker than scipy's."""
+    """Return a piecewise quadratic (3, K) on an even grid as a function of one time, faster than scipy's."""
     pieces = [tuple(piece) for piece in coefficients.T.tolist()]
     last = len(pieces) - 1
 
@@ -183,7 +183,7 @@ def _fast_quadratic(coefficients: Array, start: float, step: float) -> Callable[
 
 
 def _side(bleed: float, square: float, opening: float, damping: float) -> ValveSide:
-    """Return a side from lbf/(in/s), lbf/(in/s)^2, lbf and lbf/(in/s)."""
+    """Return a valve side for values in lbf/(in/s), lbf/(in/s)^2, lbf and lbf/(in/s)."""
     c = _POUND_PER_INCH_PER_SECOND
     width = 0.15 * opening * _POUND
     return ValveSide(bleed * c, square * c / 0.0254, opening * _POUND, width, damping * c)
@@ -193,11 +193,11 @@ def demo_damper(build: str) -> TruthDamper:
     """Return the damper of a demonstration build.
 
     Args:
-        build: `A` (baseline, about 20 lbf/(in/s) on average), `B` (stiffer, about 28, rebound-heavy) or `C`
-            (softer, about 10, compression-heavy and nearly linear).
+        build: Name of the build: `A` (baseline, about 20 lbf/(in/s) on average), `B` (stiffer, about 28, more damping
+            in rebound) or `C` (softer, about 10, more damping in compression and nearly linear).
 
     Raises:
-        ValueError: There is no such build.
+        ValueError: The build does not exist.
     """
     if build not in _BUILDS:
         raise ValueError(f"no demonstration build {build!r}; there are {', '.join(_BUILDS)}")

@@ -22,7 +22,7 @@ from eightpost.units import convert
 DAMPING = convert(1.0, "lbf.s/in", "N.s/m")
 #: Baseline and alternate shocks (6.1.4) [lbf.s/in].
 BASELINE, ALTERNATE = 20.0, 9.0
-#: Nothing drives the rig above this [Hz] (Table 6.3); settling that is left out [s].
+#: Maximum frequency of the drive [Hz] (Table 6.3), and duration of the settling that is left out [s].
 HIGH, SETTLING = 30.0, 2.0
 
 
@@ -31,7 +31,7 @@ def forces(car):
 
 
 def outputs(car, motion):
-    """Shock velocities, tire forces, ride heights and hub accelerations of a motion, by name: (unit, row)."""
+    """Return shock velocities, tire forces, ride heights and hub accelerations of a motion, by name: (unit, row)."""
     rows = {"velocity": car.shock @ motion.velocity, "tire_force": motion.tire_force}
     rows["hub_acceleration"] = car.wheel @ motion.acceleration
     units = {"velocity": "m/s", "tire_force": "N", "hub_acceleration": "m/s2"}
@@ -43,7 +43,7 @@ def outputs(car, motion):
 
 
 def linear_model(car, *, duration=100.0, seed=1):
-    """The response of a car, estimated from its baseline and alternate tests without noise."""
+    """Return the response of a car, estimated from its baseline and alternate tests without noise."""
     drive = Actuators().follow(random_drive(car, seed, duration=duration).series, car)
     baseline, alternate = LinearDamper(BASELINE * DAMPING), LinearDamper(ALTERNATE * DAMPING)
     runs = [Run(drive, tuple(alternate if c == k else baseline for c in range(4))) for k in range(-1, 4)]
@@ -53,7 +53,7 @@ def linear_model(car, *, duration=100.0, seed=1):
         records,
         inputs=[*car.inputs, *forces(car)],
         outputs=names,
-        # The aeroloaders have no power above 5 Hz; what leaks there is none.
+        # The aeroloaders have no power above 5 Hz, except for spectral leakage, which is removed.
         recipe=LocalPolynomial(high=HIGH, spacing=0.1, power_floor=0.03),
         baseline_damping=dict.fromkeys(car.corners, BASELINE * DAMPING),
     )
@@ -70,14 +70,14 @@ def _record(car, motion):
 
 
 def relative_errors(car, response, setups, *, seed, duration):
-    """Errors [%] of the RMS measures (setups, 15) of the linear model over a lap, against the truth's.
+    """Return the errors [%] of the RMS measures (setups, 15) of the linear model over a lap, relative to the truth.
 
     Args:
         car: The truth.
-        response: What `linear_model` gave.
+        response: Response returned by `linear_model`.
         setups: Dampings [lbf.s/in] of four linear dampers each.
-        seed: Of the lap.
-        duration: Of the lap [s].
+        seed: Seed of the lap.
+        duration: Duration of the lap [s].
     """
     lap = Actuators().follow(track_drive(car, seed, duration=duration).series, car)
     banks = [tuple(LinearDamper(c * DAMPING) for c in setup) for setup in setups]
@@ -90,7 +90,7 @@ def relative_errors(car, response, setups, *, seed, duration):
 
 
 def _measures(names, rows):
-    """RMS of the outputs (p, N) and of the sum of the tire forces, up to HIGH and without the settling."""
+    """Return the RMS of the outputs (p, N) and of the sum of the tire forces, up to HIGH and without the settling."""
     lines = np.fft.rfft(rows - rows.mean(axis=1, keepdims=True), axis=1)
     lines[:, np.fft.rfftfreq(rows.shape[1], 1.0 / RATE) > HIGH] = 0.0
     settled = np.fft.irfft(lines, rows.shape[1], axis=1)[:, round(SETTLING * RATE) :]
@@ -99,7 +99,7 @@ def _measures(names, rows):
 
 
 def _predicted(car, response, lap, setups):
-    """The outputs (p, N) of the linear model for each setup; the lap starts at rest and fades out after its end."""
+    """Return the outputs (p, N) of the linear model per setup; the lap starts at rest and fades out after its end."""
     u = np.stack([lap[name] for name in car.inputs])
     u -= u[:, :1]
     fade = np.where(np.arange(20 * 1250) < 1250, 0.5 + 0.5 * np.cos(np.pi * np.arange(20 * 1250) / 1250), 0.0)

@@ -1,4 +1,4 @@
-"""The shipped data are what their script makes, small, readable and marked as synthetic."""
+"""The shipped data are the output of their script, small, readable and marked as synthetic."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ DATA = Path(__file__).parents[2] / "examples" / "data"
 
 
 @pytest.mark.parametrize("build", ["A", "B", "C"])
-def test_a_dynamometer_file_reads_without_a_word(build):
+def test_a_dynamometer_file_reads_without_notes(build):
     path = DATA / f"dyno_{build}.csv"
     assert path.read_text().startswith("SYNTHETIC")
     assert path.stat().st_size < 900_000

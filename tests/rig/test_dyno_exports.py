@@ -1,4 +1,4 @@
-"""Exports of dynamometer programs: preamble, units in a row of their own, several tests in one file.
+"""Exports of dynamometer programs: preamble, units in a separate row, several tests in one file.
 
 The samples below are written for these tests after what is publicly known of such exports; no vendor's file is copied.
 """
@@ -73,7 +73,7 @@ def test_the_preamble_gives_the_conditions(tmp_path, preamble):
     assert test.notes == ()
 
 
-def test_the_units_are_those_of_the_row_under_the_names(tmp_path):
+def test_units_are_read_from_the_row_under_the_names(tmp_path):
     series = read_dyno_test(written(tmp_path, COLONS + table(10.0))).series
     assert np.abs(series["velocity"]).max() == pytest.approx(0.254, rel=0.02)
     assert series["force"].mean() == pytest.approx(40.0 * 4.4482216152605, rel=0.01)
@@ -81,7 +81,7 @@ def test_the_units_are_those_of_the_row_under_the_names(tmp_path):
     assert series["temperature"][0] == pytest.approx(297.039, abs=1e-3)
 
 
-def test_every_test_of_a_file_is_read_and_a_preamble_holds_until_the_next(tmp_path):
+def test_all_tests_of_a_file_are_read_and_a_preamble_applies_until_the_next(tmp_path):
     first = COLONS.format(name="slow") + table(5.0)
     path = written(tmp_path, first + "Test Name: fast\nGas Pressure: 50 psi\n" + table(10.0))
     slow, fast = read_dyno_tests(path)
@@ -97,17 +97,17 @@ def test_a_file_of_several_tests_is_not_read_as_one(tmp_path):
         read_dyno_test(written(tmp_path, table(5.0) + table(10.0)))
 
 
-def test_what_the_caller_says_goes_before_the_preamble(tmp_path):
+def test_arguments_take_precedence_over_the_preamble(tmp_path):
     said = DynoConditions(build="C", gas_pressure=1e5)
     test = read_dyno_test(written(tmp_path, COLONS + table(10.0)), conditions=said)
     assert (test.conditions.build, test.conditions.gas_pressure) == ("C", 1e5)
     assert test.conditions.clicks is not None
 
 
-def test_gas_is_a_force_or_a_pressure_by_its_unit_and_nothing_without_one(tmp_path):
+def test_gas_is_a_force_or_a_pressure_depending_on_its_unit_and_ignored_without_a_unit(tmp_path):
     force = read_dyno_test(written(tmp_path, "Preload,40,lbf\n" + table(10.0)))
     assert force.conditions.gas_force == pytest.approx(40.0 * 4.4482216152605)
     assert force.conditions.gas_pressure is None
     unknown = read_dyno_test(written(tmp_path, "Preload,40\n" + table(10.0)))
     assert unknown.conditions == DynoConditions()
-    assert any("'Preload' is not taken: '40' has no unit" in note for note in unknown.notes)
+    assert any("'Preload' of the preamble is ignored: '40' has no unit" in note for note in unknown.notes)

@@ -1,4 +1,4 @@
-"""Every kind of fault, put at a random place of a good record, is refused or said: none passes unseen."""
+"""Every type of fault at a random place of a good record is refused or reported in a note."""
 
 import os
 import re
@@ -39,7 +39,7 @@ def text(columns: np.ndarray, names: tuple[str, ...] = NAMES) -> str:
 
 
 def with_value(row, value):
-    """The cell of `row` (None: any) at a random sample becomes `value`."""
+    """Return a change that sets the cell of `row` (None: any row) at a random sample to `value`."""
 
     def put(columns, generator):
         i = int(generator.integers(1, COUNT))
@@ -68,7 +68,7 @@ def lost(columns, generator):
 
 
 def lost_and_joined(columns, generator):
-    """The samples are gone, and time goes on as if they were not: where the shock has moved meanwhile."""
+    """Remove samples during which the shock moves, and close the gap in time."""
     moved = np.abs(columns[X, 100:] - columns[X, :-100])[50:-250]
     i = 50 + int(generator.choice(np.flatnonzero(moved > 0.25 * np.ptp(columns[X]))))
     cut = np.delete(columns, np.s_[i : i + 100], axis=1)
@@ -112,30 +112,30 @@ def saturated(row):
     return put
 
 
-def scaled(row, least, greatest):
+def scaled(row, low, high):
     def put(columns, generator):
-        columns[row] *= generator.uniform(least, greatest)
+        columns[row] *= generator.uniform(low, high)
         return text(columns)
 
     return put
 
 
-def shifted(row, least, greatest):
+def shifted(row, low, high):
     def put(columns, generator):
-        shift = int(generator.integers(least, greatest)) * int(generator.choice([-1, 1]))
+        shift = int(generator.integers(low, high)) * int(generator.choice([-1, 1]))
         moved = np.roll(columns, shift, axis=1)[row]
         columns[row] = moved
-        return text(columns[:, greatest:-greatest])
+        return text(columns[:, high:-high])
 
     return put
 
 
-def offset(row, least, greatest):
-    """A constant is added, as a share of the range, with either sign or (least < 0) that of the bounds."""
+def offset(row, low, high):
+    """Return a change that adds a share of the range, with a random sign or (low < 0) the sign of the bounds."""
 
     def put(columns, generator):
-        sign = int(generator.choice([-1, 1])) if least > 0.0 else 1
-        columns[row] += sign * generator.uniform(least, greatest) * np.ptp(columns[row])
+        sign = int(generator.choice([-1, 1])) if low > 0.0 else 1
+        columns[row] += sign * generator.uniform(low, high) * np.ptp(columns[row])
         return text(columns)
 
     return put
@@ -178,7 +178,7 @@ def renamed(row, name):
 
 
 def other_noise(columns, generator):
-    """The column is not the force: it does not know of the velocity."""
+    """Replace the force by a signal that is independent of the velocity."""
     columns[F] = 500.0 * generator.standard_normal(COUNT)
     return text(columns)
 
@@ -188,7 +188,7 @@ def two_tables(columns, generator):
     return text(columns[:, :middle]) + "Test 2\n" + text(columns[:, middle:])
 
 
-#: What is done to the record, and the error that must come.
+#: Change of the record, and the expected error.
 REFUSED = {
     "a NaN": (with_value(None, "nan"), errors.NotANumberError),
     "an infinite sample": (with_value(None, "-inf"), errors.NotANumberError),
@@ -216,10 +216,10 @@ REFUSED = {
     "two tables": (two_tables, errors.FileFormatError),
 }
 
-#: What is done to the record, and what one of its notes must say.
+#: Change of the record, and the expected text of one of its notes.
 NOTED = {
-    "a saturated velocity": (saturated(V), "velocity: .* sit at the (high|low)est"),
-    "a saturated displacement": (saturated(X), "displacement: .* sit at the (high|low)est"),
+    "a saturated velocity": (saturated(V), "velocity: .* are equal to the (high|low)est"),
+    "a saturated displacement": (saturated(X), "displacement: .* are equal to the (high|low)est"),
     "a quantised velocity": (quantised(V), "velocity: quantised"),
     "a quantised displacement": (quantised(X), "displacement: quantised"),
     "a quantised force": (quantised(F), "force: quantised"),
@@ -238,7 +238,7 @@ NOTED = {
     "velocity in the wrong unit": (renamed(V, "v [m/s]"), "velocity: it reaches .*check the column's unit"),
     "displacement in the wrong unit": (renamed(X, "x [in]"), "slope of displacement is 2.* as large; check both units"),
     "force in the wrong unit": (renamed(F, "F [kN]"), "force: it reaches .*check the column's unit"),
-    "a column that is no force": (other_noise, "force: it correlates with velocity"),
+    "a column that is no force": (other_noise, "force: its correlation with velocity"),
 }
 
 
@@ -250,11 +250,11 @@ def read(content: str):
 
 
 def cases(table: dict):
-    """Any seed for any fault of a table, each fault a few times."""
+    """Parametrise a test with all faults of a table."""
     return pytest.mark.parametrize("fault", table)
 
 
-#: Seeds per fault; more of them with EIGHTPOST_EXAMPLES.
+#: Number of seeds per fault; EIGHTPOST_EXAMPLES sets a larger number.
 few = settings(max_examples=int(os.environ.get("EIGHTPOST_EXAMPLES", "2")), deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -268,7 +268,7 @@ def test_a_good_record_is_read_without_a_note(seed):
 @cases(REFUSED)
 @few
 @given(seed=seeds)
-def test_a_fault_that_makes_a_record_useless_is_refused_by_its_own_error(fault, seed):
+def test_a_fault_that_makes_a_record_unusable_raises_its_own_error(fault, seed):
     put, error = REFUSED[fault]
     with pytest.raises(error, match=r"run\.csv"):
         read(put(good(seed), np.random.default_rng(seed)))
@@ -277,12 +277,12 @@ def test_a_fault_that_makes_a_record_useless_is_refused_by_its_own_error(fault, 
 @cases(NOTED)
 @few
 @given(seed=seeds)
-def test_a_fault_that_leaves_a_record_usable_is_said_or_refused(fault, seed):
-    put, said = NOTED[fault]
+def test_a_fault_that_leaves_a_record_usable_gives_a_note_or_an_error(fault, seed):
+    put, expected = NOTED[fault]
     content = put(good(seed), np.random.default_rng(seed))
     try:
         notes = read(content).notes
-    except errors.WrongSignError:  # what is shifted far or is no force may correlate the other way
+    except errors.WrongSignError:  # a force with a large shift, or noise, may have a negative correlation
         assert fault in ("a force shifted in time", "a column that is no force")
         return
-    assert any(re.search(said, note) for note in notes), notes
+    assert any(re.search(expected, note) for note in notes), notes

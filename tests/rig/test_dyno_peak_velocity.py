@@ -1,4 +1,4 @@
-"""Peak-velocity tables are read in every layout; what contradicts itself is refused."""
+"""Peak-velocity tables are read in every layout; inconsistent tables are refused."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_every_layout_gives_the_same_table(tmp_path, layout):
         np.testing.assert_allclose(others[0].rebound, REBOUND / 2.0)
 
 
-def test_strokes_with_other_speeds_meet_on_straight_lines_between_the_points(tmp_path):
+def test_strokes_with_different_speeds_are_interpolated_linearly(tmp_path):
     content = "side,v_mm_s,F_N\ncomp,100,200\ncomp,200,400\ncomp,400,600\nreb,50,-10\nreb,150,-100\nreb,300,-400\n"
     (table,) = read_peak_velocity(written(tmp_path, content))
     np.testing.assert_allclose(table.speed, [0.1, 0.15, 0.2, 0.3])
@@ -62,7 +62,7 @@ def test_strokes_with_other_speeds_meet_on_straight_lines_between_the_points(tmp
     np.testing.assert_allclose(table.rebound, [-55.0, -100.0, -200.0, -400.0])
 
 
-def test_a_record_over_time_is_no_peak_velocity_table(tmp_path):
+def test_a_time_record_is_not_a_peak_velocity_table(tmp_path):
     content = "t_s,x_mm,v_mm_s,F_N\n0,1,2,3\n1,2,3,4\n"
     assert not is_peak_velocity(read_record(written(tmp_path, content)))
 
@@ -75,9 +75,9 @@ BROKEN = {
     "no unit": ("speed,comp [N],reb [N]\n.1,1,2\n.2,2,3\n", errors.MissingUnitError, "channel 'speed'"),
     "a force in millimetres": ("speed [m/s],comp [mm],reb [N]\n.1,1,2\n", errors.UnknownUnitError, "'comp'"),
     "two forces at a speed": (HEAD + ".1,100,2\n.1,200,2\n.2,300,3\n", errors.DataError, "different forces at 0.1"),
-    "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError, "cannot be told"),
+    "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError, "is not clear"),
     "an empty cell": (HEAD + ".1,1,\n.2,2,3\n", errors.NotANumberError, "line 2, channel 'reb'"),
-    "a side that is none": ("side,v_mm_s,F_N\nup,1,2\nreb,1,2\n", errors.DataError, "line 2, channel 'side': 'up'"),
+    "an unknown side": ("side,v_mm_s,F_N\nup,1,2\nreb,1,2\n", errors.DataError, "line 2, channel 'side': 'up'"),
     "one speed": (HEAD + ".1,1,2\n", errors.TooShortError, "1 speeds"),
 }
 
@@ -89,6 +89,6 @@ def test_a_broken_table_is_refused_with_its_place(tmp_path, case):
         read_peak_velocity(written(tmp_path, content))
 
 
-def test_sheets_are_asked_for_as_text(tmp_path):
+def test_spreadsheets_are_refused(tmp_path):
     with pytest.raises(errors.FileFormatError, match=r"save it as \.csv"):
         read_peak_velocity(written(tmp_path, "", "table.xlsx"))

@@ -1,4 +1,4 @@
-"""A record is split into its runs: at pauses, and where a sine changes; a random drive stays whole."""
+"""A record is split into runs at pauses and at changes of a sine; a random drive is not split."""
 
 import numpy as np
 import pytest
@@ -60,13 +60,13 @@ def test_a_random_drive_and_a_steady_sine_are_one_run_each():
         assert split_runs(test) == (test,)
 
 
-def test_runs_that_are_too_short_are_left_out_and_said():
+def test_runs_that_are_too_short_are_left_out_with_a_note():
     runs = split_runs(dyno(sine(0.02, 2.0, 8), rest(2), sine(0.01, 20.0, 2), rest(2), sine(0.02, 1.0, 8)))
     assert len(runs) == 2
-    assert "1 runs under 0.5 s" in runs[0].notes[0]
+    assert "1 runs with less than 0.5 s" in runs[0].notes[0]
 
 
-def test_force_change_with_temperature_is_found_from_runs_that_repeat():
+def test_force_change_with_temperature_is_estimated_from_repeated_runs():
     parts = [part for _ in range(4) for part in (sine(0.02, 2.0, 8), rest(2))]
     heat = 300.0 + 20.0 * np.linspace(0.0, 1.0, sum(map(len, parts)))
     effect = temperature_effect(split_runs(dyno(*parts, heat=heat)))
@@ -75,7 +75,7 @@ def test_force_change_with_temperature_is_found_from_runs_that_repeat():
     assert (effect.runs, effect.spread > 10.0, effect.error < 1e-4) == (4, True, True)
 
 
-def test_runs_that_do_not_repeat_or_do_not_warm_say_nothing_of_temperature():
+def test_runs_without_repetition_or_temperature_change_give_no_estimate():
     parts = sine(0.02, 2.0, 8), rest(2), sine(0.01, 2.0, 8)
     heat = 300.0 + 20.0 * np.linspace(0.0, 1.0, sum(map(len, parts)))
     assert temperature_effect(split_runs(dyno(*parts, heat=heat))) is None

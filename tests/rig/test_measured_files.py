@@ -1,4 +1,4 @@
-"""The measured records of EIGHTPOST_DATA, which cannot be shipped, read as their README says."""
+"""The measured records in EIGHTPOST_DATA, which cannot be shipped, are read as described in their README."""
 
 import os
 import re
@@ -31,7 +31,7 @@ def measured(folder: str, name: str) -> Path:
 @pytest.mark.parametrize("name", OHLINS)
 def test_the_18_18_runs_have_the_wrong_sign_and_read_when_flipped(name):
     path = measured("ohlins", name)
-    with pytest.raises(WrongSignError, match=rf"{name}.*at -0\.9\d\d"):
+    with pytest.raises(WrongSignError, match=rf"{name}.*is -0\.9\d\d"):
         read_dyno_test(path)
     test = read_dyno_test(path, flip=("force",))
     assert "temperature" in test.series
@@ -52,17 +52,17 @@ def test_the_magneto_rheological_damper_reads_with_its_own_velocity(name):
     assert test.series.sample_rate == pytest.approx(100.0)
 
 
-def test_the_lag_of_the_undocumented_force_filter_is_said():
+def test_the_lag_of_the_undocumented_force_filter_is_reported():
     test = read_dyno_test(measured("ohlins", "ohlins_t1_3_3_24_24_s5_n10_100psi.csv"))
     assert any(re.match(r"force: it follows velocity by 2\d\.?\d* ms", note) for note in test.notes)
 
 
 @pytest.mark.parametrize("name", OHLINS[:2])
-def test_a_gas_force_that_comes_out_negative_when_force_is_flipped_is_said(name):
+def test_a_gas_force_that_is_negative_after_flipping_the_force_is_reported(name):
     test = read_dyno_test(measured("ohlins", name), flip=("force",))
-    assert any("at standstill, where gas pushes with a positive force" in note for note in test.notes)
+    assert any("at standstill, although the gas force is positive" in note for note in test.notes)
     other_way = read_dyno_test(measured("ohlins", name), flip=("displacement",))
-    assert not any("at standstill, where gas pushes" in note for note in other_way.notes)
+    assert not any("at standstill, although the gas force" in note for note in other_way.notes)
 
 
 def test_a_steady_sine_of_a_hundred_cycles_is_one_run():

@@ -27,7 +27,7 @@ def sine(amplitude, frequency, duration):
 
 
 def content(fluid, p):
-    """Fluid per chamber volume by the formula in the docstring, written anew for arrays."""
+    """Fluid per chamber volume: the formula of the docstring, implemented independently for arrays."""
     gas = fluid.gas_fraction * ((ATMOSPHERE - fluid.vapour_pressure) / (p - fluid.vapour_pressure)) ** (
         1 / fluid.gas_exponent
     )
@@ -42,7 +42,7 @@ def volumes(damper, run):
 
 
 @pytest.mark.parametrize("number", [1, 5])
-def test_no_fluid_is_lost_or_made(number):
+def test_fluid_is_conserved(number):
     damper = configuration(number)
     run = damper.respond(random_multisine(3, duration=0.6).series, rate=2000.0)
     chambers = volumes(damper, run)
@@ -54,7 +54,7 @@ def test_no_fluid_is_lost_or_made(number):
     assert np.ptp(fluid - gas) < 1e-5 * np.ptp(chambers[0])
 
 
-def test_what_the_rebound_chamber_gains_went_through_the_main_piston():
+def test_the_gain_of_the_rebound_chamber_is_the_flow_through_the_main_piston():
     damper = configuration(1)
     run = damper.respond(sine(0.01, 5.0, 0.3), rate=20_000.0)
     held = volumes(damper, run)[1] * content(damper.fluid, run["rebound_pressure"])
@@ -124,7 +124,7 @@ def test_only_the_soft_head_valve_at_low_gas_pressure_cavitates():
     assert found == {1: False, 5: True, 7: False}
 
 
-def test_a_finer_tolerance_changes_nothing_that_a_load_cell_sees():
+def test_a_finer_tolerance_changes_the_force_by_less_than_a_load_cell_resolves():
     command = random_multisine(4, duration=1.0).series
     usual, fine = (configuration(5).respond(command, rate=2000.0, tolerance=tol)["force"] for tol in (1e-6, 1e-9))
     assert np.abs(usual - fine).max() < 0.2 * POUND
@@ -213,6 +213,6 @@ def test_table_3_1_has_its_twelve_rows_in_order():
         (lambda: configuration(1).respond(sine(0.2, 1.0, 1.0), rate=100.0), "travel"),
     ],
 )
-def test_what_cannot_be_built_or_run_is_refused(make, what):
+def test_invalid_builds_and_motions_are_refused(make, what):
     with pytest.raises(ParameterError, match=what):
         make()

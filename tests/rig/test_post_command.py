@@ -1,4 +1,4 @@
-"""`eightpost rig` writes a rig test, says what it did, and refuses what it cannot do."""
+"""`eightpost rig` writes rig tests, reports them, and refuses invalid options."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def rig(*arguments):
 
 @pytest.mark.slow
 def test_a_test_is_written_and_says_that_it_is_synthetic(tmp_path, monkeypatch):
-    """Also where the system does not tell which processors may be used (Windows, macOS)."""
+    """Also on systems that do not report the usable processors (Windows, macOS)."""
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     path = tmp_path / "quarter.parquet"
     result = rig(
@@ -48,7 +48,7 @@ def test_an_unknown_shock_is_named(tmp_path):
     assert "demo:Z" in result.output
 
 
-def test_shocks_are_said_by_their_names(tmp_path):
+def test_shocks_are_reported_by_their_names(tmp_path):
     result = rig("--car", "quarter_car", "--test", "bump", "--duration", "4.2 s", "-o", str(tmp_path / "x.csv"))
     assert "shocks demo:A: 4.2 s" in result.output
 
@@ -70,7 +70,7 @@ def test_an_identification_is_a_baseline_and_an_alternate_at_each_corner(tmp_pat
     assert len(seeds) == len(tests)
 
 
-def test_a_program_does_not_begin_with_a_shock_that_does_not_exist(tmp_path):
+def test_a_program_does_not_start_with_a_missing_shock(tmp_path):
     folder = tmp_path / "rig"
     result = rig("--program", "identification", "--alternate", "demo:Z", "-o", str(folder))
     assert result.exit_code == 2
@@ -78,7 +78,7 @@ def test_a_program_does_not_begin_with_a_shock_that_does_not_exist(tmp_path):
     assert not folder.exists()
 
 
-def test_a_program_does_not_take_a_files_place(tmp_path):
+def test_a_program_does_not_replace_a_file_by_a_folder(tmp_path):
     path = tmp_path / "rig"
     path.write_text("mine")
     result = rig("--program", "bump", "-o", str(path))
@@ -87,7 +87,7 @@ def test_a_program_does_not_take_a_files_place(tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_one_test_wants_a_files_name(tmp_path):
+def test_a_single_test_needs_the_name_of_a_file(tmp_path):
     result = rig("--test", "bump", "-o", str(tmp_path / "rig"))
     assert result.exit_code == 2
     assert "--program" in result.output

@@ -1,4 +1,4 @@
-"""The rig's drivefiles are those of 4.5.1 and 6.1.3."""
+"""The drive files of the rig are those of 4.5.1 and 6.1.3."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_static_loading_of_one_actuator_leaves_the_others_at_rest():
     series = static_drive(CAR, "rr.aero").series
     assert [name for name in series.names if np.ptp(series[name]) > 0.0] == ["rr.aero"]
     assert series["rr.aero"].max() == pytest.approx(1000 * POUND)
-    with pytest.raises(ParameterError, match="no four aeroloaders"):
+    with pytest.raises(ParameterError, match="needs four aeroloaders"):
         static_drive(seven_dof_truth())
 
 
@@ -135,7 +135,7 @@ def test_a_lap_is_quieter_than_the_identification_about_the_same_mean():
         assert lap[name].std() < 0.75 * random[name].std()
 
 
-def test_heave_pitch_and_roll_of_the_mounts_are_found_again():
+def test_heave_pitch_and_roll_are_recovered_from_the_mounts():
     g = CAR.geometry
     rows = [
         (1.0, a, s * t / 2)
@@ -146,7 +146,7 @@ def test_heave_pitch_and_roll_of_the_mounts_are_found_again():
     assert displacement_modes(g) @ heights == pytest.approx([0.01, 0.002, 0.003, 0.0], abs=1e-12)
 
 
-def test_an_aeroloader_loses_its_bandwidth_and_a_wheelloader_hardly_anything():
+def test_an_aeroloader_attenuates_above_its_bandwidth_and_a_wheelloader_barely():
     sine = sine_drive(CAR, 9.0, 0.01, duration=5.0)
     command = sine.series.with_channel("lf.aero", "N", 1000.0 * np.sin(2 * np.pi * 9.0 * sine.series.time))
     drive = Actuators().follow(command, CAR)

@@ -1,4 +1,4 @@
-"""The 8-post stand-in is hard for linear models because of its friction, and for no other reason."""
+"""Linear models predict the 8-post stand-in badly because of its friction, and for no other reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eightpost.rig.post import stand_in_truth
 
 
 def _beside(name):
-    """Load a module of this folder, which is no package."""
+    """Import a module from this folder, which is not a package."""
     spec = importlib.util.spec_from_file_location(f"eightpost_tests_{name}", Path(__file__).with_name(f"{name}.py"))
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -37,7 +37,7 @@ def model_of(friction, record):
 
 
 def error_of(friction, *, lap_seed, duration, record):
-    """RMS of the relative errors [%] over all measures and setups."""
+    """Return the RMS of the relative errors [%] over all measures and setups."""
     model = model_of(friction, record)
     errors = best_linear.relative_errors(car_with(friction), model, SETUPS, seed=lap_seed, duration=duration)
     assert errors.shape == (len(SETUPS), 15)
@@ -46,12 +46,12 @@ def error_of(friction, *, lap_seed, duration, record):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
-def test_the_best_linear_model_misses_the_stand_in_and_meets_it_without_friction(friction, least, most):
+def test_the_best_linear_model_is_wrong_with_friction_and_right_without(friction, least, most):
     assert least <= error_of(friction, lap_seed=1, duration=12.0, record=100.0) < most
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("lap_seed", [1, 2, 3])
 @pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
-def test_it_does_so_with_longer_records_on_whole_laps(friction, least, most, lap_seed):
+def test_the_same_holds_with_longer_records_on_whole_laps(friction, least, most, lap_seed):
     assert least <= error_of(friction, lap_seed=lap_seed, duration=33.0, record=300.0) < most

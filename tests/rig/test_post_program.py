@@ -32,7 +32,7 @@ def test_an_identification_changes_one_shock_after_the_other():
     assert [test.name for test in identification_program(QUARTER, 1)] == ["baseline", "alternate"]
 
 
-def test_its_tests_repeat_one_drivefile_of_the_printed_length_unless_others_are_asked_for():
+def test_its_tests_repeat_one_drivefile_of_the_printed_length_unless_draws_is_other():
     assert (random_length(CAR), random_length(QUARTER)) == (800.0, 120.0)
     same = [test.draw() for test in identification_program(CAR, 1, duration=2.0)]
     assert all(drivefile is same[0] for drivefile in same)
@@ -73,7 +73,7 @@ def test_the_spring_rating_has_four_modes_and_four_single_actuators():
         program("static", seven_dof_truth(), 1)
 
 
-def test_everything_is_every_program_that_the_rig_can_run():
+def test_all_contains_every_program_that_the_rig_can_run():
     parts = ("identification", "single", "sine", "bump", "static", "track")
     assert names_of("all") == [name for part in parts for name in names_of(part)]
     assert len(set(names_of("all"))) == len(names_of("all"))

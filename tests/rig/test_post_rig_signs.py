@@ -1,4 +1,4 @@
-"""A clean rig record passes whatever the drive, and channels that are the wrong way round are found."""
+"""A correct rig record passes with any drive, and channels with a wrong sign or corner are found."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHECKED = ("hub_acceleration", "tire_force", "road", "force", "displacement")
 
 
 def recorded(car, drive, *, damping, noise, seed=0):
-    """Run a test with linear dampers [lbf.s/in], or with configuration 9 of Table 3.1 where there is no damping."""
+    """Run a test with linear dampers [lbf.s/in], or with configuration 9 of Table 3.1 if `damping` is zero."""
     shocks = [LinearDamper(damping * DAMPING) if damping else configuration(9)] * len(car.corners)
     quiet = {} if noise else {"sensors": RigSensors.perfect(), "drift": NO_DRIFT}
     return run_test(car, drive, shocks, seed=seed, lead=0.5, **quiet)
@@ -72,7 +72,7 @@ def test_a_clean_bump_passes(truth):
 
 
 @pytest.mark.parametrize(("truth", "damping"), [("quarter_car", 20.74), ("eight_post", 9.0)])
-def test_every_sine_of_tables_4_4_and_6_2_passes_though_tires_lift(truth, damping):
+def test_every_sine_of_tables_4_4_and_6_2_passes_although_tires_lift_off(truth, damping):
     car = TRUTHS[truth]()
     tables = {"heave": (*HEAVE_SINES, *TABLE_4_4)} | ({"pitch": TILT_SINES, "roll": TILT_SINES} if car.geometry else {})
     for mode, table in tables.items():
@@ -91,12 +91,12 @@ def shaken(truth):
 
 @pytest.mark.parametrize("quantity", CHECKED)
 @pytest.mark.parametrize("truth", TRUTHS)
-def test_the_channel_that_is_the_wrong_way_round_is_named_at_every_corner(truth, quantity):
+def test_a_channel_with_the_wrong_sign_is_named_at_every_corner(truth, quantity):
     test = shaken(truth)
     for corner in test.corners:
         channel = f"{corner}.{quantity}" if corner else quantity
         turned = test.series.with_channel(channel, test.series.unit(channel), -test.series[channel])
-        # A displacement's sign shows in the velocity that stands beside it: one of the two is wrong.
+        # The sign of a displacement is checked with the velocity: one of the two is wrong.
         named = channel.replace("displacement", "velocity")
         with pytest.raises(WrongSignError, match=f"channel '{named}'"):
             check_rig_record(turned, test.corners)
@@ -114,8 +114,8 @@ def test_swapped_corners_are_found_on_every_axle_and_side(truth, quantity):
             check_rig_record(swapped, test.corners)
 
 
-def test_a_tire_in_the_air_is_no_spring_and_says_nothing():
-    """At 4 Hz, on the mode, the front wheels leave the pans for a third of the time (6.1.3: 0.7 in)."""
+def test_a_tire_in_the_air_is_not_checked():
+    """At 4 Hz, in resonance, the front wheels leave the pans for a third of the time (6.1.3: 0.7 in)."""
     car = TRUTHS["eight_post"]()
     test = recorded(car, sine_drive(car, 4.0, 0.7 * INCH, duration=5.0), damping=9.0, noise=False)
     force = test.series["lf.tire_force"]

@@ -1,4 +1,4 @@
-"""Rig records: Table 6.1's channels, files and back, and what is wrong with a bad one."""
+"""Rig records have the channels of Table 6.1, are written and read, and faults are refused."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
 
 
 @pytest.mark.parametrize("actuator", ["lf.road", "rr.road", "lr.aero"])
-def test_a_test_of_one_actuator_reads_although_the_others_rest(tmp_path, actuator):
+def test_a_test_of_one_actuator_is_accepted_although_the_others_are_at_rest(tmp_path, actuator):
     car = stand_in_truth()
     single = run_test(car, random_drive(car, 1, duration=8.0, active=(actuator,)), SHOCKS, lead=0.5)
     single.write(tmp_path / "single.parquet")
@@ -67,7 +67,7 @@ def test_a_record_has_the_62_channels_of_table_6_1(record):
     assert record.series.sample_rate == pytest.approx(1250.0)
 
 
-def test_a_record_comes_back_from_its_file_with_conditions_and_digest(record, tmp_path):
+def test_a_record_reads_back_from_its_file_with_conditions_and_digest(record, tmp_path):
     path = tmp_path / "rig.parquet"
     record.write(path)
     again = read_rig_test(path)
@@ -77,7 +77,7 @@ def test_a_record_comes_back_from_its_file_with_conditions_and_digest(record, tm
     assert again.series["lf.tire_force"] == pytest.approx(record.series["lf.tire_force"], rel=1e-6)
 
 
-def test_a_csv_comes_back_too(record, tmp_path):
+def test_a_csv_reads_back_too(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)
     assert read_rig_test(path).series["rr.force"] == pytest.approx(record.series["rr.force"])
@@ -112,7 +112,7 @@ def test_without_noise_and_drift_every_run_is_the_same_and_with_them_none_is():
     assert not np.array_equal(run(1), run(2))
 
 
-def test_a_teams_own_file_is_mapped_in_a_few_lines(record, tmp_path):
+def test_a_file_of_another_program_is_read_with_a_short_channel_map(record, tmp_path):
     series = record.series
     names = [f"{c}.{q}" for c in CORNERS for q in ("road", "tire_force", "force", "displacement")]
     own = {name.replace(".", "_").upper(): ("m" if series.unit(name) == "m" else "N", series[name]) for name in names}
@@ -127,7 +127,7 @@ def test_a_teams_own_file_is_mapped_in_a_few_lines(record, tmp_path):
     assert any(text.startswith("lf.velocity from lf.displacement") for text in test.derived)
 
 
-def test_a_missing_channel_is_named_with_what_there_is(record, tmp_path):
+def test_a_missing_channel_is_named_with_the_existing_ones(record, tmp_path):
     path = tmp_path / "rig.parquet"
     RigTest(record.series.select([n for n in record.series.names if n != "rf.force"])).write(path)
     with pytest.raises(MissingChannelError, match=r"rf\.force.*name its column"):
@@ -141,7 +141,7 @@ def test_a_dead_channel_is_named(record, tmp_path):
 
 
 @pytest.mark.parametrize("quantity", ["hub_acceleration", "tire_force", "force"])
-def test_swapped_corners_are_told(record, tmp_path, quantity):
+def test_swapped_corners_are_refused(record, tmp_path, quantity):
     series, names = record.series, (f"lf.{quantity}", f"rf.{quantity}")
     path = changed(record, tmp_path, {names[0]: series[names[1]], names[1]: series[names[0]]})
     with pytest.raises(SwappedCornersError, match=r"corners are swapped"):
@@ -149,33 +149,33 @@ def test_swapped_corners_are_told(record, tmp_path, quantity):
 
 
 @pytest.mark.parametrize("quantity", ["hub_acceleration", "tire_force", "force", "displacement", "road"])
-def test_a_reversed_channel_is_told(record, tmp_path, quantity):
+def test_a_reversed_channel_is_refused(record, tmp_path, quantity):
     path = changed(record, tmp_path, {f"lr.{quantity}": -record.series[f"lr.{quantity}"]})
-    with pytest.raises(WrongSignError, match=r"lr\..*positive the other way"):
+    with pytest.raises(WrongSignError, match=r"lr\..*has the wrong sign"):
         read_rig_test(path)
 
 
-def test_a_reversed_channel_is_turned_by_its_name(record, tmp_path):
+def test_a_reversed_channel_is_flipped_by_its_name(record, tmp_path):
     path = changed(record, tmp_path, {"lr.force": -record.series["lr.force"]})
     assert read_rig_test(path, flip=["lr.force"]).series["lr.force"] == pytest.approx(
         record.series["lr.force"], rel=1e-5
     )
 
 
-def test_a_clipped_load_cell_is_told(record, tmp_path):
+def test_a_clipped_load_cell_is_refused(record, tmp_path):
     force = record.series["rr.tire_force"]
     path = changed(record, tmp_path, {"rr.tire_force": np.minimum(force, np.quantile(force, 0.95))})
     with pytest.raises(ClippedChannelError, match=r"rr\.tire_force.*highest.*larger range"):
         read_rig_test(path)
 
 
-def test_dropped_samples_are_told(record, tmp_path):
+def test_dropped_samples_are_refused(record, tmp_path):
     keep = np.delete(np.arange(len(record.series)), np.arange(2000, 2010))
     with pytest.raises(TimeGapError, match=r"gap of 0\.0088 s"):
         read_rig_test(changed(record, tmp_path, {}, keep=keep))
 
 
-def test_a_sample_that_is_no_number_is_told(record, tmp_path):
+def test_a_sample_that_is_not_a_number_is_refused(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)
     lines = path.read_text().split("\n")
@@ -186,13 +186,13 @@ def test_a_sample_that_is_no_number_is_told(record, tmp_path):
         read_rig_test(path)
 
 
-def test_a_channel_of_a_slower_logger_is_told(record, tmp_path):
+def test_a_channel_of_a_slower_logger_is_refused(record, tmp_path):
     slow = np.repeat(record.series["lf.displacement"][::5], 5)[: len(record.series)]
     with pytest.raises(MismatchedRateError, match=r"lf\.displacement.*every 5 samples.*250 Hz.*1250 Hz"):
         read_rig_test(changed(record, tmp_path, {"lf.displacement": slow}))
 
 
-def test_noise_about_a_car_at_rest_is_not_taken_for_a_sign():
+def test_noise_of_a_car_at_rest_is_not_a_wrong_sign():
     generator, time = np.random.default_rng(4), np.arange(6000) / 1250.0
     names = ("road", "tire_force", "force", "displacement", "velocity")
     channels = {n: ({"road": "m", "displacement": "m", "velocity": "m/s"}.get(n, "N"), 0.0 * time) for n in names}
@@ -200,6 +200,6 @@ def test_noise_about_a_car_at_rest_is_not_taken_for_a_sign():
     check_rig_record(TimeSeries.from_channels(time, channels), ("",))
 
 
-def test_a_short_record_is_told(record, tmp_path):
+def test_a_short_record_is_refused(record, tmp_path):
     with pytest.raises(TooShortError, match=r"over 1\.6 s"):
         read_rig_test(changed(record, tmp_path, {}, keep=slice(0, 2001)))

@@ -1,4 +1,4 @@
-"""Shocks on the virtual rig give the forces that they give elsewhere."""
+"""Shocks on the virtual rig have the same forces as in other simulations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPEED = 0.004 * 8 * np.pi * np.sin(2 * np.pi * 4.0 * TIME) + 0.001 * 34 * np.pi 
 
 
 def forces_of(*shocks):
-    """The forces (K, N) of shocks side by side along the motion, each at one corner."""
+    """Return the forces (K, N) of several shocks for the motion, each at one corner."""
     bank = ShockSet([shocks])
     rows = [np.zeros(len(shocks))]
     for k in range(1, TIME.size):
@@ -42,14 +42,14 @@ def test_a_law_gives_its_own_force(shocks, name):
     assert np.abs(found[1:] - np.array(expected)[1:]).max() < 1e-4 * np.std(expected)
 
 
-def test_a_demonstration_damper_gives_what_scipys_integrator_gives():
+def test_a_demonstration_damper_agrees_with_scipys_integrator():
     damper = demo_damper("A")
     motion = TimeSeries.from_channels(TIME, {"displacement": ("m", PLACE)})
     expected = damper.respond(motion, rate=1.0 / STEP)["force"]
     assert np.abs(forces_of(damper)[0] - expected)[50:].max() < 5e-3 * np.std(expected)
 
 
-def test_a_physical_damper_gives_what_scipys_integrator_gives():
+def test_a_physical_damper_agrees_with_scipys_integrator():
     damper = configuration(1)
     motion = TimeSeries.from_channels(TIME, {"displacement": ("m", PLACE)})
     expected = damper.respond(motion, rate=1.0 / STEP)["force"]

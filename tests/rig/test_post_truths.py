@@ -45,7 +45,7 @@ def drive_of(car, duration, *, road=0.2 * INCH, load=100.0 * POUND):
 
 
 def printed_response(model, drive, names):
-    """The printed state space along the drive, on a grid four times as fine, by scipy."""
+    """Return the response of the printed state space to the drive, computed by scipy on a grid four times as fine."""
     fine = np.arange(4 * (len(drive) - 1) + 1) / (4 * RATE)
     inputs = [n for n in model.input_names if n in drive]
     rows = CubicSpline(drive.time, np.stack([drive[n] for n in inputs], axis=1))(fine)
@@ -90,7 +90,7 @@ def test_the_seven_dof_car_agrees_with_the_printed_equations():
         assert error((car.shock @ motion.velocity)[k], expected[f"{corner}.velocity"]) < 1e-3
 
 
-def test_the_stand_in_neither_makes_nor_loses_energy():
+def test_the_stand_in_conserves_energy():
     car = stand_in_truth()
     m = simulate(car, [Run(drive_of(car, 2.0), (LinearDamper(20 * DAMPING_UNIT),) * 4)], lead=0.1)[0]
     shock, wheel, load = car.shock @ m.velocity, car.wheel @ m.velocity, car.load @ m.velocity
@@ -196,7 +196,7 @@ def test_a_law_that_is_not_compiled_is_stepped_by_the_reference(shocks):
     assert np.array_equal(made.shock_force, wanted.shock_force)
 
 
-def test_many_setups_are_what_each_is_alone():
+def test_many_setups_give_the_same_results_as_each_alone():
     car = stand_in_truth()
     drive = drive_of(car, 0.2)
     dampers = [LinearDamper(c * DAMPING_UNIT) for c in (9, 20, 30)]
@@ -209,7 +209,7 @@ def test_many_setups_are_what_each_is_alone():
 
 
 @pytest.mark.parametrize("engine", ["compiled", "reference"])
-def test_a_motion_without_bounds_is_told(engine):
+def test_a_diverging_motion_is_refused(engine):
     car = quarter_truth()
-    with pytest.raises(StepError, match=r"quarter_car left all bounds near"):
+    with pytest.raises(StepError, match=r"motion of the quarter_car diverged near"):
         simulate(car, [Run(drive_of(car, 2.0), (LinearDamper(-1e6),))], lead=0.1, engine=engine)

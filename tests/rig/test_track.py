@@ -35,7 +35,7 @@ def test_the_loads_have_the_aeroloader_spectrum(load):
     assert amplitude[frequency > 6.0].max() < 0.01
 
 
-def test_left_and_right_are_alike_at_long_wavelengths_only():
+def test_left_and_right_are_coherent_at_long_wavelengths_only():
     left, right = LONG["lf.road"], LONG["rf.road"]
     frequency, cross = csd(left, right, 200.0, nperseg=SEGMENT)
     powers = [welch(side, 200.0, nperseg=SEGMENT)[1] for side in (left, right)]

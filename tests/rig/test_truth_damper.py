@@ -1,4 +1,4 @@
-"""The truth damper dissipates, follows its valve when slow, lags when fast, and is measured as sensors do."""
+"""The demonstration damper dissipates energy, follows its static curve at low speed and lags at high speed."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_a_slow_sine_shows_the_static_curve(build):
 
 @pytest.mark.parametrize("build", BUILDS)
 def test_it_is_passive(build):
-    """Work put in is never less than the energy that the fluid spring holds: integral F dF / k(F)."""
+    """The work done is always at least the energy stored in the fluid spring: integral F dF / k(F)."""
     damper = demo_damper(build)
     run = damper.respond(random_multisine(2, duration=2.0).series, rate=20_000.0)
     force, scale = valve_force(damper, run), damper.stiffening_force

@@ -1,4 +1,4 @@
-"""Lagged laws beat static ones on the physical damper, and `eightpost dyno` writes what the fit reads."""
+"""Laws with a lag fit the physical damper better than static laws, and a fit reads the files of `eightpost dyno`."""
 
 from functools import cache
 
@@ -22,14 +22,14 @@ from eightpost.rig import (
 )
 from eightpost.signals import parquet_header
 
-#: By day one of each of two builds that do not cavitate; all twelve take minutes.
+#: The regular tests use one row of each of two builds that do not cavitate; all twelve take minutes.
 BY_DAY = (1, 12)
 NUMBERS = [pytest.param(number, marks=() if number in BY_DAY else pytest.mark.nightly) for number in CONFIGURATIONS]
 
 
 @cache
 def records(number):
-    """A record to fit, one of another phase draw, and whether it cavitates; short ones of row 12, which runs by day."""
+    """Return a record to fit, one of another phase draw, and whether it cavitates; short for row 12, a regular test."""
     duration = 5.0 if number == 12 else 10.0
     damper, actuator = configuration(number), Actuator()
     drives = [random_multisine(seed, duration=duration).series for seed in (1, 2)]
@@ -137,7 +137,7 @@ def test_bad_input_is_refused_with_exit_code_2_and_no_output(tmp_path, arguments
 
 
 @pytest.mark.parametrize("name", ["out.xlsx", "."])
-def test_an_output_that_cannot_be_is_refused(tmp_path, name):
+def test_an_invalid_output_is_refused(tmp_path, name):
     assert run("--configuration", "1", "-o", str(tmp_path / name)).exit_code == 2
 
 

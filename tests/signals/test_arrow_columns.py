@@ -1,4 +1,4 @@
-"""Numbers go between numpy and Arrow as they are, and do not load pandas on the way."""
+"""Numbers are converted between numpy and Arrow without change and without loading pandas."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_chunks_are_joined_and_integers_become_floats():
     assert to_numpy(column).dtype == np.float64
 
 
-def test_what_is_missing_is_not_a_number():
+def test_missing_values_become_nan():
     assert np.isnan(to_numpy(pa.chunked_array([[1.0, None]]))[1])
     assert to_numpy(pa.chunked_array([], type=pa.float64())).size == 0
 

@@ -1,4 +1,4 @@
-"""Channel maps choose, name, scale and turn columns; their slips are found."""
+"""Channel maps select, name, scale and flip columns; errors in them are found."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def test_gain_and_offset_apply_in_the_columns_unit_and_other_columns_are_not_rea
     np.testing.assert_allclose(series["velocity"], [-0.0254, -0.0762])
 
 
-def test_a_turned_channel_is_the_negative(tmp_path):
+def test_a_flipped_channel_is_the_negative(tmp_path):
     data, toml = files(tmp_path, MAP)
     channel_map = ChannelMap.read(toml)
     turned = read_series(data, channel_map=channel_map.flipped(["velocity"]))
@@ -60,18 +60,18 @@ def test_a_turned_channel_is_the_negative(tmp_path):
         ("[channels", "cannot be read as TOML"),
     ],
 )
-def test_a_slip_in_the_map_names_file_and_key(tmp_path, mapping, message):
+def test_an_error_in_the_map_names_file_and_key(tmp_path, mapping, message):
     _, toml = files(tmp_path, mapping)
     with pytest.raises(FileFormatError, match=r"map\.toml.*" + message):
         ChannelMap.read(toml)
 
 
-def test_a_map_that_is_not_there_is_refused(tmp_path):
+def test_a_missing_map_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match=r"map\.toml: there is no such file"):
         ChannelMap.read(tmp_path / "map.toml")
 
 
-def test_a_column_that_is_not_there_names_file_key_and_what_there_is(tmp_path):
+def test_a_missing_column_is_reported_with_file_key_and_existing_columns(tmp_path):
     data, toml = files(tmp_path, MAP.replace('"Load"', '"Lode"'))
     message = r"run\.csv, line 1, channel 'channels\.force of .*map\.toml': there is no column 'Lode'.*Vel, Load"
     with pytest.raises(MissingChannelError, match=message):

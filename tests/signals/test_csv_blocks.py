@@ -1,4 +1,4 @@
-"""Text files with several tables: each is found with its preamble, its lines and its own faults."""
+"""Text files with several tables: each table is found with its preamble, its line numbers and its faults."""
 
 import numpy as np
 import pytest
@@ -26,14 +26,14 @@ def written(folder, content):
         "Test\t1\n" + TABLE.replace(",", "\t") + "Test\t2\n" + TABLE.replace(",", "\t"),
     ],
 )
-def test_a_header_that_comes_again_begins_another_table(tmp_path, content):
+def test_a_second_header_begins_another_table(tmp_path, content):
     first, second = read_records(written(tmp_path, content))
     assert first.names == second.names == ("Time", "Load")
     assert first.units == second.units == ("s", "N")
     np.testing.assert_array_equal(first.columns[1], second.columns[1])
 
 
-def test_each_table_has_the_preamble_that_stands_above_it(tmp_path):
+def test_each_table_has_the_preamble_above_it(tmp_path):
     records = read_records(written(tmp_path, "Dyno 7\nGas,50,psi\n" + TABLE + "Gas,150,psi\n" + TABLE))
     assert [record.preamble for record in records] == [(("Dyno 7",), ("Gas", "50", "psi")), (("Gas", "150", "psi"),)]
 
@@ -52,10 +52,10 @@ def test_a_line_that_is_cut_in_a_later_table_has_its_line_of_the_file(tmp_path):
         read_records(path)
 
 
-def test_texts_among_the_numbers_begin_no_table(tmp_path):
+def test_texts_among_the_numbers_do_not_begin_a_table(tmp_path):
     assert len(read_records(written(tmp_path, TABLE + "bad,cell\n0.4,5\n"))) == 1
 
 
-def test_several_tables_are_refused_where_one_is_wanted(tmp_path):
+def test_several_tables_are_refused_if_one_is_expected(tmp_path):
     with pytest.raises(errors.FileFormatError, match=r"line 5: the file has 2 tables \(headers in lines 1, 5\)"):
         read_record(written(tmp_path, TABLE + TABLE))

@@ -1,4 +1,4 @@
-"""Text files as loggers write them, and the line of what is wrong in them."""
+"""Text files of loggers are read, and faults are refused with their line."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_one_record_reads_alike_from_every_layout(tmp_path, layout):
+def test_a_record_is_the_same_in_every_layout(tmp_path, layout):
     series = read_series(written(tmp_path, LAYOUTS[layout]))
     assert series.names == ("x", "F")
     assert series.units == ("m", "N")
@@ -77,7 +77,7 @@ def test_a_broken_file_is_refused_with_its_place(tmp_path, case):
     assert type(caught.value) is error
 
 
-def test_units_are_said_where_the_header_does_not(tmp_path):
+def test_units_may_be_given_for_a_header_without_units(tmp_path):
     path = written(tmp_path, "t,F\n0,1\n1,2\n")
     series = read_series(path, units={"time": "ms", "F": "lbf"})
     np.testing.assert_allclose(series["F"], [4.4482216152605, 8.896443230521])
@@ -85,7 +85,7 @@ def test_units_are_said_where_the_header_does_not(tmp_path):
         read_series(path, units={"time": "ms", "F": "lbf", "Force": "N"})
 
 
-def test_it_is_written_in_the_units_and_digits_asked_for(tmp_path):
+def test_it_is_written_in_the_requested_units_and_digits(tmp_path):
     series = TimeSeries.from_channels([0.0, 0.1], {"x": ("m", [0.0254, -1e-9]), "y": ("m", [1.0, 2.0])})
     path = tmp_path / "out.csv"
     write_csv(series, path, units={"x": "in"}, decimals={"x": 3}, titles={"x": "Position, raw"}, preamble=["made up"])
@@ -100,7 +100,7 @@ def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("row", "said"), [("," * 300_000, "has 300000 characters"), ("1,\0", "has a zero byte")])
-def test_a_line_that_is_no_text_of_a_table_is_refused_by_number(tmp_path, row, said):
+def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row, said):
     path = tmp_path / "run.csv"
     path.write_text(f"time [s],force [N]\n0,1\n{row}\n2,3\n")
     with pytest.raises(errors.FileFormatError, match=rf"run\.csv, line 3: .*{said}"):

@@ -1,4 +1,4 @@
-"""A drivefile is linear between its samples, held outside, and its means are exact."""
+"""A drive file is linear between its samples, constant outside, and its means are exact."""
 
 import itertools
 

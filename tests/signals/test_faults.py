@@ -1,4 +1,4 @@
-"""Every fault has its own error that says where it is."""
+"""Every fault raises its own error, which states the location."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from eightpost.signals.origin import Origin
 
 TIME = np.arange(2000) / 1000.0
 SINE = np.sin(2 * np.pi * 2.0 * TIME)
-#: The first sample stands in line 11 of the file.
+#: The first sample is in line 11 of the file.
 ORIGIN = Origin(Path("run.csv"), np.arange(2000) + 11, 10)
 
 
@@ -85,7 +85,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_has_its_own_error_and_names_its_place(name):
+def test_a_fault_raises_its_own_error_with_its_location(name):
     error, message, check = FAULTS[name]
     with pytest.raises(error, match=message):
         check()
@@ -106,7 +106,7 @@ def test_the_flat_top_of_a_coarsely_rounded_slow_sine_is_not_clipped(resolution)
     faults.check_not_clipped(resolution * np.round(SINE / resolution), channel="force")
 
 
-def test_a_computed_hold_is_not_clipped_where_the_velocity_stands_still():
+def test_a_computed_hold_with_constant_velocity_is_not_clipped():
     velocity = np.clip(2.0 * SINE, -1.0, 1.0)
     faults.check_not_clipped(100.0 * velocity, channel="force", against=velocity)
 

@@ -1,4 +1,4 @@
-"""The low-pass has the gain of its formula and no phase; the derivative is the central difference."""
+"""The low-pass has the gain of its formula and zero phase; the derivative is the central difference."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def test_the_gain_is_that_of_butterworth_squared_and_the_phase_is_zero(frequency
 
 
 @pytest.mark.parametrize("cutoff", [50.0, 60.0, 0.0, -1.0])
-def test_a_cut_off_that_the_rate_cannot_carry_is_refused(cutoff):
+def test_a_cut_off_above_half_the_sample_rate_is_refused(cutoff):
     with pytest.raises(ValueError, match="between 0 and 50 Hz"):
         lowpass(np.zeros(100), 100.0, cutoff)
 
@@ -29,7 +29,7 @@ def test_the_derivative_of_a_parabola_is_exact_inside_and_one_sided_at_the_ends(
     np.testing.assert_allclose(derivative(np.arange(5.0) ** 2, 1.0), [1.0, 2.0, 4.0, 6.0, 7.0])
 
 
-def test_channels_are_filtered_each_on_its_own():
+def test_channels_are_filtered_independently():
     pair = np.stack([np.sin(20.0 * TIME), np.cos(30.0 * TIME)])
     np.testing.assert_allclose(lowpass(pair, RATE, 50.0)[1], lowpass(pair[1], RATE, 50.0))
 

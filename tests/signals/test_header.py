@@ -1,4 +1,4 @@
-"""Headers say units in many ways, and words that look like units stay names."""
+"""Headers contain units in many notations, and words that look like units remain names."""
 
 import pytest
 
@@ -34,7 +34,7 @@ def test_a_header_splits_into_name_and_unit(text, name, unit):
     assert split_header(text) == (name, unit)
 
 
-def test_a_row_of_units_is_told_from_data_and_from_names():
+def test_a_row_of_units_is_distinguished_from_data_and_from_names():
     assert units_row(["s", "mm", "N"]) == ["s", "mm", "N"]
     assert units_row(["[s]", "(mm)", ""]) == ["s", "mm", ""]
     assert units_row(["0", "1.5", "2"]) is None

@@ -1,4 +1,4 @@
-"""MDF files: the channels of one time axis, in the units of the file."""
+"""MDF files are read with one time axis and with the units in the file."""
 
 import sys
 
@@ -48,7 +48,7 @@ def test_channels_on_several_time_axes_are_refused(asammdf, tmp_path):
         read_record(written(asammdf, tmp_path / "run.mf4", *groups))
 
 
-def test_a_file_that_is_no_mdf_is_refused(asammdf, tmp_path):
+def test_a_file_that_is_not_mdf_is_refused(asammdf, tmp_path):
     (tmp_path / "run.mf4").write_bytes(b"nonsense" * 100)
     with pytest.raises(FileFormatError, match=r"run\.mf4: not an MDF file"):
         read_record(tmp_path / "run.mf4")

@@ -1,4 +1,4 @@
-"""What is written reads back the same, from every format, and half-written files replace nothing."""
+"""Written series read back unchanged in every format, and incomplete files do not replace existing ones."""
 
 import json
 import tempfile
@@ -58,7 +58,7 @@ def test_a_writer_leaves_one_file(tmp_path, suffix):
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
 
-def test_half_written_output_never_replaces_good(tmp_path):
+def test_incomplete_output_never_replaces_an_existing_file(tmp_path):
     path = tmp_path / "good.csv"
     path.write_text("good")
 
@@ -80,7 +80,7 @@ def test_the_digest_is_that_of_the_bytes(tmp_path):
     assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-def test_parquet_says_its_schema_tool_units_and_sources(tmp_path):
+def test_parquet_contains_schema_tool_units_and_sources(tmp_path):
     path = tmp_path / "a.parquet"
     write_parquet(a_series(), path, sources={"run.csv": "ba78"}, note="synthetic")
     assert parquet_header(path) == {
@@ -103,7 +103,7 @@ def test_a_newer_schema_is_refused(tmp_path):
             read_series(tmp_path / name)
 
 
-def test_parquet_of_another_tool_says_units_in_its_column_names(tmp_path):
+def test_parquet_of_another_tool_has_units_in_its_column_names(tmp_path):
     path = tmp_path / "a.parquet"
     pa.parquet.write_table(pa.table({"t_s": [0.0, 1.0], "Force (kN)": [1, 2]}), path)
     np.testing.assert_array_equal(read_series(path)["Force"], [1000.0, 2000.0])
@@ -119,19 +119,19 @@ def test_mat_of_another_tool_is_read_from_vectors_or_a_struct(tmp_path):
         np.testing.assert_array_equal(series["F"], [1000.0, 2000.0])
 
 
-def test_mat_vectors_must_be_of_one_length(tmp_path):
+def test_mat_vectors_must_have_the_same_length(tmp_path):
     savemat(tmp_path / "a.mat", {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0]})
     with pytest.raises(FileFormatError, match=r"a\.mat, channel 'F': it has 2 samples, but 't' has 3"):
         read_series(tmp_path / "a.mat")
 
 
-def test_a_mat_variable_keeps_the_channels_name_beside_it(tmp_path):
+def test_a_mat_file_keeps_the_original_channel_names(tmp_path):
     both = a_series().with_channel("lf_road", "m", [5.0, 6.0, 7.0])
     write_mat(both, tmp_path / "a.mat")
     assert read_series(tmp_path / "a.mat").names == ("lf.road", "lf_road")
 
 
-def test_mat_7_3_and_what_is_no_file_of_its_kind_are_refused(tmp_path):
+def test_mat_7_3_and_files_of_another_format_are_refused(tmp_path):
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
     (tmp_path / "a.mat").write_bytes(header)
     with pytest.raises(FileFormatError, match=r"a\.mat: MATLAB 7\.3 .*-v7"):

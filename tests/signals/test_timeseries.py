@@ -1,4 +1,4 @@
-"""Time series are valid once built, and their verbs keep them so."""
+"""Time series are checked when they are created, and their methods return valid series."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_a_channel_is_found_by_its_name():
     assert len(series) == 5
 
 
-def test_a_missing_channel_lists_those_that_are_there():
+def test_a_missing_channel_is_reported_with_the_existing_ones():
     with pytest.raises(MissingChannelError, match=r"'load'.*velocity, force"):
         two_channels()["load"]
 
@@ -66,7 +66,7 @@ def test_every_sample_is_finite():
         (np.zeros((1, 5)), ("x",), ("mm",), "'x' must be in the SI unit 'm', not in 'mm'"),
     ],
 )
-def test_what_does_not_fit_together_is_refused(values, names, units, message):
+def test_inconsistent_shapes_and_units_are_refused(values, names, units, message):
     with pytest.raises(ValueError, match=message):
         TimeSeries(TIME, values, names, units)
 
@@ -107,7 +107,7 @@ def test_resampling_is_linear_and_keeps_the_ends():
     np.testing.assert_allclose(fine["force"], 3.0 * fine.time)
 
 
-def test_what_anyone_can_write_to_is_copied_and_what_nobody_can_is_not():
+def test_writable_arrays_are_copied_and_read_only_arrays_are_not():
     own = np.arange(6.0).reshape(2, 3)
     view = own.view()
     view.setflags(write=False)

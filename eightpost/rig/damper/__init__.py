@@ -1,4 +1,4 @@
-"""A physical damper that no fitted law contains: the truth of the virtual dynamometer."""
+"""Physical damper model, the true system of the virtual dynamometer; no fitted law contains it."""
 
 from eightpost.rig.damper.body import Cylinder, GasChamber, Seals
 from eightpost.rig.damper.builds import (

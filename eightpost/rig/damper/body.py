@@ -19,10 +19,10 @@ class Cylinder:
     """Bore, rod, and the two chambers at mid-travel.
 
     Attributes:
-        bore: [m]; pistons of race monotubes are 36 to 46 mm.
-        rod: Diameter [m]; 1/2 to 5/8 in. 5/8 in and 150 psi give the 46 lbf of static gas force usual for this kind.
-        compression_length: Of the compression chamber (main piston to head valve) at displacement 0 [m].
-        rebound_length: Of the rebound chamber at displacement 0 [m].
+        bore: Bore [m]; 36 to 46 mm for race monotubes.
+        rod: Rod diameter [m]; 1/2 to 5/8 in. 5/8 in and 150 psi give a static gas force of 46 lbf, a typical value.
+        compression_length: Length of the compression chamber (main piston to head valve) at displacement 0 [m].
+        rebound_length: Length of the rebound chamber at displacement 0 [m].
     """
 
     bore: float = convert(1.75, "in", "m")
@@ -32,33 +32,33 @@ class Cylinder:
 
     @property
     def compression_area(self) -> float:
-        """A_c of the piston's free face [m2]."""
+        """Area A_c of the piston on the compression side [m2]."""
         return 0.25 * math.pi * self.bore**2
 
     @property
     def rod_area(self) -> float:
-        """A_rod [m2]."""
+        """Area A_rod of the rod [m2]."""
         return 0.25 * math.pi * self.rod**2
 
     @property
     def rebound_area(self) -> float:
-        """A_r of the piston's rod side [m2]."""
+        """Area A_r of the piston on the rod side [m2]."""
         return self.compression_area - self.rod_area
 
     @property
     def travel(self) -> tuple[float, float]:
-        """Least and largest displacement [m]: a tenth of each chamber is left."""
+        """Minimum and maximum displacement [m], at which a tenth of a chamber is left."""
         return -0.9 * self.rebound_length, 0.9 * self.compression_length
 
 
 @dataclass(frozen=True, slots=True)
 class GasChamber:
-    """Nitrogen behind a floating piston without mass: p V^n = const.
+    """Nitrogen behind a massless floating piston: p V^n = const.
 
     Attributes:
-        pressure: Gauge, at displacement 0 [Pa].
-        volume: At displacement 0 [m3].
-        exponent: n [1]; 1 very slow, 1.4 very fast.
+        pressure: Gauge pressure at displacement 0 [Pa].
+        volume: Volume at displacement 0 [m3].
+        exponent: Polytropic exponent n [1]; 1 for very slow and 1.4 for very fast motion.
     """
 
     pressure: float
@@ -77,22 +77,22 @@ class GasChamber:
 
 @dataclass(frozen=True, slots=True)
 class Seals:
-    """Dry friction of rod seal, bearing, piston ring and floating piston, as Dahl has it.
+    """Dry friction of rod seal, bearing, piston ring and floating piston (Dahl's model).
 
         dF / dx = s (1 - sign(v) F / F_c)
 
-    The force stays while the rod rests, as the static test finds (3.4.3).
+    The force remains while the rod is at rest, as observed in the static test (3.4.3).
 
     Attributes:
-        drag: F_c [N]; 3 to 5 lbf (3.4.3).
-        length: F_c / s, over which the drag turns around [m].
+        drag: Sliding friction F_c [N]; 3 to 5 lbf (3.4.3).
+        length: Displacement F_c / s over which the friction reverses [m].
     """
 
     drag: float = convert(4.5, "lbf", "N")
     length: float = 5e-5
 
     def force(self, displacement: Array) -> Array:
-        """Return the drag (N,) [N] along a displacement (N,) [m], from zero; exact where no sample hides a turn."""
+        """Return the friction (N,) [N] for a displacement (N,) [m], starting from zero; exact if turns are sampled."""
         drag, force = self.drag, 0.0
         found = [0.0]
         for step in np.diff(displacement).tolist():

@@ -1,4 +1,4 @@
-"""Whether a chamber was pulled apart during a run."""
+"""Detection of cavitation during a run."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
-#: Absolute pressure under which a chamber counts as cavitating [Pa]: there dissolved air comes out of oils.
+#: Absolute pressure below which a chamber cavitates [Pa]: dissolved air comes out of the oil.
 CAVITATION_PRESSURE = 30e3
 
-#: Share of the time that makes a run a cavitating one [1].
+#: Minimum share of the time with cavitation for a cavitating run [1].
 CAVITATION_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Cavitation:
-    """How near a run came to the vapour pressure.
+    """Cavitation in a run.
 
     Attributes:
-        share: Of the samples with a chamber under 30 kPa absolute [1].
-        lowest: Chamber pressure, absolute [Pa].
+        share: Share of samples with a chamber below 30 kPa absolute [1].
+        lowest: Minimum absolute chamber pressure [Pa].
     """
 
     share: float
@@ -31,11 +31,11 @@ class Cavitation:
 
     @property
     def cavitates(self) -> bool:
-        """Whether it was so for more than 1 % of the time."""
+        """Whether the share is more than 1 %."""
         return self.share > CAVITATION_SHARE
 
 
 def cavitation(response: TimeSeries) -> Cavitation:
-    """Return the diagnosis of a run that `PhysicalDamper.respond` returned."""
+    """Return the cavitation in a response of `PhysicalDamper.respond`."""
     lower = np.minimum(response["compression_pressure"], response["rebound_pressure"])
     return Cavitation(float(np.mean(lower < CAVITATION_PRESSURE)), float(lower.min()))

@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 
 
 class Valve(NamedTuple):
-    """Two directions between two chambers."""
+    """Passages of a valve between two chambers, one for each flow direction."""
 
     forward: Passage
     backward: Passage
 
     def flow(self, drop: float) -> float:
-        """Return the signed flow [m3/s] at a signed drop [Pa]."""
+        """Return the signed flow [m3/s] at a signed pressure drop [Pa]."""
         return passage_flow(drop, self.forward) if drop >= 0.0 else -passage_flow(-drop, self.backward)
 
     def slope(self, drop: float) -> float:
-        """Return dQ / d(dp) [m3/s/Pa] at a signed drop [Pa]."""
+        """Return the slope dQ / d(dp) [m3/s/Pa] at a signed pressure drop [Pa]."""
         return passage_slope(drop, self.forward) if drop >= 0.0 else passage_slope(-drop, self.backward)
 
 
 def filling(fluid: Fluid) -> Callable[[float], tuple[float, float, float]]:
-    """Return a chamber's fluid as a function of its level ln((p - p_v) / (p_0 - p_v)), for speed in one place.
+    """Return a fast function for the fluid in a chamber at a level ln((p - p_v) / (p_0 - p_v)).
 
     The function returns the absolute pressure p [Pa], the content psi [1], and the softness (p - p_v) / B_e, which is
     d ln(U / V) / d level [1].
@@ -59,13 +59,13 @@ def filling(fluid: Fluid) -> Callable[[float], tuple[float, float, float]]:
 
 
 def softening(fluid: Fluid, level: float) -> float:
-    """Return d ln(softness) / d level [1] of `filling`."""
+    """Return the derivative d ln(softness) / d level [1] of the softness in `filling`."""
     excess = fluid.span * math.exp(level)
     n, oil = fluid.gas_exponent, 1.0 / fluid.bulk_modulus
     liquid = (1.0 - fluid.gas_fraction) * math.exp((fluid.span - excess) * oil)
     gas = fluid.gas_fraction * math.exp(-level / n)
     share, lost = gas / (liquid + gas), excess * oil
-    # The gas's share falls with the level by itself and rises as the oil gives way beside it.
+    # The share of the gas decreases with the level, and increases because the oil is compressed too.
     fall = share * (1.0 - share) * (lost - 1.0 / n)
     softness = excess / fluid.wall_modulus + (1.0 - share) * lost + share / n
     return (excess / fluid.wall_modulus + (1.0 - share) * lost + fall * (1.0 / n - lost)) / softness
@@ -73,15 +73,16 @@ def softening(fluid: Fluid, level: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """All that the equations need.
+    """Equations of the damper and their parameters.
 
-    The states are the levels of the compression and of the rebound chamber and the gas volume over that at rest:
+    The states are the levels of the compression and the rebound chamber and the ratio of the gas volume to its volume
+    at rest:
 
         V_c = A_c (l_c - x), V_r = A_r (l_r + x); U = V psi(p) the fluid in a chamber
         dU_c / dt = -Q_m(p_c - p_r) - Q_h(p_c - p_g),  dU_r / dt = Q_m(p_c - p_r),  dV_g / dt = -Q_h(p_c - p_g)
 
-    Flows are counted as fluid at atmospheric pressure, so the fluid is conserved exactly: U_c + U_r - V_g is constant.
-    The inertia of shims, floating piston and fluid is left out.
+    Flows are volumes of fluid at atmospheric pressure, so the fluid is conserved exactly: U_c + U_r - V_g is constant.
+    The inertia of shims, floating piston and fluid is neglected.
     """
 
     cylinder: Cylinder
@@ -91,7 +92,7 @@ class Plant:
     head: Valve
 
     def rates(self, motion: Motion) -> Callable[[Array, float], tuple[float, float, float]]:
-        """Return the states' rates as a function of (states (3,), time); `motion` gives displacement and velocity."""
+        """Return the state derivatives as a function of (states (3,), time); `motion` returns position and velocity."""
         forth, back, into, out_of = *self.main, *self.head
         at, flow, gas = filling(self.fluid), passage_flow, self.gas
         charge, exponent, per_volume = gas.charge, -gas.exponent, 1.0 / gas.volume
@@ -116,7 +117,7 @@ class Plant:
         return rates
 
     def jacobian(self, motion: Motion) -> Callable[[Array, float], tuple[tuple[float, ...], ...]]:
-        """Return the Jacobian of the rates, a row for each rate, as a function of (states (3,), time)."""
+        """Return the Jacobian of the state derivatives, one row each, as a function of (states (3,), time)."""
         at, gas, rates = filling(self.fluid), self.gas, self.rates(motion)
         vapour = self.fluid.vapour_pressure
         area_c, area_r = self.cylinder.compression_area, self.cylinder.rebound_area
@@ -134,7 +135,7 @@ class Plant:
             ease, ease_out = self.main.slope(pressure_c - pressure_r), self.head.slope(pressure_c - pressure_g)
             gas_slope = -gas.exponent * pressure_g / volume
             excess_c, excess_r = pressure_c - vapour, pressure_r - vapour
-            # As the level rises the content does by d ln(content) = softness, and the flow counts for less volume.
+            # The content increases with the level by d ln(content) = softness, so a flow corresponds to less volume.
             flow_c, flow_r = area_c * v - rate_c * stiff_c / content_c, rate_r * stiff_r / content_r + area_r * v
             own_c = flow_c * content_c * softness_c - (ease + ease_out) * excess_c
             own_r = -flow_r * content_r * softness_r - ease * excess_r
@@ -151,14 +152,14 @@ class Plant:
         return jacobian
 
     def fluid_in(self, displacement: float, pressure_c: float, pressure_r: float, gas_volume: float) -> float:
-        """Return U_c + U_r - V_g [m3], which never changes."""
+        """Return U_c + U_r - V_g [m3], which is conserved."""
         cylinder, fluid = self.cylinder, self.fluid
         chamber_c = cylinder.compression_area * (cylinder.compression_length - displacement)
         chamber_r = cylinder.rebound_area * (cylinder.rebound_length + displacement)
         return chamber_c * fluid.content(pressure_c) + chamber_r * fluid.content(pressure_r) - gas_volume
 
     def force(self, pressure_c: float, pressure_r: float) -> float:
-        """Return the pressures' force on the rod [N], positive in compression (Eq 3.9, against the atmosphere)."""
+        """Return the pressure force on the rod [N], positive in compression (Eq 3.9, relative to the atmosphere)."""
         cylinder = self.cylinder
         fluid_force = pressure_c * cylinder.compression_area - pressure_r * cylinder.rebound_area
         return fluid_force - ATMOSPHERE * cylinder.rod_area

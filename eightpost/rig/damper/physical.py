@@ -1,4 +1,4 @@
-"""The physical damper: two compressible chambers, shim valves, a head valve and a gas chamber."""
+"""Physical damper with two compressible chambers, shim valves, a head valve and a gas chamber."""
 
 from __future__ import annotations
 
@@ -29,34 +29,34 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Local error of the integration in levels and gas volume [1]: a millionth of a chamber's pressure.
+#: Local error tolerance of the integration in levels and gas volume [1]: a millionth of a chamber's pressure.
 TOLERANCE = 1e-6
 
-#: Longest step of the integration [s]: nothing of a 30 Hz drive is stepped over.
+#: Maximum step of the integration [s], short enough for a 30 Hz drive.
 LONGEST_STEP = 5e-3
 
 
 @dataclass(frozen=True)
 class PhysicalDamper:
-    """A monotube race shock in the manner of a Penske 7300, from the dissertation's 3.1 without its linearisations.
+    """A monotube race shock similar to a Penske 7300, as in section 3.1 of the dissertation without linearisations.
 
-    The equations are those of `Plant`; the port's force is
+    The equations are those of `Plant`; the force of the port is
 
         F = p_c A_c - p_r A_r - p_atm A_rod + seal drag        positive in compression
 
-    Displacement is counted from mid-travel, the 3 in offset of 3.2.1. It has no temperature effects on the fluid, no
-    gas going into solution, no inertia of shims and fluid, no bushings, and no end stops.
+    Displacement is measured from mid-travel, the 3 in offset of 3.2.1. Temperature effects on the fluid, dissolved gas,
+    inertia of shims and fluid, bushings, and end stops are not modelled.
 
     Attributes:
-        piston: The main piston's valves.
-        head: The head valve.
-        gas: The gas chamber.
-        cylinder: Bore, rod, chambers.
+        piston: Valves of the main piston.
+        head: Head valve.
+        gas: Gas chamber.
+        cylinder: Bore, rod and chambers.
         fluid: Oil, free gas and wall.
-        orifices: What all openings share.
-        seals: Dry friction.
-        heat_capacity: Of shock and oil [J/K], for the body temperature that the dynamometer reads: 1.5 kg at about
-            900 J/kg/K. All work warms it, nothing cools it.
+        orifices: Common properties of all orifices.
+        seals: Dry friction of the seals.
+        heat_capacity: Heat capacity of shock and oil [J/K], for the body temperature that the dynamometer reads: 1.5 kg
+            at about 900 J/kg/K. All work heats the body, and there is no cooling.
     """
 
     piston: MainPiston
@@ -70,7 +70,7 @@ class PhysicalDamper:
 
     @cached_property
     def plant(self) -> Plant:
-        """The equations with this damper's numbers."""
+        """Equations with the parameters of this damper."""
         piston, head = self.piston, self.head
         main = Valve(
             self._passage(piston.compression, piston.jet_area),
@@ -96,7 +96,8 @@ class PhysicalDamper:
     def steady_pressures(self, velocity: float) -> tuple[float, float]:
         """Return the absolute chamber pressures (compression, rebound) [Pa] at a constant velocity [m/s].
 
-        The gas is at its charge and the fluid incompressible, as in 3.1.2; no pressure falls under the vapour's.
+        The gas has its charge pressure and the fluid is incompressible, as in 3.1.2; pressures are limited to the
+        vapour pressure.
         """
         vapour, rod = self.fluid.vapour_pressure, self.cylinder.rod_area
         compression = max(self.gas.charge + _drop(self.plant.head, rod * velocity), vapour)
@@ -104,40 +105,41 @@ class PhysicalDamper:
         return compression, max(rebound, vapour)
 
     def static_force(self, velocity: float) -> float:
-        """Return the valves' force [N] at a constant velocity [m/s]: without gas force and seal drag."""
+        """Return the force of the valves [N] at a constant velocity [m/s], without gas force and seal friction."""
         gas = self.plant.force(self.gas.charge, self.gas.charge)
         return self.plant.force(*self.steady_pressures(velocity)) - gas
 
     def nominal_damping(self, *, reach: float = convert(10.0, "in/s", "m/s")) -> float:
-        """Return the least-squares slope through the origin of the static force over -reach to reach [N.s/m].
+        """Fit a line through the origin to the static force from -reach to reach, and return its slope [N.s/m].
 
         Args:
-            reach: [m/s]; 10 in/s by default.
+            reach: Maximum velocity [m/s]; default 10 in/s.
         """
         speeds = np.linspace(-reach, reach, 81)
         forces = np.array([self.static_force(speed) for speed in speeds.tolist()])
         return float(speeds @ forces / (speeds @ speeds))
 
     def respond(self, motion: TimeSeries, *, rate: float, tolerance: float = TOLERANCE) -> TimeSeries:
-        """Integrate the damper along a displacement command.
+        """Integrate the damper for a displacement command.
 
-        The command is read as a cubic spline through its samples. The shock rested long enough at the first
-        displacement for its pressures to be equal.
+        The command is interpolated by a cubic spline. Before the start, the shock was at rest at the first displacement
+        until its pressures were equal.
 
         Args:
-            motion: An evenly sampled series with the channel `displacement` [m] from mid-travel.
-            rate: Samples of the result per second [Hz].
-            tolerance: Local error of the chamber levels and of the gas volume [1].
+            motion: Evenly sampled series with the channel `displacement` [m] from mid-travel.
+            rate: Sample rate of the result [Hz].
+            tolerance: Local error tolerance of the chamber levels and of the gas volume [1].
 
         Returns:
-            displacement [m], velocity [m/s], force [N]; compression_pressure, rebound_pressure, gas_pressure, absolute
-            [Pa]; seal_drag [N], part of the force; warming [K] since the start.
+            Series with displacement [m], velocity [m/s], force [N]; the absolute pressures compression_pressure,
+            rebound_pressure and gas_pressure [Pa]; seal_drag [N], which is part of the force; and warming [K], the
+            temperature rise since the start.
 
         Raises:
-            ParameterError: The command is not evenly sampled or leaves the travel.
+            ParameterError: The command is not evenly sampled or exceeds the travel.
             StepError: The integration failed.
         """
-        spline = self._checked(motion)
+        spline = self._spline(motion)
         start = float(motion.time[0])
         time = start + np.arange(int(motion.duration * rate * (1.0 + 1e-12)) + 1) / rate
         path = _motion(spline.c, start, float(np.diff(motion.time).mean()))
@@ -164,16 +166,17 @@ class PhysicalDamper:
             },
         )
 
-    def _checked(self, motion: TimeSeries) -> CubicSpline:
+    def _spline(self, motion: TimeSeries) -> CubicSpline:
+        """Return the spline of a command; raise ParameterError if it is uneven or exceeds the travel."""
         steps = np.diff(motion.time)
         if steps.size < 3 or np.ptp(steps) > 1e-6 * steps[0]:
-            raise ParameterError("the displacement must have 4 even samples or more; resample it first")
+            raise ParameterError("the displacement must have at least 4 evenly spaced samples; resample it first")
         displacement = motion["displacement"]
-        least, most = self.cylinder.travel
-        if displacement.min() < least or displacement.max() > most:
+        lowest, highest = self.cylinder.travel
+        if displacement.min() < lowest or displacement.max() > highest:
             raise ParameterError(
-                f"the displacement goes from {displacement.min():g} to {displacement.max():g} m; the shock's travel is "
-                f"{least:g} to {most:g} m from its middle"
+                f"the displacement ranges from {displacement.min():g} to {displacement.max():g} m; the shock's travel "
+                f"is {lowest:g} to {highest:g} m from mid-travel"
             )
         return CubicSpline(motion.time, displacement)
 
@@ -193,11 +196,11 @@ class PhysicalDamper:
                     mxstep=20_000,
                 )
             except ODEintWarning as warning:
-                raise StepError(f"the physical damper was not integrated: {warning}") from warning
+                raise StepError(f"the integration of the physical damper failed: {warning}") from warning
         return np.asarray(states, dtype=np.float64)
 
     def _rest(self, displacement: float) -> list[float]:
-        """Return the states at rest at a displacement [m]: one pressure everywhere, the fluid of displacement 0."""
+        """Return the states at rest at a displacement [m], with equal pressures and the conserved fluid volume."""
         plant, gas = self.plant, self.gas
         filled = plant.fluid_in(0.0, gas.charge, gas.charge, gas.volume)
 
@@ -211,7 +214,7 @@ class PhysicalDamper:
 
 
 def _drop(valve: Valve, flow: float) -> float:
-    """Return the drop [Pa] at which a valve has a flow [m3/s]."""
+    """Return the pressure drop [Pa] of a valve at a flow [m3/s]."""
     reach = 1e5
     while abs(valve.flow(math.copysign(reach, flow))) < abs(flow):
         reach *= 2.0

@@ -1,4 +1,4 @@
-"""Flow through an orifice beside a shim stack: pure functions of floats, [Pa] and [m3/s]."""
+"""Flow through an orifice in parallel with a shim stack, as pure functions of floats in [Pa] and [m3/s]."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import NamedTuple
 
 
 class Passage(NamedTuple):
-    """One direction of a valve: an orifice, and beside it a shim stack over its port.
+    """One flow direction of a valve: an orifice in parallel with a shim stack over its port.
 
-    The orifice is laminar at small and turbulent at large drops. The stack's edge leaves its seat little by little,
-    its parts at pressures spread evenly from 0 to 2 s; the gap under it and the port are orifices in series:
+    The flow through the orifice is laminar at small and turbulent at large pressure drops. The edge of the stack opens
+    gradually, with opening pressures spread evenly from 0 to 2 s. The gap under it and the port are orifices in series:
 
         Q = G dp / (dp^2 + dp_t^2)^(1/4) + a L / (1 + (a L / P)^2)^(1/2) dp^(1/2)
         L = dp^2 / (4 s) up to dp = 2 s, then dp - s
 
-    The whole drop lifts the stack, whatever share of it the port takes.
+    The whole pressure drop lifts the stack, even if part of the drop is in the port.
 
     Attributes:
-        orifice: G [m3/s/Pa^0.5].
-        transition: dp_t [Pa].
-        opening: a, the gap's conductance over L [m3/s/Pa^1.5]; 0 without a stack.
-        port: P [m3/s/Pa^0.5].
-        preload: s, the mean pressure at which the edge leaves its seat [Pa].
+        orifice: Conductance G of the orifice [m3/s/Pa^0.5].
+        transition: Pressure drop dp_t of the transition from laminar to turbulent flow [Pa].
+        opening: Ratio a of the gap's conductance to L [m3/s/Pa^1.5]; 0 without a stack.
+        port: Conductance P of the port [m3/s/Pa^0.5].
+        preload: Mean pressure s at which the edge opens [Pa].
     """
 
     orifice: float
@@ -33,7 +33,7 @@ class Passage(NamedTuple):
 
 
 def passage_flow(drop: float, passage: Passage) -> float:
-    """Return the flow [m3/s] at a drop >= 0 [Pa]."""
+    """Return the flow [m3/s] at a pressure drop >= 0 [Pa]."""
     orifice, transition, opening, port, preload = passage
     lift = drop - preload if drop >= 2.0 * preload else 0.25 * drop * drop / preload
     gap = opening * lift
@@ -43,7 +43,7 @@ def passage_flow(drop: float, passage: Passage) -> float:
 
 
 def passage_slope(drop: float, passage: Passage) -> float:
-    """Return dQ / d(dp) [m3/s/Pa] at a drop >= 0 [Pa]."""
+    """Return the slope dQ / d(dp) [m3/s/Pa] at a pressure drop >= 0 [Pa]."""
     orifice, transition, opening, port, preload = passage
     size = drop * drop + transition * transition
     slope = orifice * (1.0 - 0.5 * drop * drop / size) / math.sqrt(math.sqrt(size))

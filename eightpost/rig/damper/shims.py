@@ -1,4 +1,4 @@
-"""Shim stacks by the code of Table 7.2."""
+"""Shim stacks, by their codes in Table 7.2."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from eightpost.errors import ParameterError
 from eightpost.units import convert
 
-#: Table 7.2: the thickness of the four shims of each code [in].
+#: Table 7.2: thicknesses of the four shims of each code [in].
 SHIM_SETS = {
     "AA": (0.004, 0.004, 0.004, 0.004),
     "AA+": (0.004, 0.004, 0.006, 0.006),
@@ -40,19 +40,20 @@ class ShimStack:
 
     The shims slide on each other, so their plate stiffnesses D = E t^3 / (12 (1 - nu^2)) add up (Farjoud, Ahmadian,
     Craft & Burke, Nonlinear modeling and experimental characterization of hydraulic dampers: effects of shim stack
-    and orifice parameters on damper performance, Nonlinear Dynamics 67, 2012); the edge lifts by
+    and orifice parameters on damper performance, Nonlinear Dynamics 67, 2012). The lift of the edge is
 
         h = K dp r^4 / D_stack
 
     Attributes:
-        code: Of Table 7.2.
-        radius: r of the largest shim [m].
-        deflection: K of a plate clamped inside, free outside and loaded all over [1]: 0.018, 0.0035, 0.001 for a clamp
-            of 0.4, 0.6, 0.7 of the radius (thin-plate theory, as Roark's Formulas for Stress and Strain tabulates it).
-        backing: Thickness of the washer behind every stack, which bends with it [m].
+        code: Code in Table 7.2.
+        radius: Radius r of the largest shim [m].
+        deflection: Coefficient K of a plate clamped inside, free outside and uniformly loaded [1]: 0.018, 0.0035, 0.001
+            for a clamp of 0.4, 0.6, 0.7 of the radius (thin-plate theory, tabulated in Roark's Formulas for Stress and
+            Strain).
+        backing: Thickness of the washer behind every stack, which bends with the stack [m].
 
     Raises:
-        ParameterError: There is no such code.
+        ParameterError: The code does not exist.
     """
 
     code: str
@@ -62,15 +63,15 @@ class ShimStack:
 
     def __post_init__(self) -> None:
         if self.code not in SHIM_SETS:
-            raise ParameterError(f"no shim stack {self.code!r} in Table 7.2; there are {', '.join(SHIM_SETS)}")
+            raise ParameterError(f"there is no shim stack {self.code!r} in Table 7.2; codes: {', '.join(SHIM_SETS)}")
 
     @property
     def stiffness(self) -> float:
-        """D_stack: the sum over shims and backing of E t^3 / (12 (1 - nu^2)) [N.m]."""
+        """Stiffness D_stack, the sum of E t^3 / (12 (1 - nu^2)) over shims and backing [N.m]."""
         cubes = sum(convert(thickness, "in", "m") ** 3 for thickness in SHIM_SETS[self.code])
         return PLATE_MODULUS * (cubes + self.backing**3) / 12.0
 
     @property
     def lift(self) -> float:
-        """h / dp [m/Pa]."""
+        """Lift per pressure drop h / dp [m/Pa]."""
         return self.deflection * self.radius**4 / self.stiffness

@@ -1,4 +1,4 @@
-"""The main piston's and the head valve's parts."""
+"""Parts of the main piston and of the head valve."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from eightpost.rig.damper.shims import ShimStack
 
 @dataclass(frozen=True, slots=True)
 class ShimValve:
-    """A shim stack over ports: one way.
+    """A shim stack over ports, for one flow direction.
 
     Attributes:
-        stack: The shims.
-        port_area: Of the ports under it together [m2].
-        edge: Length of the edge that the fluid leaves under [m].
-        dish: How far the clamped shims are bent by the piston's dished face [m]: 0 on a linear piston; 1 to 4 degrees
-            of dish on a digressive one are 0.1 to 0.6 mm.
+        stack: Shim stack.
+        port_area: Total area of the ports under the stack [m2].
+        edge: Length of the edge under which the fluid leaves [m].
+        dish: Deflection of the clamped shims by the dished face of the piston [m]: 0 on a linear piston; 1 to 4 degrees
+            of dish on a digressive piston are 0.1 to 0.6 mm.
     """
 
     stack: ShimStack
@@ -27,21 +27,22 @@ class ShimValve:
 
     @property
     def preload(self) -> float:
-        """Mean pressure at which the edge leaves its seat [Pa]."""
+        """Mean pressure at which the edge opens [Pa]."""
         return self.dish / self.stack.lift
 
 
 @dataclass(frozen=True, slots=True)
 class Bleed:
-    """The rebound bleed through the rod, set by an adjuster: open in rebound, shut in compression (3.4.3).
+    """Rebound bleed through the rod with an adjuster, open in rebound and closed in compression (3.4.3).
 
-    Clicks are counted from fully open. So the dissertation's must be: 3.4.1 finds that the error of builds 1 and 2 grew
-    with a more restrictive bleed setting, and in Table 3.5 it grows from 1 to 14 clicks.
+    Clicks are counted from fully open. The dissertation must use the same convention: section 3.4.1 reports that the
+    error of builds 1 and 2 increased with a more restrictive bleed setting, and in Table 3.5 it increases from 1 to 14
+    clicks.
 
     Attributes:
-        clicks: Of the adjuster, from fully open; more clicks, more closed.
-        area_per_click: That a click closes [m2].
-        most: Clicks from fully open to shut.
+        clicks: Clicks of the adjuster from fully open.
+        area_per_click: Area that a click closes [m2].
+        most: Number of clicks from fully open to closed.
     """
 
     clicks: int
@@ -50,23 +51,23 @@ class Bleed:
 
     def __post_init__(self) -> None:
         if not 0 <= self.clicks <= self.most:
-            raise ParameterError(f"the bleed adjuster has 0 to {self.most} clicks, not {self.clicks}")
+            raise ParameterError(f"the clicks of the bleed adjuster must be 0 to {self.most}, not {self.clicks}")
 
     @property
     def area(self) -> float:
-        """What is left open [m2]."""
+        """Open area [m2]."""
         return (self.most - self.clicks) * self.area_per_click
 
 
 @dataclass(frozen=True, slots=True)
 class MainPiston:
-    """The valves between the chambers.
+    """Valves between the compression and the rebound chamber.
 
     Attributes:
-        compression: Flow from the compression chamber to the rebound chamber.
-        rebound: The way back.
-        bleed: Beside the rebound stack.
-        jet_area: Of the bleed jet and the leak past the piston, both ways [m2].
+        compression: Valve for flow from the compression chamber to the rebound chamber.
+        rebound: Valve for flow from the rebound chamber to the compression chamber.
+        bleed: Bleed in parallel with the rebound stack.
+        jet_area: Area of the bleed jet and the leakage past the piston, in both directions [m2].
     """
 
     compression: ShimValve
@@ -77,12 +78,12 @@ class MainPiston:
 
 @dataclass(frozen=True, slots=True)
 class HeadValve:
-    """The valve between compression chamber and reservoir.
+    """Valve between compression chamber and reservoir.
 
     Attributes:
-        compression: Flow into the reservoir.
-        jet_area: Open both ways [m2].
-        return_area: Of the check valve back out of the reservoir [m2].
+        compression: Valve for flow into the reservoir.
+        jet_area: Area of the jet, which is open in both directions [m2].
+        return_area: Area of the check valve for flow out of the reservoir [m2].
     """
 
     compression: ShimValve
@@ -92,12 +93,12 @@ class HeadValve:
 
 @dataclass(frozen=True, slots=True)
 class Orifices:
-    """What all openings share.
+    """Common properties of all orifices.
 
     Attributes:
-        discharge: C_d [1]; 0.6 to 0.8 (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
-        transition: Drop at which flow turns from laminar to turbulent [Pa]; Reynolds numbers near 1000 in openings of
-            a millimetre give 10 to 100 kPa.
+        discharge: Discharge coefficient C_d [1]; 0.6 to 0.8 (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
+        transition: Pressure drop of the transition from laminar to turbulent flow [Pa]; Reynolds numbers near 1000 in
+            openings of a millimetre give 10 to 100 kPa.
     """
 
     discharge: float = 0.7

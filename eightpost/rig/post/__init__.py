@@ -1,4 +1,4 @@
-"""The virtual rig: a quarter-car rig and an 8-post rig whose truth is known (dissertation 4.5, 6.1)."""
+"""Virtual rig: a quarter-car rig and an 8-post rig with known true cars (dissertation 4.5, 6.1)."""
 
 from eightpost.rig.post.actuators import Actuators
 from eightpost.rig.post.car import Car, Geometry

@@ -1,10 +1,10 @@
-"""A car on the virtual rig: masses, where its elements sit, and its equation of motion.
+"""Car on the virtual rig: masses, positions of its elements, and equation of motion.
 
     M q'' = sum_shock -(F_shock + F_friction) d(s)/dq + sum_spring -F_spring d(s)/dq
             + sum_tire F_tire d(w)/dq + sum_load f d(p)/dq - K q - C q'
 
-by virtual work, with s the compression of shocks and springs, w the wheels' heights and p where loads act. Nothing
-here is shared with the models that are identified (`eightpost.vehicle`).
+The equation follows from virtual work, with s the compression of shocks and springs, w the heights of the wheels and p
+the displacements at which loads act. No code is shared with the models that are identified (`eightpost.vehicle`).
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Where the rig touches and measures a four-wheeled car, from its centre of gravity.
+    """Positions of actuators and measurements on a four-wheeled car, relative to its centre of gravity.
 
     Attributes:
-        front_axle: a, forward to the front axle [m].
-        rear_axle: b, back to the rear axle [m].
-        front_aero: a', forward to the front aeroloaders [m].
-        rear_aero: b', back to the rear aeroloaders [m].
-        front_aero_track: t_f', between the front aeroloaders [m].
-        rear_aero_track: t_r' [m].
-        front_overhang: Front axle to the nose, where the front ride height is [m].
-        rear_overhang: Rear axle to the spoiler [m].
+        front_axle: Distance a forward to the front axle [m].
+        rear_axle: Distance b back to the rear axle [m].
+        front_aero: Distance a' forward to the front aeroloaders [m].
+        rear_aero: Distance b' back to the rear aeroloaders [m].
+        front_aero_track: Distance t_f' between the front aeroloaders [m].
+        rear_aero_track: Distance t_r' between the rear aeroloaders [m].
+        front_overhang: Distance from the front axle to the nose, where the front ride height is measured [m].
+        rear_overhang: Distance from the rear axle to the spoiler, where the rear ride height is measured [m].
     """
 
     front_axle: float
@@ -51,26 +51,26 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Car:
-    """A truth: D coordinates q from the static position, C corners, A loads.
+    """A simulated car with D coordinates q relative to the static position, C corners and A loads.
 
     Attributes:
-        name: Of the truth.
+        name: Name of the car.
         corners: C corner names; one empty name for a quarter car.
-        mass: (D,) [kg] or [kg.m2].
-        shock: (C, D), s' of the shocks.
-        spring: (C, D), s of the springs.
-        wheel: (C, D), heights of the tires' contact.
-        chassis: (C, D), heights of the chassis above the wheels.
-        loads: A load names, as in a drivefile.
-        load_units: N or N.m each.
-        load: (A, D), generalised force = load^T f.
-        stiffness: K (D, D), what is not a spring: anti-roll bars, the chassis' twist.
-        damping: C (D, D).
-        springs: The suspension's.
-        tires: The tires.
-        friction: Along the shocks.
-        points: (D,) rows by name of further points that are measured.
-        geometry: Of the rig, None for a quarter car.
+        mass: Masses (D,) [kg] or inertias [kg.m2] of the coordinates.
+        shock: Matrix (C, D) from q to the compression of the shocks.
+        spring: Matrix (C, D) from q to the compression of the springs.
+        wheel: Matrix (C, D) from q to the heights of the wheels at the tires.
+        chassis: Matrix (C, D) from q to the heights of the chassis above the wheels.
+        loads: A load names, as in a drive file.
+        load_units: A load units, N or N.m.
+        load: Matrix (A, D); the generalised force is load^T f.
+        stiffness: Stiffness K (D, D) of elements other than springs: anti-roll bars, the twist of the chassis.
+        damping: Damping C (D, D) of elements other than shocks and tires.
+        springs: Suspension springs.
+        tires: Tires.
+        friction: Friction along the shocks.
+        points: Rows (D,) from q to the heights or angles of other measured points, by name.
+        geometry: Positions of actuators and measurements, None for a quarter car.
     """
 
     name: str
@@ -92,12 +92,12 @@ class Car:
     geometry: Geometry | None = None
 
     def named(self, quantity: str) -> tuple[str, ...]:
-        """Return `<corner>.<quantity>` of every corner; the bare quantity for a quarter car."""
+        """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
         return tuple(f"{corner}.{quantity}" if corner else quantity for corner in self.corners)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The names of roads and loads, in the order of a drive."""
+        """Names of roads and loads, in the order of a drive."""
         return (*self.named("road"), *self.loads)
 
     def without_friction(self) -> Car:

@@ -1,4 +1,4 @@
-"""The channels of Table 6.1: from what a car really did to what its sensors say, math channels included."""
+"""Channels of Table 6.1, computed from the exact motion of a car: sensor readings, commands and math channels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Channels = dict[str, tuple[str, Array]]
 
-#: Low-pass of the shock potentiometer before it is differentiated (6.1.2 names none; ours) [Hz].
+#: Low-pass of the shock potentiometer before differentiation (our own choice; 6.1.2 does not state it) [Hz].
 POT_CUTOFF = 50.0
 
 _GRAVITY = convert(1.0, "g_0", "m/s2")
@@ -32,15 +32,15 @@ _GRAVITY = convert(1.0, "g_0", "m/s2")
 
 @dataclass(frozen=True, slots=True)
 class RigSensors:
-    """White noise of the rig's and the car's sensors, each a standard deviation.
+    """White noise of the sensors of rig and car, as standard deviations.
 
     Attributes:
-        position: Actuators' LVDTs [m].
-        travel: Shock potentiometers [m].
-        load: Wheelloaders' and aeroloaders' load cells [N].
-        shock_load: Shocks' load cells [N].
-        acceleration: Accelerometers [m/s2].
-        relative: White noise besides, of each measured channel's own standard deviation [1].
+        position: Noise of the position sensors (LVDTs) of the actuators [m].
+        travel: Noise of the shock potentiometers [m].
+        load: Noise of the load cells of wheelloaders and aeroloaders [N].
+        shock_load: Noise of the load cells of the shocks [N].
+        acceleration: Noise of the accelerometers [m/s2].
+        relative: Additional white noise, relative to the standard deviation of each measured channel [1].
     """
 
     position: float = convert(5e-4, "in", "m")
@@ -52,7 +52,7 @@ class RigSensors:
 
     @classmethod
     def perfect(cls, *, relative: float = 0.0) -> RigSensors:
-        """Return sensors without noise but for the relative one."""
+        """Return sensors without noise except for the relative noise."""
         return cls(0.0, 0.0, 0.0, 0.0, 0.0, relative)
 
     def noise_of(self, name: str, unit: str) -> float:
@@ -63,8 +63,8 @@ class RigSensors:
         return {"m": self.position, "N": self.load, "m/s2": self.acceleration}.get(unit, 0.0)
 
 
-def measured(car: Car, motion: Motion, sensors: RigSensors, generator: np.random.Generator) -> Channels:
-    """Return channels 1 to 16 and 25 to 44 of Table 6.1 with noise: what sensors give."""
+def sensor_channels(car: Car, motion: Motion, sensors: RigSensors, generator: np.random.Generator) -> Channels:
+    """Return the sensor readings with noise: channels 1 to 16 and 25 to 44 of Table 6.1."""
     channels = {}
     for name, (unit, values) in _true_channels(car, motion).items():
         spread = sensors.noise_of(name, unit) + sensors.relative * float(np.std(values))
@@ -74,7 +74,7 @@ def measured(car: Car, motion: Motion, sensors: RigSensors, generator: np.random
 
 
 def commands(car: Car, command: TimeSeries) -> Channels:
-    """Return channels 17 to 24: `<input>_command`."""
+    """Return the commands, channels 17 to 24: `<input>_command`."""
     grid = command.resample(RATE)
     return {f"{name}_command": (grid.unit(name), grid[name]) for name in car.inputs}
 
@@ -99,19 +99,19 @@ def _corner_channels(car: Car, quantity: str, unit: str, rows: Array) -> Channel
 
 
 def _static(car: Car) -> Array:
-    """Return the static tire loads (C, 1) [N], 0 where the car speaks of changes only."""
+    """Return the static tire loads (C, 1) [N]; 0 if the tire forces of the car are changes from static."""
     return np.where(np.isfinite(car.tires.static_load), car.tires.static_load, 0.0)
 
 
 def _aero_positions(car: Car, q: Array) -> Channels:
-    """Return channels 5 to 8; the seven-DOF car has no aeroloaders and says its modes at once."""
+    """Return channels 5 to 8; none for the seven-DOF car, which has modal forces instead of aeroloaders."""
     if car.loads != car.named("aero"):
         return {}
     return _corner_channels(car, "aero_position", "m", -car.load @ q)
 
 
 def _cockpit(car: Car, q: Array, a: Array) -> Channels:
-    """Return channels 41 to 44; lateral and longitudinal accelerometers feel the chassis' tilt."""
+    """Return channels 41 to 44; lateral and longitudinal acceleration include gravity through the chassis' tilt."""
     if not car.points:
         return {}
     points = car.points
@@ -124,9 +124,9 @@ def _cockpit(car: Car, q: Array, a: Array) -> Channels:
 
 
 def with_math(car: Car, motion: Motion, series: TimeSeries) -> TimeSeries:
-    """Return the record with the math channels 45 to 62, made of the measured ones as 6.1.2 says.
+    """Return the record with the math channels 45 to 62, computed from the measured channels as in 6.1.2.
 
-    The linear truths' ride heights are read off the car: they have no aeroloaders to measure them by.
+    The ride heights of the linear cars are exact, because these cars have no aeroloaders from which to compute them.
     """
     channels = {n: (u, row) for n, u, row in zip(series.names, series.units, series.values, strict=True)}
     geometry = car.geometry
@@ -144,8 +144,8 @@ def with_math(car: Car, motion: Motion, series: TimeSeries) -> TimeSeries:
 
 
 def _mode_channels(rows: Array, units: tuple[str, ...], suffixes: tuple[str, ...]) -> Channels:
-    named = (f"aero.{mode}{suffix}" for mode, suffix in zip(MODES, suffixes, strict=True))
-    return dict(zip(named, zip(units, rows, strict=True), strict=True))
+    names = (f"aero.{mode}{suffix}" for mode, suffix in zip(MODES, suffixes, strict=True))
+    return dict(zip(names, zip(units, rows, strict=True), strict=True))
 
 
 def _ride_heights(car: Car, motion: Motion, channels: Mapping[str, tuple[str, Array]]) -> Channels:

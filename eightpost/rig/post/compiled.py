@@ -1,4 +1,4 @@
-"""Cars, shocks and drives as the numbers that the compiled integration takes; the runs on all cores."""
+"""Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores."""
 
 from __future__ import annotations
 
@@ -47,34 +47,34 @@ if TYPE_CHECKING:
 
 
 def can_compile(shocks: Sequence[Sequence[Shock]]) -> bool:
-    """Say whether the compiled integration knows all these shocks; other laws are stepped by their own functions."""
+    """Return whether the compiled integration supports all shocks; other laws are called from Python."""
     known = (LinearDamper, Polylinear, Lpf1, Lpnl2, TruthDamper, PhysicalDamper)
     return all(isinstance(shock, known) for corners in shocks for shock in corners)
 
 
 def compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
-    """Return each run's records (N, 3 D + 3 C), as `reference_march`; the runs go on all cores at once."""
+    """Return the records (N, 3 D + 3 C) of each run, like `reference_march`, using all cores in parallel."""
     own = {id(shock): shock for corners in shocks for shock in corners}
     places = {key: k for k, key in enumerate(own)}
     numbers, bank = _car_numbers(car), _shock_numbers(tuple(own.values()))
 
-    def recorded(run: int) -> Array:
+    def run_records(run: int) -> Array:
         which = np.array([places[id(shock)] for shock in shocks[run]])
         values, slopes = drives.values[run], drives.slopes[run]
         records = np.empty((len(values), 3 * car.mass.size + 3 * len(car.corners)))
         inputs = Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
         failed = march(numbers, which, bank, inputs, records)
         if failed >= -drives.lead:
-            raise StepError(left_all_bounds(car, failed))
+            raise StepError(divergence_message(car, failed))
         return records
 
     with ThreadPoolExecutor(usable_processors()) as pool:
-        return list(pool.map(recorded, range(len(shocks))))
+        return list(pool.map(run_records, range(len(shocks))))
 
 
-def left_all_bounds(car: Car, sample: int) -> str:
-    """Say that the motion is no longer finite at a sample."""
-    return f"the {car.name} left all bounds near {sample / RATE:.2f} s; are its shocks and drive sane?"
+def divergence_message(car: Car, sample: int) -> str:
+    """Return the message for a motion that is no longer finite at a sample."""
+    return f"the motion of the {car.name} diverged near {sample / RATE:.2f} s; check its shocks and its drive"
 
 
 def _car_numbers(car: Car) -> CarNumbers:
@@ -103,12 +103,12 @@ def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
         tabulated = isinstance(shock, Polylinear | Lpf1 | Lpnl2)
         tables.append(static_table(shock)[1] if tabulated else None)
     longest = max((table.size for table in tables if table is not None), default=2)
-    laid = np.stack([np.zeros(longest) if table is None else table for table in tables])
-    return ShockNumbers(np.array(kinds), numbers, starts, laid, TABLE_SPACING)
+    padded = np.stack([np.zeros(longest) if table is None else table for table in tables])
+    return ShockNumbers(np.array(kinds), numbers, starts, padded, TABLE_SPACING)
 
 
 def _numbers_of(shock: Shock) -> tuple[int, list[float]]:
-    """Return a shock's kind and its row of numbers, in the order that the kernel says."""
+    """Return a shock's type and its row of numbers, in the order documented in the kernel."""
     if isinstance(shock, LinearDamper):
         return LINEAR, [shock.damping]
     if isinstance(shock, TruthDamper):

@@ -1,4 +1,4 @@
-"""What changes from run to run on a rig although nobody changed it."""
+"""Random drift of a rig and a car from run to run."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Standard deviations of what each run draws anew.
+    """Standard deviations of the random changes from run to run.
 
     Attributes:
-        friction: Of all friction forces together [1].
-        tire: Of the tires' stiffness, warm or cold [1].
-        load_zero: Of the load cells' zeros [N].
-        travel_zero: Of the potentiometers' zeros [m].
+        friction: Relative change of all friction forces together [1].
+        tire: Relative change of the tires' stiffness, warm or cold [1].
+        load_zero: Zero offset of the load cells [N].
+        travel_zero: Zero offset of the potentiometers [m].
     """
 
     friction: float = 0.05
@@ -30,13 +30,13 @@ class Drift:
     travel_zero: float = convert(0.002, "in", "m")
 
     def of(self, car: Car, generator: np.random.Generator) -> Car:
-        """Return the car as it is in one run."""
+        """Return the car with the random changes of one run."""
         friction, tire = 1.0 + np.array([self.friction, self.tire]) * generator.standard_normal(2)
         tires = replace(car.tires, stiffness=car.tires.stiffness * float(tire))
         return replace(car, friction=car.friction.scaled(max(float(friction), 0.0)), tires=tires)
 
     def zero(self, name: str, generator: np.random.Generator) -> float:
-        """Return the offset of a measured channel's sensor in one run, in its SI unit."""
+        """Return the zero offset of a measured channel in one run, in its SI unit."""
         spread = {
             "displacement": self.travel_zero,
             "force": self.load_zero,

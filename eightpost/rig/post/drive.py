@@ -1,4 +1,4 @@
-"""The inputs of the integration: drives side by side, smooth between their samples."""
+"""Inputs of the integration: drives of all runs, interpolated smoothly between their samples."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-#: Samples per second of the rig's records (6.1.5) [Hz], and steps of the integration per sample: 5 kHz.
+#: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
 RATE, STEPS = 1250.0, 4
 
-#: Time before each record in which the car comes into motion [s]; cut off.
+#: Duration of the lead-in before each record, in which the car comes into motion [s]; it is not recorded.
 LEAD = 6.0
 
 
 class Drives:
-    """The drives of all runs as cubic Hermite splines through their samples.
+    """Drives of all runs as cubic Hermite splines through their samples.
 
-    Before a run's start its first sample is held. Over the first third of the lead the drive grows from zero.
+    During the lead-in, the drive is its first sample multiplied by a factor that grows from 0 to 1 over the first third
+    of the lead-in.
 
     Attributes:
-        lead: Samples before each run.
-        values: Roads and loads (N, U) of each run, in memory row by row.
-        slopes: Their change per sample (N, U).
-        growth: (lead + N + 1, 2) for the longest run: the factor with which the drive is brought in, and its change
-            per sample.
-        weights: (2, S, 4): of value, slope, next value and next slope, for the drive and for its slope.
+        lead: Number of samples of the lead-in.
+        values: Roads and loads (N, U) of each run, contiguous in memory by rows.
+        slopes: Changes of the values per sample (N, U).
+        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
+        weights: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
     """
 
     def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
-        """Lay the drives out.
+        """Prepare the drives.
 
         Args:
-            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share one array.
-            lead: Samples before each run.
-            steps: S, of the integration per sample.
+            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share an array.
+            lead: Number of samples of the lead-in.
+            steps: Number S of integration steps per sample.
         """
         self.lead = lead
         own = {id(values): values for values in inputs}
@@ -54,7 +54,7 @@ class Drives:
 
     @property
     def samples(self) -> int:
-        """Of the longest run."""
+        """Number of samples of the longest run."""
         return max(len(values) for values in self.values)
 
     def between(self, sample: int) -> tuple[Array, Array]:
@@ -73,7 +73,7 @@ class Drives:
 
 
 def _growth(lead: int, samples: int) -> Array:
-    """Return the factor with which the drive is brought in and its change (lead + samples + 1, 2): a raised cosine."""
+    """Return the factor of the drive, a raised cosine, and its change per sample (lead + samples + 1, 2)."""
     ramp = max(lead // 3, 1)
     share = np.minimum(np.arange(lead + samples + 1) / ramp, 1.0)
     if lead == 0:
@@ -82,7 +82,7 @@ def _growth(lead: int, samples: int) -> Array:
 
 
 def _hermite(s: Array) -> tuple[Array, Array]:
-    """Return the weights (S, 4) of value, slope, next value, next slope, for the curve and for its slope."""
+    """Return the weights (S, 4) of value, slope, next value and next slope, for the curve and for its slope."""
     curve = np.stack([2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=1)
     slope = np.stack([6 * s**2 - 6 * s, 3 * s**2 - 4 * s + 1, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], axis=1)
     return curve, slope

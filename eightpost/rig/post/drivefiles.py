@@ -1,4 +1,4 @@
-"""Drivefiles of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3): commands at 1250 Hz."""
+"""Drive files of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3) with commands at 1250 Hz."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _INCH = convert(1.0, "in", "m")
 _POUND = convert(1.0, "lbf", "N")
 
-#: Table 4.3: frequency [Hz] and relative amplitude [1] of the quarter-car rig's random test; nothing above 20 Hz.
+#: Table 4.3: frequency [Hz] and relative amplitude [1] of the quarter-car rig's random test; zero above 20 Hz.
 TABLE_4_3 = (
     (0.0, 0.0), (0.1, 1.0), (1.0, 1.0), (2.0, 0.8), (3.0, 0.7), (5.0, 0.5), (8.0, 0.3), (10.0, 0.3), (15.0, 0.3),
     (20.0, 0.1), (20.1, 0.0),
@@ -36,7 +36,7 @@ TABLE_4_3 = (
 #: Table 4.4: frequency [Hz] and amplitude [in].
 TABLE_4_4 = ((1.0, 1.0), (2.8, 0.6), (3.5, 0.5), (5.0, 0.4), (9.0, 0.4), (12.0, 0.3))
 
-#: Table 6.2: heave, then pitch and roll; frequency [Hz] and amplitude [in].
+#: Table 6.2: frequency [Hz] and amplitude [in] for heave, and for pitch and roll.
 HEAVE_SINES = (
     (1.0, 1.0), (2.0, 1.0), (4.0, 0.7), (6.0, 0.5), (8.0, 0.3), (10.0, 0.3), (15.0, 0.1), (20.0, 0.05),
 )  # fmt: skip
@@ -45,56 +45,56 @@ TILT_SINES = ((1.0, 1.0), (2.0, 0.7), (3.0, 0.5), (5.0, 0.5), (6.0, 0.3))
 #: Signs of lf, rf, lr, rr in each mode: heave up, nose down, left up, front left up and rear left down.
 SIGNS = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
 
-#: 6.1.3: peak of the wheelloaders [m] and of the aeroloaders about their mean [N].
+#: Peak amplitudes of the wheelloaders [m] and of the aeroloaders about their mean [N] (6.1.3).
 ROAD_PEAK, AERO_PEAK = 0.4 * _INCH, 560.0 * _POUND
 
-#: Mean aeroloader force, front and rear (ours: about 1 in of travel on Table 5.1's stiff springs; 6.1.3 has 3 and
-#: 2.5 in, which those would not reach) [N].
+#: Mean aeroloader force, front and rear [N]. Our own choice: about 1 in of travel with the stiff springs of Table 5.1;
+#: 6.1.3 has 3 and 2.5 in, which these springs would not reach.
 DOWNFORCE = (700.0 * _POUND, 550.0 * _POUND)
 
-#: Largest static force of an aeroloader, where all push down and where some pull up: 1000 lbf would lift the wheels
-#: (6.1.3 has "near maximum suspension travel") [N].
+#: Maximum static force of an aeroloader [N], if all push down and if some pull up, where 1000 lbf would lift the wheels
+#: (6.1.3 has "near maximum suspension travel").
 STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
 
 
 def random_drive(
     car: Car, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
 ) -> Drivefile:
-    """Return the random test: Gaussian noise of Table 6.3 on every actuator, or on `active` ones only.
+    """Return the random test: Gaussian noise with the spectra of Table 6.3 on all actuators, or on `active` ones only.
 
     The noise is shaped by a linear-phase filter of 8 s (6.1.3 has a Yule-Walker fit) and scaled to the peaks of 6.1.3.
-    Inactive wheelloaders rest at 0, inactive aeroloaders at their mean.
+    Inactive wheelloaders are at 0, inactive aeroloaders at their mean force.
 
     Args:
-        car: Its inputs are commanded.
-        seed: Of the noise.
-        duration: [s]; 800, and 100 for single inputs (6.1.3).
-        active: Names of the inputs that move; all of them when empty.
-        road_peak: [m].
+        car: Car whose inputs are commanded.
+        seed: Seed of the noise generator.
+        duration: Duration [s]; 800, and 100 for single inputs (6.1.3).
+        active: Names of the inputs that move; empty for all inputs.
+        road_peak: Peak amplitude of the roads [m].
 
     Raises:
-        ParameterError: An input is not the car's, or the duration is not positive.
+        ParameterError: The car does not have an input, or the duration is not positive.
     """
     unknown = [name for name in active if name not in car.inputs]
     if unknown:
-        raise ParameterError(f"no input {', '.join(unknown)}; the {car.name} has {', '.join(car.inputs)}")
+        raise ParameterError(f"there is no input {', '.join(unknown)}; the {car.name} has {', '.join(car.inputs)}")
     check_duration(duration)
     generator, count, commands = np.random.default_rng(seed), round(duration * RATE) + 1, {}
     for name in car.inputs:
         is_road = name in car.named("road")
-        noise = _shaped(generator, count, WHEELLOADER if is_road else AEROLOADER)
+        noise = _shaped_noise(generator, count, WHEELLOADER if is_road else AEROLOADER)
         if not active or name in active:
             commands[name] = (road_peak if is_road else _load_peak(car, name)) * noise
     return _drivefile(car, count, commands)
 
 
 def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEAK) -> Drivefile:
-    """Return the random test of 4.5.1: a multisine of Table 4.3 every 0.1 Hz, the channel `road` [m].
+    """Return the random test of 4.5.1: a multisine with the spectrum of Table 4.3 in steps of 0.1 Hz on `road` [m].
 
     Args:
-        seed: Of the phases.
-        duration: [s]; 120. It repeats every 10 s.
-        peak: [m]; 4.5.1 prints none: the 8-post rig's.
+        seed: Seed of the phases.
+        duration: Duration [s]; default 120. The signal repeats every 10 s.
+        peak: Peak amplitude [m]; default that of the 8-post rig, because 4.5.1 does not state it.
     """
     check_duration(duration)
     frequencies = np.arange(1, 201) / 10.0
@@ -116,14 +116,14 @@ def _with_loads(roads: Mapping[str, Array], count: int) -> dict[str, tuple[str, 
 def sine_drive(
     car: Car, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
 ) -> Drivefile:
-    """Return a sine of the wheelloaders in a mode; the first second grows.
+    """Return a sine of the wheelloaders in a mode; the amplitude grows during the first second.
 
     Args:
-        car: Its inputs are commanded.
-        frequency: [Hz].
-        amplitude: [m], at each wheelloader.
-        mode: heave, pitch, roll or warp.
-        duration: [s].
+        car: Car whose inputs are commanded.
+        frequency: Sine frequency [Hz].
+        amplitude: Amplitude of each wheelloader [m].
+        mode: Mode: heave, pitch, roll or warp.
+        duration: Duration [s].
     """
     check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
@@ -132,9 +132,10 @@ def sine_drive(
 
 
 def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
-    """Return the square wave of all wheelloaders, `height` from peak to peak (6.1.3: 0.4 in, 10 s, 50 s long).
+    """Return a square wave of all wheelloaders, `height` [m] from peak to peak (6.1.3: 0.4 in, 10 s period, 50 s long).
 
-    The edges take 20 ms (two moving means of 10 ms): no actuator jumps. 4.5.1 has 1 in, 20 s, 60 s long.
+    The edges take 20 ms (two moving averages of 10 ms), because actuators cannot jump. Section 4.5.1 has 1 in, a period
+    of 20 s and a duration of 60 s.
     """
     check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
@@ -147,24 +148,26 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
 def static_drive(
     car: Car, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
 ) -> Drivefile:
-    """Return the spring-rating test of 6.1.3: the aeroloaders from zero to `most` in levels, and back.
+    """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
 
     Args:
-        car: With four aeroloaders.
-        kind: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
-        most: Largest force of each aeroloader in use [N]; pitch, roll and warp pull on the others. None takes
-            `STATIC_PUSH` where all push and `STATIC_PULL` where some pull.
-        levels: Of force above zero; 5.
-        hold: At each [s], after a ramp of 1 s; 5 (6.4.4).
+        car: Car with four aeroloaders.
+        kind: Type of loading: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
+        most: Maximum force of each active aeroloader [N]; in pitch, roll and warp, two of them pull. Default
+            `STATIC_PUSH` if all push and `STATIC_PULL` if some pull.
+        levels: Number of force levels above zero; default 5.
+        hold: Duration of each level [s], after a ramp of 1 s; default 5 (6.4.4).
 
     Raises:
-        ParameterError: The car has no aeroloaders, or there is no such kind.
+        ParameterError: The car has no aeroloaders, or the type of loading does not exist.
     """
     names = car.named("aero")
     if car.loads != names:
-        raise ParameterError(f"the {car.name} has no four aeroloaders; static loading is the eight_post's")
+        raise ParameterError(
+            f"static loading needs four aeroloaders, which the {car.name} does not have; use eight_post"
+        )
     if kind not in (*SIGNS, *names):
-        raise ParameterError(f"no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
+        raise ParameterError(f"there is no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
     if most is None:
         most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
     steps = [*range(levels + 1), *range(levels - 1, -1, -1)]
@@ -172,7 +175,7 @@ def static_drive(
     times, shares = np.array(corners).T
     time = np.arange(round(times[-1] * RATE) + 1) / RATE
     force = most / levels * np.interp(time, times, shares)
-    # Heave, pitch ... are upward modes, the aeroloaders push down.
+    # The modes are positive up, the aeroloader forces down.
     signs = {n: -s if kind != "heave" else s for n, s in zip(names, SIGNS.get(kind, (0,) * 4), strict=True)}
     if kind in names:
         signs[kind] = 1
@@ -187,13 +190,13 @@ def check_duration(duration: float) -> None:
 
 def _in_mode(car: Car, mode: str, wave: Array) -> dict[str, Array]:
     if mode not in SIGNS:
-        raise ParameterError(f"no mode {mode!r}; there are {', '.join(SIGNS)}")
+        raise ParameterError(f"there is no mode {mode!r}; there are {', '.join(SIGNS)}")
     signs = SIGNS[mode] if len(car.corners) == 4 else (1,)
     return {name: sign * wave for name, sign in zip(car.named("road"), signs, strict=True)}
 
 
 def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
-    """Return the commands (N,) of the inputs that move, the aeroloaders about their means unless at rest at 0."""
+    """Return the drive file of the inputs that move; with `rest`, the mean forces of the aeroloaders are added."""
     zero, channels = np.zeros(count), {}
     units = (*("m",) * len(car.corners), *car.load_units)
     for name, unit in zip(car.inputs, units, strict=True):
@@ -203,21 +206,21 @@ def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: boo
 
 
 def mean_load(car: Car, name: str) -> float:
-    """Return the mean of an input: the downforce on aeroloaders."""
+    """Return the mean of an input, which is the downforce for aeroloaders and 0 otherwise."""
     if car.loads != car.named("aero") or name not in car.loads:
         return 0.0
     return DOWNFORCE[0] if car.loads.index(name) < 2 else DOWNFORCE[1]
 
 
 def _load_peak(car: Car, name: str) -> float:
-    """Return the peak of a load: 560 lbf, moments with half the track or wheelbase as arm."""
+    """Return the peak of a load: 560 lbf, or a moment of 560 lbf with half the wheelbase as lever arm."""
     if car.geometry is None or not name.endswith("_moment"):
         return AERO_PEAK
     return AERO_PEAK * 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
 
 
-def _shaped(generator: np.random.Generator, count: int, table: Sequence[tuple[float, float]]) -> Array:
-    """Return Gaussian noise (count,) of a table's amplitude spectrum, without a mean and with peak 1."""
+def _shaped_noise(generator: np.random.Generator, count: int, table: Sequence[tuple[float, float]]) -> Array:
+    """Return zero-mean Gaussian noise (count,) with the amplitude spectrum of a table and a peak of 1."""
     frequencies, amplitudes = np.array(table).T
     taps = round(8.0 * RATE) | 1
     edges = np.array([*frequencies, frequencies[-1] + 0.5, 0.5 * RATE])

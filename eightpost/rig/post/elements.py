@@ -1,6 +1,6 @@
-"""The nonlinear elements of the virtual rig's cars: springs with stops, tires that lift, friction that sticks.
+"""Nonlinear elements of the cars: progressive springs with bump stops, tires that lift off, stick-slip friction.
 
-Every function works on (C, B) arrays: corner by run.
+All functions work on arrays (C, B) of corners by runs.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Slowest sliding that counts as motion [m/s]; below it the friction's state does not change.
+#: Minimum sliding velocity [m/s]; below it the state of the friction does not change.
 _STILL = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Springs:
-    """Progressive coil springs and bump stops, over compression s from the static height, positive in bump.
+    """Progressive coil springs and bump stops; s is the compression from the static height, positive in bump.
 
         F = k s (1 + p s) + k_stop max(s - gap, 0)^2
 
     Attributes:
-        rate: k (C, 1) [N/m].
-        progression: p (C, 1) [1/m]; the rate at s is k (1 + 2 p s).
-        stop_gap: (C, 1) [m]; infinite for no stop.
-        stop_rate: k_stop (C, 1) [N/m2].
+        rate: Spring rates k (C, 1) [N/m].
+        progression: Progression p (C, 1) [1/m]; the rate at s is k (1 + 2 p s).
+        stop_gap: Gap to the bump stop (C, 1) [m]; infinite without a stop.
+        stop_rate: Coefficient k_stop of the bump stop (C, 1) [N/m2].
     """
 
     rate: Array
@@ -38,32 +38,32 @@ class Springs:
     stop_rate: Array
 
     def force(self, compression: Array) -> Array:
-        """Return F (C, B) [N] over the static force, at a compression (C, B) [m]."""
+        """Return the change F of the force from static (C, B) [N] at a compression (C, B) [m]."""
         spring = self.rate * compression * (1.0 + self.progression * compression)
         into = np.maximum(compression - self.stop_gap, 0.0)
         return np.asarray(spring + self.stop_rate * into * into)
 
     def energy(self, compression: Array) -> Array:
-        """Return the stored energy (C, B) [J] over that at the static height, without the static force's work."""
+        """Return the change of stored energy from static (C, B) [J], without the work of the static force."""
         into = np.maximum(compression - self.stop_gap, 0.0)
         spring = self.rate * compression**2 * (0.5 + self.progression * compression / 3.0)
         return np.asarray(spring + self.stop_rate * into**3 / 3.0)
 
     @classmethod
     def linear(cls, rate: Array) -> Springs:
-        """Return plain springs of a rate (C, 1) [N/m]."""
+        """Return linear springs with a rate (C, 1) [N/m] and without stops."""
         zero = np.zeros_like(rate)
         return cls(rate, zero, zero + np.inf, zero)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tires:
-    """Tires that push and never pull: the whole force is max(0, W + k d + c d'), d = road - wheel.
+    """Tires that can push but not pull: the total force is max(0, W + k d + c d'), d = road - wheel.
 
     Attributes:
-        stiffness: k (C, 1) [N/m].
-        damping: c (C, 1) [N.s/m].
-        static_load: W (C, 1) [N]; infinite for tires that never lift (then forces are changes from static).
+        stiffness: Stiffness k (C, 1) [N/m].
+        damping: Damping c (C, 1) [N.s/m].
+        static_load: Static load W (C, 1) [N]; infinite for tires that never lift off.
     """
 
     stiffness: Array
@@ -71,23 +71,23 @@ class Tires:
     static_load: Array
 
     def force(self, deflection: Array, speed: Array) -> Array:
-        """Return the change of the tire force from static (C, B) [N]; at least -W."""
+        """Return the change of the tire force from static (C, B) [N], with the minimum -W."""
         return np.asarray(np.maximum(self.stiffness * deflection + self.damping * speed, -self.static_load))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Friction:
-    """Suspension friction with elastic presliding and stick-slip (LuGre's bristle without its micro-damping).
+    """Suspension friction with elastic presliding and stick-slip (LuGre bristle model without micro-damping).
 
         dz/dt = v - |v| z / z_b(v),  F = sigma z,  z_b = (F_c + (F_s - F_c) exp(-(v / v_s)^2)) / sigma
 
-    Below the breakaway force it is a spring of stiffness sigma and holds; beyond, it slides at F_c.
+    Below the breakaway force it sticks and acts as a spring of stiffness sigma; above, it slides with the force F_c.
 
     Attributes:
-        coulomb: F_c (C, 1) [N].
-        breakaway: F_s (C, 1) [N], at least F_c.
-        stiffness: sigma (C, 1) [N/m].
-        stribeck_velocity: v_s [m/s].
+        coulomb: Sliding friction F_c (C, 1) [N].
+        breakaway: Breakaway force F_s (C, 1) [N], at least F_c.
+        stiffness: Presliding stiffness sigma (C, 1) [N/m].
+        stribeck_velocity: Stribeck velocity v_s [m/s].
     """
 
     coulomb: Array
@@ -96,7 +96,7 @@ class Friction:
     stribeck_velocity: float = 0.01
 
     def bend(self, before: Array, velocity: Array, step: float) -> Array:
-        """Return z (C, B) [m] after `step` [s] at a velocity (C, B) [m/s] that is held: exactly."""
+        """Return the exact bristle deflection z (C, B) [m] after `step` [s] at a constant velocity (C, B) [m/s]."""
         speed = np.abs(velocity)
         ratio = velocity / self.stribeck_velocity
         level = self.coulomb + (self.breakaway - self.coulomb) * np.exp(-ratio * ratio)
@@ -106,11 +106,11 @@ class Friction:
         return np.asarray(np.where(speed > _STILL, after, before))
 
     def force(self, bend: Array) -> Array:
-        """Return F (C, B) [N], positive in compression."""
+        """Return the friction force F (C, B) [N], positive in compression."""
         return np.asarray(self.stiffness * bend)
 
     def scaled(self, factor: float) -> Friction:
-        """Return a friction whose forces are `factor` times as large, of the same presliding distance."""
+        """Return a friction with forces multiplied by `factor` and the same presliding distance."""
         return replace(
             self,
             coulomb=self.coulomb * factor,
@@ -120,6 +120,6 @@ class Friction:
 
     @classmethod
     def none(cls, corners: int) -> Friction:
-        """Return no friction at `corners` corners."""
+        """Return zero friction for `corners` corners."""
         zero = np.zeros((corners, 1))
         return cls(zero, zero, zero + 1e-9)

@@ -1,8 +1,9 @@
-"""The virtual rig's integration as machine code: one run of one car, the same steps as in `reference.py`.
+"""Compiled integration of the virtual rig for one run of one car, with the same steps as `reference.py`.
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
-Arrays and numbers only; `compiled.py` fills them from cars and shocks. The only module of the rig that imports numba.
+The functions work on arrays and numbers only; `compiled.py` fills them from cars and shocks. This is the only module of
+the rig that imports numba.
 """
 
 from __future__ import annotations
@@ -24,91 +25,101 @@ if TYPE_CHECKING:
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Kinds of shocks. What their rows of numbers hold stands with the functions below.
+#: Types of shocks. The functions below document the contents of their rows of numbers.
 LINEAR, STATIC, LAGGED, WEIGHTED, FLUID, PHYSICAL = range(6)
 
-#: Length of a row of numbers, and how many states a shock has.
+#: Length of a row of numbers, and number of states of a shock.
 NUMBERS, STATES = 36, 5
 
 #: The L-stable second-order method ROS2.
 _GAMMA = 1.0 + math.sqrt(0.5)
 
-#: Slowest sliding that counts as motion [m/s].
+#: Minimum sliding velocity [m/s].
 _STILL = 1e-12
 
-#: Samples from one look at whether the motion is finite to the next.
-_LOOK = 500
+#: Number of samples between checks that the motion is finite.
+_CHECK_INTERVAL = 500
 
 
 class CarNumbers(NamedTuple):
-    """A car of D coordinates, C corners and U inputs."""
+    """Arrays of a car with D coordinates, C corners and U inputs.
+
+    Attributes:
+        ports: Displacements per q (3 C, D), in rows of shocks, wheels, springs.
+        push: Accelerations per force (D, 3 C + loads).
+        stiffness: Accelerations per q (D, D).
+        damping: Accelerations per q' (D, D).
+        springs: Rate, progression, stop gap and stop rate of the springs (C, 4).
+        tires: Stiffness, damping and static load of the tires (C, 3).
+        friction: Sliding friction, breakaway force, stiffness and Stribeck velocity (C, 4).
+    """
 
     ports: Array
-    """(3 C, D): rows of shocks, wheels, springs."""
     push: Array
-    """(D, 3 C + loads): accelerations by forces."""
     stiffness: Array
     damping: Array
-    """(D, D): accelerations by q and q'."""
     springs: Array
-    """(C, 4): rate, progression, stop gap, stop rate."""
     tires: Array
-    """(C, 3): stiffness, damping, static load."""
     friction: Array
-    """(C, 4): coulomb, breakaway, stiffness, Stribeck velocity."""
 
 
 class ShockNumbers(NamedTuple):
-    """S different shocks."""
+    """Arrays of S different shocks.
+
+    Attributes:
+        kinds: Types of the shocks (S,).
+        numbers: Parameters (S, NUMBERS).
+        starts: Initial states (S, STATES).
+        tables: Static forces (S, T) on an even grid of port velocities, symmetric about zero.
+        spacing: Spacing of the velocity grid [m/s].
+    """
 
     kinds: Counts
-    """(S,)."""
     numbers: Array
-    """(S, NUMBERS)."""
     starts: Array
-    """(S, STATES): where each starts."""
     tables: Array
-    """(S, T): static force over port velocity, even from -fastest to fastest."""
     spacing: float
-    """Of the tables [m/s]."""
 
 
 class Inputs(NamedTuple):
-    """The drive of one run."""
+    """Drive of one run.
+
+    Attributes:
+        values: Roads and loads (N, U).
+        slopes: Changes of the values per sample (N, U).
+        lead: Number of samples of the lead-in.
+        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2).
+        weights: Weights (2, S, 4) of value, slope, next value and next slope at each step, for the input and its slope.
+        rate: Sample rate [Hz].
+    """
 
     values: Array
-    """(N, U)."""
     slopes: Array
-    """(N, U) per sample."""
     lead: int
-    """Samples before it."""
     growth: Array
-    """(lead + N + 1, 2): factor with which the drive is brought in, and its change per sample."""
     weights: Array
-    """(2, S, 4): of value, slope, next value, next slope, for the input and for its slope, at each step."""
     rate: float
-    """Samples per second [Hz]."""
 
 
-def _compiled(function: Function) -> Function:
-    """Return a function as machine code, kept on disk; sums may be taken in another order."""
+def _compile(function: Function) -> Function:
+    """Compile a function and cache its machine code on disk; sums may be computed in another order."""
     options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
     return cast("Function", kept(njit(**options)(function)))
 
 
-@_compiled
+@_compile
 def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, records: Array) -> int:
-    """Fill the records (N, 3 D + 3 C) of one run: q, q', q'', shock, friction and tire forces.
+    """Fill the records (N, 3 D + 3 C) of one run with q, q', q'', shock, friction and tire forces.
 
     Args:
-        car: Its numbers.
-        which: (C,) the corners' shocks.
-        shocks: Their numbers.
-        inputs: The drive.
-        records: One row per sample, to be filled.
+        car: Arrays of the car.
+        which: Indices (C,) of the shocks at the corners.
+        shocks: Arrays of the shocks.
+        inputs: Drive of the run.
+        records: Output array with one row per sample.
 
     Returns:
-        The sample at which the motion was seen to be no longer finite, -lead - 1 where it stayed finite.
+        Sample at which the motion is no longer finite, or -lead - 1 if it is always finite.
     """
     corners, dofs = which.size, car.push.shape[0]
     steps, count = inputs.weights.shape[1], inputs.values.shape[1]
@@ -123,17 +134,17 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
     knots, drive, slope = np.empty((4, count)), np.empty(count), np.empty(count)
     for sample in range(-inputs.lead, records.shape[0]):
         if sample >= 0:
-            _note(records[sample], q, v, a, outputs)
-        if sample % _LOOK == 0 and not np.isfinite(q).all():
+            _record(records[sample], q, v, a, outputs)
+        if sample % _CHECK_INTERVAL == 0 and not np.isfinite(q).all():
             return sample
-        _lay_knots(inputs, sample, knots)
+        _fill_knots(inputs, sample, knots)
         for k in range(steps):
             _drive_at(inputs, k, knots, drive, slope)
             for i in range(dofs):
                 q[i] += h * (v[i] + 0.5 * h * a[i])
                 guess[i] = v[i] + h * a[i]
-            _through(car.ports, q, places)
-            _through(car.ports, guess, speeds)
+            _multiply(car.ports, q, places)
+            _multiply(car.ports, guess, speeds)
             for c in range(corners):
                 s = which[c]
                 force = _shock(
@@ -154,30 +165,30 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
     return -inputs.lead - 1
 
 
-@_compiled
-def _note(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
+@_compile
+def _record(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
     d, c = q.size, outputs.shape[1]
     row[:d], row[d : 2 * d], row[2 * d : 3 * d] = q, v, a
     for k in range(3):
         row[3 * d + k * c : 3 * d + (k + 1) * c] = outputs[k]
 
 
-@_compiled
-def _lay_knots(inputs: Inputs, sample: int, knots: Array) -> None:
-    """Fill the values and slopes (4, U) at a sample and at the next; outside the drive its ends are held."""
+@_compile
+def _fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
+    """Fill the values and slopes (4, U) at a sample and at the next; outside the drive, its end values are held."""
     last = inputs.values.shape[0] - 1
     for side in range(2):
-        wanted = sample + side
-        place = min(max(wanted, 0), last)
-        inside = 1.0 if place == wanted else 0.0
-        grown, rise = inputs.growth[sample + side + inputs.lead]
+        target = sample + side
+        place = min(max(target, 0), last)
+        inside = 1.0 if place == target else 0.0
+        factor, rise = inputs.growth[sample + side + inputs.lead]
         for j in range(knots.shape[1]):
             value = inputs.values[place, j]
-            knots[2 * side, j] = value * grown
-            knots[2 * side + 1, j] = inside * inputs.slopes[place, j] * grown + value * rise
+            knots[2 * side, j] = value * factor
+            knots[2 * side + 1, j] = inside * inputs.slopes[place, j] * factor + value * rise
 
 
-@_compiled
+@_compile
 def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
     w, g = inputs.weights[0, step], inputs.weights[1, step]
     for j in range(drive.size):
@@ -186,7 +197,7 @@ def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Arra
         slope[j] = change * inputs.rate
 
 
-@_compiled
+@_compile
 def _dot(row: Array, x: Array) -> float:
     total = 0.0
     for i in range(x.size):
@@ -194,30 +205,30 @@ def _dot(row: Array, x: Array) -> float:
     return total
 
 
-@_compiled
-def _through(matrix: Array, x: Array, out: Array) -> None:
+@_compile
+def _multiply(matrix: Array, x: Array, out: Array) -> None:
     for k in range(out.size):
         out[k] = _dot(matrix[k], x)
 
 
-@_compiled
+@_compile
 def _accelerate(car: CarNumbers, forces: Array, q: Array, guess: Array, v: Array, a: Array, h: float) -> None:
-    """Bring the accelerations and velocities to the end of the step."""
+    """Update the accelerations and velocities to the end of the step."""
     for i in range(a.size):
         new = _dot(car.push[i], forces) + _dot(car.stiffness[i], q) + _dot(car.damping[i], guess)
         v[i] += 0.5 * h * (a[i] + new)
         a[i] = new
 
 
-@_compiled
+@_compile
 def _spring(spring: Array, s: float) -> float:
     into = max(s - spring[2], 0.0)
     return float(spring[0] * s * (1.0 + spring[1] * s) + spring[3] * into * into)
 
 
-@_compiled
+@_compile
 def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
-    """Return the bristle's bend after a step at a held velocity, as `Friction.bend`."""
+    """Return the bristle deflection after a step at a constant velocity, like `Friction.bend`."""
     speed, ratio = abs(velocity), velocity / friction[3]
     if speed <= _STILL:
         return before
@@ -227,12 +238,12 @@ def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
     return steady + (before - steady) * math.exp(-speed * h / reach)
 
 
-@_compiled
+@_compile
 def _shock(
     kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
     h: float, work: Array,
 ) -> float:  # fmt: skip
-    """Return a shock's force [N] after a step, and bring its states there; as `Bank.advance`."""
+    """Return a shock's force [N] after a step and update its states, like `Bank.advance`."""
     if kind == LINEAR:
         return float(n[0] * after)
     if kind == FLUID:
@@ -242,9 +253,9 @@ def _shock(
     return _tabulated(kind, n, table, spacing, state, before, after, place, h)
 
 
-@_compiled
+@_compile
 def _at(table: Array, spacing: float, velocity: float) -> float:
-    """Return the table's force at a velocity [m/s]; beyond its ends the last one."""
+    """Return the table's force at a velocity [m/s], constant beyond its ends."""
     x = velocity / spacing + 0.5 * (table.size - 1)
     if x <= 0.0:
         return float(table[0])
@@ -254,12 +265,15 @@ def _at(table: Array, spacing: float, velocity: float) -> float:
     return float(table[k] + (x - k) * (table[k + 1] - table[k]))
 
 
-@_compiled
+@_compile
 def _tabulated(
     kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
     h: float,
 ) -> float:  # fmt: skip
-    """Polylinear, LPF1, LPNL2; n = ratio, seal, seal velocity, preload, gas stiffness, tau, F_1, F_2."""
+    """Return the force of Polylinear, LPF1 or LPNL2.
+
+    n is motion ratio, seal friction, its velocity, gas preload, gas stiffness, tau, F_1, F_2.
+    """
     static = _at(table, spacing, after)
     force = static
     if kind != STATIC:
@@ -275,14 +289,17 @@ def _tabulated(
     return float(n[0] * (force + n[3] + n[4] * n[0] * place))
 
 
-@_compiled
+@_compile
 def _softplus(x: float) -> float:
     return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
 
 
-@_compiled
+@_compile
 def _fluid(n: Array, state: Array, before: float, after: float, place: float, h: float) -> float:
-    """Dampers of the demonstration data; n = k0, F1, gas K, F0, seal drag, seal velocity, two sides of five."""
+    """Return the force of a demonstration damper.
+
+    n is k0, F1, gas stiffness K, F0, seal friction, its velocity, and five numbers for each of the two sides.
+    """
     force = state[0]
     side = n[6:11] if force >= 0.0 else n[11:16]
     size = abs(force)
@@ -297,9 +314,9 @@ def _fluid(n: Array, state: Array, before: float, after: float, place: float, h:
     return float(state[0] + n[2] * place + n[3] + n[4] * math.tanh(after / n[5]))
 
 
-@_compiled
+@_compile
 def _passage(drop: float, p: Array) -> tuple[float, float]:
-    """Return flow and slope of a `Passage` (orifice, transition, opening, port, preload) at a drop >= 0 [Pa]."""
+    """Return flow and slope of a `Passage` (its fields in order) at a pressure drop >= 0 [Pa]."""
     size = drop * drop + p[1] * p[1]
     root = math.sqrt(math.sqrt(size))
     flow, slope = p[0] * drop / root, p[0] * (1.0 - 0.5 * drop * drop / size) / root
@@ -314,15 +331,15 @@ def _passage(drop: float, p: Array) -> tuple[float, float]:
     return flow + gap * lift * rise, slope + gap * (growth * rise / series + 0.5 * lift / rise)
 
 
-@_compiled
+@_compile
 def _valve(drop: float, forward: Array, backward: Array) -> tuple[float, float]:
     flow, slope = _passage(abs(drop), forward if drop >= 0.0 else backward)
     return (flow if drop >= 0.0 else -flow), slope
 
 
-@_compiled
+@_compile
 def _filling(n: Array, level: float) -> tuple[float, float, float, float]:
-    """Return a chamber's excess over the vapour pressure, content, softness and the softness' softening."""
+    """Return a chamber's pressure above the vapour pressure, content, softness and d ln(softness) / d level."""
     excess = n[1] * math.exp(level)
     liquid = (1.0 - n[3]) * math.exp((n[1] - excess) * n[4])
     gas = n[3] * math.exp(-level / n[2])
@@ -334,9 +351,9 @@ def _filling(n: Array, level: float) -> tuple[float, float, float, float]:
     return excess, math.exp((excess - n[1]) * n[5]) / phi, softness, change / softness
 
 
-@_compiled
+@_compile
 def _plant(n: Array, x: float, v: float, y: Array, rates: Array, matrix: Array) -> None:
-    """Fill the rates (3,) and the Jacobian (3, 3) of `Plant` at states y (3,)."""
+    """Fill the state derivatives (3,) and the Jacobian (3, 3) of `Plant` at states y (3,)."""
     excess_c, content_c, softness_c, bend_c = _filling(n, y[0])
     excess_r, content_r, softness_r, bend_r = _filling(n, y[1])
     gas = n[10] * y[2] ** -n[11]
@@ -355,9 +372,9 @@ def _plant(n: Array, x: float, v: float, y: Array, rates: Array, matrix: Array) 
     matrix[2, 0], matrix[2, 1], matrix[2, 2] = -ease_out * excess_c * n[12], 0.0, ease_out * slope * n[12]
 
 
-@_compiled
+@_compile
 def _solve(m: Array, b: Array, x: Array) -> None:
-    """Solve m x = b (3, 3) by cofactors; m is near the identity plus a diagonal that is not negative."""
+    """Solve m x = b (3, 3) with cofactors; m is close to the identity plus a non-negative diagonal."""
     c0 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     c1 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
     c2 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
@@ -370,9 +387,12 @@ def _solve(m: Array, b: Array, x: Array) -> None:
     x[2] = (c2 * b[0] + g0 * b[1] + g1 * b[2]) / whole
 
 
-@_compiled
+@_compile
 def _physical(n: Array, state: Array, velocity: float, place: float, h: float, work: Array) -> float:
-    """Physical dampers, as `PhysicalBank`; state = two levels, gas volume, seals' drag and place."""
+    """Return the force of a physical damper, like `PhysicalBank`.
+
+    The states are two levels, gas volume, seal friction and the displacement of the seals.
+    """
     y, rates, first, second, there, matrix = state[:3], work[0], work[1], work[2], work[3], work[4:7]
     _plant(n, place, velocity, y, rates, matrix)
     for i in range(3):

@@ -1,4 +1,4 @@
-"""A lap of a track on the virtual rig (6.1.3): synthetic, since the Richmond drivefile is not public."""
+"""Synthetic lap of a track on the virtual rig (6.1.3), because the Richmond drive file is not public."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Root mean square of a lap's four roads [m]: 0.64 of the identification drive's 0.11 in. Laps are smoother than what
-#: identifies a car: Table 7.4 has 0.2 to 0.28 g at the front hubs and 0.32 to 0.47 g at the rear ones, which this car
-#: has at 0.03 in; at 0.07 in it is 0.5 to 0.76 and 0.69 to 1.1 g. The smoother the lap, the more friction decides
-#: (docs/rig.md has the figures), and 0.07 in is where a linear model misses by what our prototypes found, not more.
+#: Root mean square of the four roads of a lap [m]: 0.64 of the 0.11 in of the identification drive. Laps are smoother
+#: than identification tests: Table 7.4 has 0.2 to 0.28 g at the front hubs and 0.32 to 0.47 g at the rear hubs, which
+#: this car has at 0.03 in; at 0.07 in it has 0.5 to 0.76 g and 0.69 to 1.1 g. The smoother the lap, the larger is the
+#: influence of friction (figures in docs/rig.md); at 0.07 in a linear model has the error found with our prototypes.
 LAP_ROAD = convert(0.07, "in", "m")
 
-#: Loads of a lap over `Track`'s, which are the identification drive's: with half of them the total tire force is 260 to
-#: 300 lbf RMS; Table 7.4 has 149 to 204.
+#: Ratio of the loads of a lap to those of `Track`, which are those of the identification drive. With half the loads,
+#: the total tire force is 260 to 300 lbf RMS; Table 7.4 has 149 to 204 lbf.
 LAP_LOADS = 0.5
 
 _TRACK = Track()
@@ -44,21 +44,21 @@ _LAP = replace(
 
 
 def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LAP_ROAD) -> Drivefile:
-    """Return a synthetic lap for a four-wheeled car; loads go to the aeroloaders where there are such.
+    """Return a synthetic lap for a four-wheeled car; the aeroloaders apply the loads if the car has any.
 
-    The spectra are those of `track_drivefile`. The aeroloaders' means are those of the identification tests.
+    The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.
 
     Args:
-        car: Its inputs are commanded.
-        seed: Of the noise.
-        duration: [s]; in the first second everything grows from its mean.
+        car: Car whose inputs are commanded.
+        seed: Seed of the noise generator.
+        duration: Duration [s]; all channels grow from their means during the first second.
         road: Root mean square of the four roads together [m].
 
     Raises:
-        ParameterError: The car has not four wheels, or the duration is not positive.
+        ParameterError: The car does not have four wheels, or the duration is not positive.
     """
     if car.geometry is None:
-        raise ParameterError("a track lap needs a car of four wheels")
+        raise ParameterError("a track lap needs a car with four wheels")
     check_duration(duration)
     lap = track_drivefile(seed, duration=duration, rate=RATE, track=_LAP).series
     roads = np.stack([lap[name] for name in car.named("road")])
@@ -74,7 +74,7 @@ def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LA
 
 
 def _aeroloaders(lap: TimeSeries, geometry: Geometry) -> Array:
-    """Return the aeroloaders' forces (4, N) [N, down] about their means, for a lap's body loads about theirs."""
+    """Return the variation of the aeroloader forces about their means (4, N) [N, down] for the body loads of a lap."""
     heave = lap["heave_force"] + _LAP.downforce
     modes = np.stack([heave, lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))])
     return aeroloader_forces(modes, geometry)

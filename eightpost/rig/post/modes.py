@@ -1,7 +1,7 @@
 """Heave, pitch, roll and warp of the four aeroloaders (Eq 6.1 and 6.2).
 
-Modes of force follow those of displacement: heave up, pitch nose down, roll left side up. Aeroloader forces are
-positive down (docs/ports.md), so downforce is a negative heave force.
+The modes of force have the signs of the modes of displacement: heave up, pitch nose down, roll left side up. Aeroloader
+forces are positive down (docs/ports.md), so downforce is a negative heave force.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ MODES = ("heave", "pitch", "roll", "warp")
 
 
 def displacement_modes(geometry: Geometry) -> Array:
-    """Return T_x (4, 4) of Eq 6.1: heave [m], pitch, roll, warp [rad] from the mounts' heights [m].
+    """Return T_x (4, 4) of Eq 6.1: heave [m], pitch, roll, warp [rad] from the heights of the mounts [m].
 
-    The warp row is printed without the primes of t_f' and t_r'; the aeroloaders' widths are meant.
+    In the dissertation, t_f' and t_r' have no primes in the warp row, but the tracks of the aeroloaders are meant.
     """
     a, b = geometry.front_aero, geometry.rear_aero
     front, rear, length = geometry.front_aero_track, geometry.rear_aero_track, a + b
@@ -45,18 +45,18 @@ def force_modes(geometry: Geometry) -> Array:
 
 
 def aeroloader_forces(modes: Array, geometry: Geometry) -> Array:
-    """Return the aeroloaders' forces (4, ...) [N, down] that make mode forces (4, ...) [N and N.m, up]."""
+    """Return the aeroloader forces (4, ...) [N, down] for modal forces (4, ...) [N and N.m, up]."""
     return np.asarray(-np.linalg.solve(force_modes(geometry), modes), dtype=np.float64)
 
 
 def ride_heights(heave: Array, pitch: Array, roads: Array, geometry: Geometry) -> tuple[Array, Array]:
-    """Return the heights (N,) of nose and spoiler over the plane through the wheelloaders [m], from the static ones.
+    """Return the changes (N,) of the heights of nose and spoiler above the plane through the wheelloaders [m].
 
     Args:
-        heave: Of the centre of gravity (N,) [m].
-        pitch: (N,) [rad].
-        roads: lf, rf, lr, rr (4, N) [m].
-        geometry: Where nose and spoiler are.
+        heave: Heave of the centre of gravity (N,) [m].
+        pitch: Pitch (N,) [rad].
+        roads: Roads of lf, rf, lr, rr (4, N) [m].
+        geometry: Positions of axles, nose and spoiler.
     """
     front, rear = 0.5 * (roads[0] + roads[1]), 0.5 * (roads[2] + roads[3])
     base = geometry.front_axle + geometry.rear_axle

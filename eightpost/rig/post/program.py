@@ -1,4 +1,4 @@
-"""Sets of tests: what is run on a rig to identify a car, to judge linearity, and to validate (4.5.1, 6.1.3, 6.1.5)."""
+"""Programs of rig tests for identification, linearity checks and validation (4.5.1, 6.1.3, 6.1.5)."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 _INCH = convert(1.0, "in", "m")
 
-#: Length of the random tests [s]: 4.5.1 on the quarter-car rig, 6.1.3 on the 8-post rig; of its single-input tests.
+#: Duration [s] of the random tests on the quarter-car rig (4.5.1) and the 8-post rig (6.1.3), of single-input tests.
 QUARTER_RANDOM, RANDOM, SINGLE = 120.0, 800.0, 100.0
 
-#: Whether alternate tests repeat the baseline's drivefile (6.1.5) or have another draw each.
+#: Whether alternate tests repeat the drive file of the baseline (6.1.5), or each test has another draw.
 Draws = Literal["same", "other"]
 
 
@@ -41,10 +41,10 @@ class PlannedTest:
     """One test of a program.
 
     Attributes:
-        name: Of its file, without suffix.
-        drivefile: What it is, in words.
-        draw: Makes the drivefile; tests with the same one share it.
-        alternate: The corner that has the alternate shock, None where all have the baseline's.
+        name: Name of the output file, without suffix.
+        drivefile: Description of the drive file.
+        draw: Function that creates the drive file; tests with the same drive file share it.
+        alternate: Corner with the alternate shock, None if all corners have the baseline shock.
     """
 
     name: str
@@ -56,14 +56,14 @@ class PlannedTest:
 def identification_program(
     car: Car, seed: int, *, duration: float | None = None, draws: Draws = "same"
 ) -> tuple[PlannedTest, ...]:
-    """Return `baseline` and one `alternate_<corner>` per corner under the random drivefile (6.1.5).
+    """Return `baseline` and one `alternate_<corner>` per corner with the random drive file (6.1.5).
 
     Args:
-        car: To be identified.
-        seed: Of the drivefile.
-        duration: [s]; 800, on a quarter car 120.
-        draws: `other` gives each alternate test the next seeds; the local polynomial method and the global H1 then
-            know more, the dissertation's way of differences (Eq 4.26) takes `same`.
+        car: Car to identify.
+        seed: Seed of the drive file.
+        duration: Duration [s]; default 800, for a quarter car 120.
+        draws: "other" uses the following seeds for the alternate tests, which gives the local polynomial method and the
+            global H1 estimator more information. The difference method of the dissertation (Eq 4.26) needs "same".
     """
     length = duration or random_length(car)
     first = cache(partial(random_test, car, seed, duration=length))
@@ -76,26 +76,26 @@ def identification_program(
 
 
 def random_length(car: Car) -> float:
-    """Return the length of the random test that the dissertation has for a car [s]."""
+    """Return the duration of the random test in the dissertation for a car [s]."""
     return RANDOM if len(car.corners) == 4 else QUARTER_RANDOM
 
 
 def random_test(car: Car, seed: int, *, duration: float) -> Drivefile:
-    """Return a car's random drivefile: Table 6.3, on a quarter car the multisine of Table 4.3."""
+    """Return a car's random drive file: noise of Table 6.3, for a quarter car the multisine of Table 4.3."""
     if len(car.corners) == 1:
         return quarter_random(seed, duration=duration)
     return random_drive(car, seed, duration=duration)
 
 
 def bump_test(car: Car, *, duration: float | None = None) -> Drivefile:
-    """Return a car's bump test: 0.4 in, 10 s period, 50 s; on a quarter car 1 in, 20 s, 60 s (4.5.1)."""
+    """Return a car's bump test: 0.4 in, 10 s period, 50 s; for a quarter car 1 in, 20 s, 60 s (4.5.1)."""
     if len(car.corners) == 1:
         return bump_drive(car, height=_INCH, period=20.0, duration=duration or 60.0)
     return bump_drive(car, duration=duration or 50.0)
 
 
 def single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
-    """Return `single_<input>` for each input alone, 100 s each (6.1.3), every one with another draw."""
+    """Return `single_<input>` for each input alone, 100 s each (6.1.3), each with another draw."""
     return tuple(
         PlannedTest(
             f"single_{name.replace('.', '_')}",
@@ -107,7 +107,7 @@ def single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
 
 
 def sine_program(car: Car) -> tuple[PlannedTest, ...]:
-    """Return `sine_<mode>_<frequency>hz` of Table 6.2 in heave, pitch and roll; on a quarter car those of Table 4.4."""
+    """Return `sine_<mode>_<frequency>hz` of Table 6.2 in heave, pitch and roll, or of Table 4.4 for a quarter car."""
     tables = {"heave": HEAVE_SINES, "pitch": TILT_SINES, "roll": TILT_SINES}
     if len(car.corners) == 1:
         tables = {"heave": TABLE_4_4}
@@ -123,12 +123,12 @@ def sine_program(car: Car) -> tuple[PlannedTest, ...]:
 
 
 def bump_program(car: Car) -> tuple[PlannedTest, ...]:
-    """Return `bump`."""
+    """Return the test `bump`."""
     return (PlannedTest("bump", "bump", partial(bump_test, car)),)
 
 
 def static_program(car: Car) -> tuple[PlannedTest, ...]:
-    """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3), where the car has aeroloaders."""
+    """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3); none for a car without aeroloaders."""
     if car.loads != car.named("aero"):
         return ()
     kinds = {mode: mode for mode in SIGNS} | dict(zip(car.corners, car.loads, strict=True))
@@ -139,7 +139,7 @@ def static_program(car: Car) -> tuple[PlannedTest, ...]:
 
 
 def track_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
-    """Return `track_baseline` and `track_alternate_<corner>` (6.1.5), where the car has four wheels."""
+    """Return `track_baseline` and `track_alternate_<corner>` (6.1.5); none for a quarter car."""
     if car.geometry is None:
         return ()
     lap, words = cache(partial(track_drive, car, seed)), f"track, seed {seed}"
@@ -147,7 +147,7 @@ def track_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
     return (baseline, *(PlannedTest(f"track_alternate_{corner}", words, lap, corner) for corner in car.corners))
 
 
-#: The programs by the name that the command line uses.
+#: Names of the programs on the command line.
 PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all")
 
 
@@ -157,30 +157,30 @@ def program(
     """Return a program's tests.
 
     Args:
-        name: One of `PROGRAMS`.
-        car: To be tested; `all` leaves out what it has no actuators for.
-        seed: Of the drivefiles.
-        duration: As of `identification_program`.
-        draws: As of `identification_program`.
+        name: Name of the program, one of `PROGRAMS`.
+        car: Car to test; `all` leaves out tests for which the car has no actuators.
+        seed: Seed of the drive files.
+        duration: Duration of the random test [s]; see `identification_program`.
+        draws: Choice of random draws; see `identification_program`.
 
     Raises:
-        ParameterError: There is no such program, or nothing in it for this car.
+        ParameterError: The program does not exist, or has no tests for this car.
     """
     if name not in PROGRAMS:
-        raise ParameterError(f"no program {name!r}; there are {', '.join(PROGRAMS)}")
-    made: dict[str, Callable[[], tuple[PlannedTest, ...]]] = {
+        raise ParameterError(f"there is no program {name!r}; there are {', '.join(PROGRAMS)}")
+    programs: dict[str, Callable[[], tuple[PlannedTest, ...]]] = {
         "identification": partial(identification_program, car, seed, duration=duration, draws=draws),
-        # Other seeds than the identification's: records to judge a model by must be others than it was made of.
+        # Other seeds than the identification, because validation records must differ from those of the fit.
         "single": partial(single_program, car, seed + 100),
         "sine": partial(sine_program, car),
         "bump": partial(bump_program, car),
         "static": partial(static_program, car),
         "track": partial(track_program, car, seed + 200),
     }
-    wanted = made if name == "all" else {name: made[name]}
-    tests = tuple(test for tests in wanted.values() for test in tests())
+    selected = programs if name == "all" else {name: programs[name]}
+    tests = tuple(test for tests in selected.values() for test in tests())
     if not tests:
-        raise ParameterError(f"the {car.name} has no {name} tests: it lacks the actuators")
+        raise ParameterError(f"there are no {name} tests for the {car.name}: it lacks the actuators")
     return tests
 
 

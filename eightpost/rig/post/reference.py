@@ -1,8 +1,9 @@
-"""The reference integration: velocity Verlet at a fixed step, all runs side by side, in numpy.
+"""Reference integration in numpy: velocity Verlet with a fixed step, for all runs in parallel arrays.
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
-Second order; the shocks and the friction go by their own exponentials. `kernel.py` takes the same steps, compiled.
+The method is of second order; shocks and friction have exponential integrators. `kernel.py` computes the same steps as
+compiled code.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 
 
 def reference_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
-    """Return each run's records (N, 3 D + 3 C): q, q', q'', shock, friction and tire forces.
+    """Return the records (N, 3 D + 3 C) of each run: q, q', q'', shock, friction and tire forces.
 
     Args:
-        car: The truth.
-        shocks: The corners' shocks of each run.
-        drives: Of the runs.
+        car: Car to simulate.
+        shocks: Shocks at the corners for each run.
+        drives: Drives of the runs.
     """
     runs, steps = len(drives.values), drives.weights.shape[1]
     stepper = _Stepper(car, ShockSet(shocks), 1.0 / (RATE * steps), runs)
@@ -47,7 +48,7 @@ def reference_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives)
 
 
 class _Stepper:
-    """The state of all runs, and one step of it."""
+    """States of all runs, and their integration by one step."""
 
     def __init__(self, car: Car, shocks: ShockSet, step: float, runs: int) -> None:
         self._car, self._shocks, self._step = car, shocks, step
@@ -67,7 +68,7 @@ class _Stepper:
         return np.vstack([self.q, self.v, self.a, self._shock_force, self._friction, self._tire])
 
     def step(self, drive: Array, slope: Array) -> None:
-        """Go one step on to where the inputs are `drive` (U, B) and change by `slope` (U, B) [1/s]."""
+        """Advance by one step, at whose end the inputs are `drive` (U, B) with the slope `slope` (U, B) [1/s]."""
         h, car, n = self._step, self._car, self._corners
         self.q = self.q + h * (self.v + (0.5 * h) * self.a)
         guess = self.v + h * self.a

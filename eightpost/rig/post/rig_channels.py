@@ -1,4 +1,4 @@
-"""The rig's channel names and units (Table 6.1; docs/rig.md)."""
+"""Names and units of the rig's channels (Table 6.1; docs/rig.md)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _ONCE = {
     **{f"aero.{mode}_moment{kind}": "N.m" for mode in ("pitch", "roll", "warp") for kind in ("", "_command")},
 }
 
-#: The SI unit of every channel that a rig test may have.
+#: SI unit of every channel that a rig test may have.
 CHANNEL_UNITS = {
     **{f"{corner}.{name}": unit for corner in ("lf", "rf", "lr", "rr") for name, unit in _AT_CORNERS.items()},
     **_AT_CORNERS,
@@ -48,7 +48,7 @@ CHANNEL_UNITS = {
 
 
 def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
-    """Return the channel map of a rig record: the given one first, then every column with a channel's name."""
+    """Return the channel map of a rig record: the given map, completed by all columns with the name of a channel."""
     given = channel_map or ChannelMap()
     time = given.time or find_time(record)
     taken = {pick.source for pick in given.channels.values()} | {time.source}

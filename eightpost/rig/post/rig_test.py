@@ -1,4 +1,4 @@
-"""Rig tests: a checked record at the rig's channels and the conditions it was taken under."""
+"""Rig tests: checked records with the rig's channels, and their conditions."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
 
-#: Low-pass before a shock velocity is derived [Hz], at most 0.4 of the sample rate.
+#: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 CUTOFF = 50.0
 
 
 @dataclass(frozen=True, slots=True)
 class RigConditions:
-    """What a rig test was.
+    """Conditions of a rig test.
 
     Attributes:
-        truth: Of the virtual rig; empty for a real one.
-        drivefile: Its name.
-        shocks: The shock of each corner, in words.
-        seed: Of noise and drift, None where there is none.
-        synthetic: A note that says so.
+        truth: Name of the simulated car; empty for a real rig.
+        drivefile: Description of the drive file.
+        shocks: Description of the shock at each corner.
+        seed: Seed of noise and drift, None without them.
+        synthetic: Note that marks synthetic data.
     """
 
     truth: str = ""
@@ -46,7 +46,7 @@ class RigConditions:
     synthetic: str = ""
 
     def over(self, known: RigConditions) -> RigConditions:
-        """Return these conditions, completed from `known` where they say nothing."""
+        """Return these conditions, with missing ones taken from `known`."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         empty = (None, "", ())
         return RigConditions(**{n: v if v not in empty else getattr(known, n) for n, v in own.items()})
@@ -54,14 +54,14 @@ class RigConditions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigTest:
-    """A rig test; its channels are named as in docs/rig.md.
+    """A rig test with the channel names of docs/rig.md.
 
     Attributes:
-        series: The channels, SI.
-        conditions: What is known of the test.
-        source: The file, None for a record made in memory.
-        sha256: The file's digest, empty without a file.
-        derived: What was not measured but computed, in words.
+        series: Channels in SI.
+        conditions: Known conditions of the test.
+        source: Path of the file, None for a record created in memory.
+        sha256: SHA-256 digest of the file, empty without a file.
+        derived: Descriptions of channels that were computed, not measured.
     """
 
     series: TimeSeries
@@ -72,14 +72,14 @@ class RigTest:
 
     @property
     def corners(self) -> tuple[str, ...]:
-        """The corners: one empty name for a quarter car, else lf, rf, lr, rr."""
+        """Names of the corners: one empty name for a quarter car, otherwise lf, rf, lr, rr."""
         return corners_of(self.series)
 
     def write(self, path: str | Path) -> None:
         """Write a .parquet file (single precision, SI), or a .csv (SI, units in the header).
 
         Raises:
-            FileFormatError: Another suffix.
+            FileFormatError: The suffix is not supported.
         """
         path, note = Path(path), json.dumps(asdict(self.conditions))
         if path.suffix == ".parquet":
@@ -87,7 +87,7 @@ class RigTest:
         elif path.suffix == ".csv":
             write_csv(self.series, path, preamble=(f"# {note}",))
         else:
-            raise FileFormatError("a rig test is written as .parquet or .csv", path=path)
+            raise FileFormatError("a rig test must be written as .parquet or .csv", path=path)
 
 
 def corners_of(series: TimeSeries) -> tuple[str, ...]:
@@ -102,29 +102,30 @@ def read_rig_test(
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> RigTest:
-    """Read and check a rig record: ours, or a team's own with a channel map.
+    """Read and check a rig record written by eightpost, or by another program with a channel map.
 
-    Needed are, at every corner, the wheelloader's position (`road`), the tire force, the shock's force and its
-    displacement or velocity; a missing velocity is derived as in 6.1.2. Other channels are checked where they are.
+    Every corner needs the position of the wheelloader (`road`), the tire force, the force of the shock, and the
+    displacement or velocity of the shock; a missing velocity is derived as in 6.1.2. Other channels are checked if they
+    are present.
 
     Args:
-        path: A .parquet, .csv, .mat or .mf4 file.
-        channel_map: Columns by channel; without one the columns have the channels' names.
-        units: Units by channel, for columns whose header says none.
-        flip: Channels whose sign is turned.
+        path: Path of a .parquet, .csv, .mat or .mf4 file.
+        channel_map: Columns by channel; without a map, the columns must have the names of the channels.
+        units: Units by channel, for columns without a unit in the header.
+        flip: Names of the channels whose sign is changed.
 
     Raises:
         FileFormatError: The file cannot be read.
-        MissingChannelError: A channel that is needed is not there.
+        MissingChannelError: A required channel is missing.
         MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is not known or of the wrong dimension.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
         NotANumberError: A sample is NaN, empty or text.
         TimeGapError: Samples are missing.
-        TooShortError: Under 4 s.
+        TooShortError: The record has less than 4 s.
         ConstantChannelError: A channel is dead.
-        ClippedChannelError: A load cell sits at the end of its range.
-        MismatchedRateError: A channel was sampled slower than the others and held.
-        WrongSignError: A channel is positive the other way.
+        ClippedChannelError: A load cell is clipped.
+        MismatchedRateError: A channel was sampled at a lower rate than the others.
+        WrongSignError: A channel has the wrong sign.
         SwappedCornersError: A channel belongs to another corner.
     """
     path = Path(path)
@@ -134,7 +135,7 @@ def read_rig_test(
     corners = corners_of(series)
     _check_channels(series, corners, path)
     if len(series) < 2:
-        raise record.origin.header_fault(TooShortError, "there is a single sample in it")
+        raise record.origin.header_fault(TooShortError, "it has only one sample")
     series, derived = _with_velocities(series, corners)
     check_rig_record(series, corners, origin=record.origin)
     return RigTest(series, _conditions(path), path, sha256_of(path), derived)
@@ -143,10 +144,13 @@ def read_rig_test(
 def _check_channels(series: TimeSeries, corners: tuple[str, ...], path: Path) -> None:
     for corner in corners:
         prefix = f"{corner}." if corner else ""
-        for wanted in (("road",), ("tire_force",), ("force",), ("displacement", "velocity")):
-            if not any(prefix + name in series for name in wanted):
-                what = f"a rig test needs it; the file has: {', '.join(series.names)}; name its column in a channel map"
-                raise MissingChannelError(what, path=path, channel=" or ".join(prefix + name for name in wanted))
+        for options in (("road",), ("tire_force",), ("force",), ("displacement", "velocity")):
+            if not any(prefix + name in series for name in options):
+                what = (
+                    f"a rig test needs this channel; the file has: {', '.join(series.names)}; name its column in a "
+                    "channel map"
+                )
+                raise MissingChannelError(what, path=path, channel=" or ".join(prefix + name for name in options))
 
 
 def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[TimeSeries, tuple[str, ...]]:
@@ -162,7 +166,7 @@ def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[Time
 
 
 def _conditions(path: Path) -> RigConditions:
-    """Return what our own Parquet file says of its test."""
+    """Return the conditions in a Parquet file written by eightpost."""
     if path.suffix != ".parquet":
         return RigConditions()
     try:
@@ -170,5 +174,5 @@ def _conditions(path: Path) -> RigConditions:
         names = {f.name for f in fields(RigConditions)}
         own = {name: value for name, value in known.items() if name in names}
         return RigConditions(**{**own, "shocks": tuple(own.get("shocks", ()))})
-    except (RecursionError, *MALFORMED):  # a note of another kind
+    except (RecursionError, *MALFORMED):  # the note does not contain conditions
         return RigConditions()

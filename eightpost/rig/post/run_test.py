@@ -1,4 +1,4 @@
-"""One test on the virtual rig: command, actuators, car and shocks, sensors, math channels."""
+"""Simulation of one test on the virtual rig: command, actuators, car and shocks, sensors, math channels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.rig.post.actuators import Actuators
-from eightpost.rig.post.channels import RigSensors, commands, measured, with_math
+from eightpost.rig.post.channels import RigSensors, commands, sensor_channels, with_math
 from eightpost.rig.post.drift import Drift
 from eightpost.rig.post.drive import LEAD
 from eightpost.rig.post.rig_test import RigConditions, RigTest
@@ -37,21 +37,21 @@ def run_test(
     """Run a test and return its record at 1250 Hz with the channels of Table 6.1.
 
     Args:
-        car: The truth.
+        car: Car to test.
         drivefile: Commands with the car's `inputs` as channels.
-        shocks: One per corner.
-        seed: Of noise and drift.
-        sensors: Their noise; the default is a rig's, `RigSensors.perfect()` has none.
-        drift: What this run draws; `NO_DRIFT` for none.
-        actuators: Their bandwidths.
-        lead: As of `simulate` [s].
-        conditions: What the file shall say; truth and seed are filled in.
+        shocks: One shock per corner.
+        seed: Seed of noise and drift.
+        sensors: Sensor noise; default that of a rig, `RigSensors.perfect()` for none.
+        drift: Standard deviations of the random drift; `NO_DRIFT` for none.
+        actuators: Bandwidths of the actuators.
+        lead: Lead-in before the record [s]; see `simulate`.
+        conditions: Conditions to write into the file; the name of the car and the seed are added.
     """
     generator, drift = np.random.default_rng(seed), drift or Drift()
     car = drift.of(car, generator)
     drive = (actuators or Actuators()).follow(drivefile.series, car)
     motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
-    channels = measured(car, motion, sensors or RigSensors(), generator)
+    channels = sensor_channels(car, motion, sensors or RigSensors(), generator)
     channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}
     series = TimeSeries.from_channels(motion.time, channels | commands(car, drivefile.series))
     known = RigConditions(truth=car.name, seed=seed)

@@ -1,6 +1,6 @@
-"""Shocks on the virtual rig: any law of `eightpost.shock`, dampers of the virtual dynamometer, a linear damper.
+"""Shocks on the virtual rig: laws of `eightpost.shock`, dampers of the virtual dynamometer, and linear dampers.
 
-Corners and runs are computed side by side: all ports with the same shock are one bank.
+Corners and runs are computed in parallel arrays: all ports with the same shock form a bank.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fastest port velocity of the tables [m/s] and their spacing [m/s].
+#: Maximum port velocity of the tables [m/s] and their spacing [m/s].
 _FASTEST, TABLE_SPACING = 6.0, 2.5e-4
 
 
 @dataclass(frozen=True, slots=True)
 class LinearDamper:
-    """F = c v.
+    """Linear damper F = c v.
 
     Attributes:
-        damping: c [N.s/m].
+        damping: Damping c [N.s/m].
     """
 
     damping: float
@@ -47,7 +47,7 @@ Shock = LinearDamper | ShockLaw | TruthDamper | PhysicalDamper
 
 @lru_cache(maxsize=64)
 def static_table(law: Polylinear | Lpf1 | Lpnl2) -> tuple[Array, Array]:
-    """Return even port velocities (T,) [m/s] and the law's static force there (T,) [N]."""
+    """Return evenly spaced port velocities (T,) [m/s] and the static forces of the law (T,) [N]."""
     count = round(_FASTEST / TABLE_SPACING)
     velocities = TABLE_SPACING * np.arange(-count, count + 1)
     forces = np.array([law.static_force(v) for v in velocities.tolist()])
@@ -55,16 +55,16 @@ def static_table(law: Polylinear | Lpf1 | Lpnl2) -> tuple[Array, Array]:
 
 
 class Bank(Protocol):
-    """K ports with one shock; it keeps the shocks' states."""
+    """Interface of K ports with the same shock and with their states."""
 
     def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
         """Return the forces (K,) [N] after a step [s].
 
         Args:
-            before: Port velocities (K,) at its start [m/s].
-            after: At its end; linear between.
-            displacement: Port displacements (K,) at its end [m].
-            step: [s].
+            before: Port velocities (K,) at the start of the step [m/s].
+            after: Port velocities (K,) at the end of the step [m/s]; the velocity is linear in between.
+            displacement: Port displacements (K,) at the end of the step [m].
+            step: Duration of the step [s].
         """
         ...
 
@@ -78,7 +78,7 @@ class _LinearBank:
 
 
 class _TabulatedBank:
-    """Polylinear, LPF1 and LPNL2: the static force from a fine table, the lag by its exponential."""
+    """Bank for Polylinear, LPF1 and LPNL2, with static forces from a fine table and an exact lag."""
 
     def __init__(self, law: Polylinear | Lpf1 | Lpnl2, ports: int) -> None:
         self._law, self._lagged = law, np.zeros(ports)
@@ -107,7 +107,7 @@ class _TabulatedBank:
 
 
 class _LawBank:
-    """Any law, port by port through its own `advance` and `response`."""
+    """Bank for any law, which calls the methods `advance` and `response` of the law for each port."""
 
     def __init__(self, law: ShockLaw, ports: int) -> None:
         self._law, self._lagged = law, [0.0] * ports
@@ -121,7 +121,7 @@ class _LawBank:
 
 
 class _FluidBank:
-    """Dampers of the demonstration data: dF/dt = k0 (1 + |F| / F1) (v - g(F)) by an exponential Rosenbrock step."""
+    """Bank for demonstration dampers: dF/dt = k0 (1 + |F| / F1) (v - g(F)) with an exponential Rosenbrock step."""
 
     def __init__(self, damper: TruthDamper, ports: int) -> None:
         self._damper, self._valve = damper, np.zeros(ports)
@@ -137,7 +137,7 @@ class _FluidBank:
         return np.asarray(self._valve + gas + damper.seal_drag * np.tanh(after / damper.seal_velocity))
 
     def _flow(self, force: Array) -> tuple[Array, Array]:
-        """Return g(F) (K,) and its slope (K,)."""
+        """Return the flow velocity g(F) (K,) and its slope (K,)."""
         sides = [_side_flow(side, np.abs(force)) for side in (self._damper.compression, self._damper.rebound)]
         pushed = force >= 0.0
         flow = np.where(pushed, sides[0][0], -sides[1][0])
@@ -164,17 +164,17 @@ def _bank(shock: Shock, ports: int) -> Bank:
         return _FluidBank(shock, ports)
     if isinstance(shock, PhysicalDamper):
         return PhysicalBank(shock, ports)
-    raise ParameterError(f"{shock!r} is no shock that the virtual rig knows")
+    raise ParameterError(f"the virtual rig does not support the shock {shock!r}")
 
 
 class ShockSet:
-    """The shocks of all corners and runs."""
+    """Shocks of all corners and runs."""
 
     def __init__(self, shocks: Sequence[Sequence[Shock]]) -> None:
         """Group the ports by shock.
 
         Args:
-            shocks: For each of B runs the C corners' shocks.
+            shocks: Shocks at the C corners for each of B runs.
         """
         ports: dict[int, tuple[Shock, list[int]]] = {}
         runs = len(shocks)
@@ -184,7 +184,7 @@ class ShockSet:
         self._groups = [(np.array(places), _bank(shock, len(places))) for shock, places in ports.values()]
 
     def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
-        """Return the forces (C, B) [N] after a step; arguments as `Bank.advance`, (C, B) each."""
+        """Return the forces (C, B) [N] after a step; see `Bank.advance` for the arguments, here with shape (C, B)."""
         forces = np.empty_like(after)
         flat = forces.reshape(-1)
         for places, bank in self._groups:

@@ -1,4 +1,4 @@
-"""What a car does on the virtual rig: run by run, or one drive with many setups."""
+"""Simulation of a car on the virtual rig, for several runs or for one drive with many setups."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from eightpost.errors import ParameterError, StepError
-from eightpost.rig.post.compiled import can_compile, compiled_march, left_all_bounds
+from eightpost.rig.post.compiled import can_compile, compiled_march, divergence_message
 from eightpost.rig.post.drive import LEAD, RATE, STEPS, Drives
 from eightpost.rig.post.reference import reference_march
 from eightpost.rig.post.shocks import Shock
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 Engine = Literal["compiled", "reference"]
 
-#: Setups that are computed at once: their records are in memory together.
+#: Number of setups that are computed at once and whose records are in memory together.
 _TOGETHER = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one run is made of.
+    """Inputs of one run.
 
     Attributes:
-        drive: What the actuators really do, at `RATE`, with the car's `inputs` as channels.
-        shocks: One per corner.
+        drive: Actual motion and force of the actuators at `RATE`, with the car's `inputs` as channels.
+        shocks: One shock per corner.
     """
 
     drive: TimeSeries
@@ -45,17 +45,17 @@ class Run:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What a run's car really did; changes from the static state under gravity alone.
+    """Exact motion of the car in a run, relative to the static state under gravity alone.
 
     Attributes:
-        time: (N,) [s].
-        drive: (U, N), roads and loads in the order of the car's inputs.
-        position: q (D, N).
-        velocity: (D, N).
-        acceleration: (D, N).
-        shock_force: (C, N) [N].
-        friction_force: (C, N) [N].
-        tire_force: (C, N), the change from static [N].
+        time: Times (N,) [s].
+        drive: Roads and loads (U, N) in the order of the car's inputs.
+        position: Coordinates q (D, N).
+        velocity: Velocities q' (D, N).
+        acceleration: Accelerations q'' (D, N).
+        shock_force: Forces of the shocks (C, N) [N].
+        friction_force: Friction forces (C, N) [N].
+        tire_force: Changes of the tire forces from static (C, N) [N].
     """
 
     time: Array
@@ -71,21 +71,22 @@ class Motion:
 def simulate(
     car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS, engine: Engine = "compiled"
 ) -> list[Motion]:
-    """Return what the car does in every run.
+    """Return the motion of the car in every run.
 
-    Each run starts at rest; during `lead` before the record its first samples' roads and loads are brought in and held.
+    Each run starts at rest. During the lead-in before the record, the roads and loads grow to the values of the first
+    sample and are then held.
 
     Args:
-        car: The truth.
-        runs: Drives and shocks.
-        lead: [s].
-        steps: Of the integration per sample; 4, which is 5 kHz.
-        engine: `compiled`, on all cores (a law that it does not know is stepped by the reference), or `reference`:
-            the same steps in numpy, slower, equal to rounding.
+        car: Car to simulate.
+        runs: Drives and shocks of the runs.
+        lead: Duration of the lead-in [s].
+        steps: Number of integration steps per sample; default 4, which is 5 kHz.
+        engine: "compiled" uses all cores (and "reference" for laws that it does not support); "reference" computes the
+            same steps in numpy, slower and equal up to rounding.
 
     Raises:
-        ParameterError: A drive lacks an input or has another rate; a run has not one shock per corner.
-        StepError: The motion grew beyond all bounds.
+        ParameterError: A drive lacks an input or has another sample rate, or a run does not have one shock per corner.
+        StepError: The motion diverged.
     """
     for run in runs:
         _check(car, run)
@@ -101,35 +102,36 @@ def simulate(
 def simulate_setups(
     car: Car, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD, steps: int = STEPS
 ) -> Iterator[Motion]:
-    """Yield what the car does with each setup on one drive, in their order.
+    """Yield the motion of the car with each setup for one drive, in the order of the setups.
 
-    A few setups are computed at once, so thousands may be asked for: keep measures of the motions, not the motions.
+    Only a few setups are computed at once, so there may be thousands. The caller should keep measures of the motions,
+    not the motions.
 
     Args:
-        car: The truth.
-        drive: What the actuators do, at `RATE`.
-        setups: One shock per corner each; use the same shock objects again and again.
-        lead: As of `simulate` [s].
-        steps: As of `simulate`; 2 (2.5 kHz) cost half as much and change RMS measures by under 0.1 % (those with
-            physical dampers by 0.25 %).
+        car: Car to simulate.
+        drive: Actual motion and force of the actuators, at `RATE`.
+        setups: Setups with one shock per corner; setups should share shock objects.
+        lead: Duration of the lead-in [s]; see `simulate`.
+        steps: Number of integration steps per sample; see `simulate`. 2 steps (2.5 kHz) take half the time and change
+            RMS measures by under 0.1 % (with physical dampers by 0.25 %).
 
     Raises:
-        ParameterError: As of `simulate`.
-        StepError: As of `simulate`.
+        ParameterError: A drive or setup is refused by `simulate`.
+        StepError: The motion diverged.
     """
     rest = iter(setups)
-    while some := list(islice(rest, _TOGETHER)):
-        yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in some], lead=lead, steps=steps)
+    while batch := list(islice(rest, _TOGETHER)):
+        yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in batch], lead=lead, steps=steps)
 
 
 def _check(car: Car, run: Run) -> None:
     missing = [name for name in car.inputs if name not in run.drive]
     if missing:
-        raise ParameterError(f"the drive lacks {', '.join(missing)}; the {car.name} has {', '.join(car.inputs)}")
+        raise ParameterError(f"the drive lacks {', '.join(missing)}; the {car.name} needs {', '.join(car.inputs)}")
     if run.drive.time.size < 2 or abs(run.drive.sample_rate - RATE) > 1e-6 * RATE:
         raise ParameterError(f"the drive must be sampled at {RATE:g} Hz; resample it first")
     if len(run.shocks) != len(car.corners):
-        raise ParameterError(f"the {car.name} takes {len(car.corners)} shocks, not {len(run.shocks)}")
+        raise ParameterError(f"the {car.name} needs {len(car.corners)} shocks, not {len(run.shocks)}")
 
 
 def _inputs(car: Car, drive: TimeSeries) -> Array:
@@ -139,7 +141,7 @@ def _inputs(car: Car, drive: TimeSeries) -> Array:
 def _motion(car: Car, run: Run, inputs: Array, records: Array) -> Motion:
     """Return a run's motion from its records (N, 3 D + 3 C)."""
     if not np.isfinite(records[:, 0]).all():
-        raise StepError(left_all_bounds(car, int(np.argmin(np.isfinite(records[:, 0])))))
+        raise StepError(divergence_message(car, int(np.argmin(np.isfinite(records[:, 0])))))
     dofs, corners = car.mass.size, len(car.corners)
     bounds = np.cumsum([dofs, dofs, dofs, corners, corners])
     parts = np.split(records.T, bounds)

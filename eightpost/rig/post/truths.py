@@ -1,4 +1,4 @@
-"""The three truths of the virtual rig, of rising honesty: quarter car, seven-DOF car, 8-post stand-in."""
+"""The three simulated cars (truths) of the virtual rig: quarter car, seven-DOF car, and 8-post stand-in."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _TRACK, _FRONT, _REAR = 70.0 * _INCH, 60.0 * _INCH, 50.0 * _INCH
 
 
 def _geometry(front_aero: float, rear_aero: float, front_track: float, rear_track: float) -> Geometry:
-    """Return the geometry of Table 5.1's car with aeroloaders where they are said to be [m]; overhangs ours."""
+    """Return the geometry of the car in Table 5.1 for aeroloader positions [m]; the overhangs are our own choice."""
     overhang = 45.0 * _INCH
     return Geometry(_FRONT, _REAR, front_aero, rear_aero, front_track, rear_track, overhang, overhang)
 
@@ -90,17 +90,17 @@ def seven_dof_truth() -> Car:
     )
 
 
-#: The stand-in's coordinates: heave, front roll, rear roll, pitch, left and right front wheel, axle heave, axle roll.
+#: Coordinates of the stand-in: heave, front roll, rear roll, pitch, left and right front wheel, axle heave, axle roll.
 _Z, _ROLL_F, _ROLL_R, _PITCH, _LF, _RF, _AXLE, _AXLE_ROLL = range(8)
 
-#: Half distances on the rear axle [m]: shocks and springs sit inboard of the wheels. A shock sees the wheel across
-#: (1 - r) / (1 + r) as much as its own, r the ratio of the distances: 10 dB less at r = 0.52 (6.2).
+#: Half distances on the rear axle [m]: shocks and springs are inboard of the wheels. With r the ratio of the distances,
+#: the opposite wheel moves a shock by (1 - r) / (1 + r) as much as its own wheel: 10 dB less at r = 0.52 (6.2).
 _REAR_SHOCK, _REAR_SPRING = 0.26 * _TRACK, 0.31 * _TRACK
 
 #: Shock travel per wheel travel at the front (our choice).
 _FRONT_RATIO = 0.85
 
-#: Torsional stiffness of the chassis between the axles (our choice; a stock car's is near) [N.m/rad].
+#: Torsional stiffness of the chassis between the axles (our choice; similar to a stock car) [N.m/rad].
 _CHASSIS_TWIST = convert(8000.0, "lbf.ft/deg", "N.m/rad")
 _TWIST_DAMPING = 0.03
 
@@ -109,11 +109,11 @@ _BAR = 4.0e4
 
 
 def stand_in_truth() -> Car:
-    """Return the 8-post stand-in: the seven-DOF car's sizes with what a real one adds.
+    """Return the 8-post stand-in: the seven-DOF car with additional features of a real car.
 
-    A solid rear axle with inboard springs and shocks, two chassis halves that twist against each other, an anti-roll
-    bar, progressive springs, bump stops, tire damping, tires that lift, and friction that sticks along every shock.
-    Its loads are the four aeroloaders, positive down.
+    These are a solid rear axle with inboard springs and shocks, two chassis halves that twist against each other, an
+    anti-roll bar, progressive springs, bump stops, tire damping, tires that lift off, and stick-slip friction along
+    every shock. The loads are the four aeroloaders, positive down.
     """
     chassis = _stand_in_rows(_chassis_row)
     spring = _stand_in_rows(_spring_row)
@@ -149,12 +149,13 @@ def stand_in_truth() -> Car:
 
 
 def _stand_in_friction() -> Friction:
-    """Return what rod ends, bushings and spring seats hold against each shock's motion.
+    """Return the friction of rod ends, bushings and spring seats along each shock.
 
-    The dissertation prints none, but sees it: hysteresis in the spring rating (6.4.4) and third harmonics in tire force
-    and hub acceleration of sines below 6 to 8 Hz (6.4.3). 14 to 20 lbf sliding is what our prototypes had, 4 to 6 times
-    the drag of a shock's own seals (3.4.3); 2 to 3 lbf more break it loose. At 4000 lbf/in, three times the front
-    spring, it slides after 0.004 to 0.005 in. Left and right differ a little, as they do.
+    The dissertation gives no values, but shows its effects: hysteresis in the spring rating (6.4.4) and third harmonics
+    in tire force and hub acceleration for sines below 6 to 8 Hz (6.4.3). The sliding friction of 14 to 20 lbf is that
+    of our prototypes and 4 to 6 times the friction of a shock's own seals (3.4.3); the breakaway force is 2 to 3 lbf
+    larger. With 4000 lbf/in, three times the front spring, it starts to slide after 0.004 to 0.005 in. Left and right
+    differ slightly, as on real cars.
     """
     sliding, breakaway = (15, 14, 19, 20), (17, 16, 22, 23)
     return Friction(_column(sliding, _POUND), _column(breakaway, _POUND), _column((4000,) * 4, _RATE))
@@ -165,7 +166,7 @@ def _unit(index: int) -> Array:
 
 
 def _roll_at(ahead: float) -> Array:
-    """Return the row of the chassis' roll at a station `ahead` of the centre of gravity [m]: linear along it."""
+    """Return the row of the chassis' roll at a distance `ahead` of the centre of gravity [m], linear along the car."""
     share = (ahead + _REAR) / (_FRONT + _REAR)
     return share * _unit(_ROLL_F) + (1.0 - share) * _unit(_ROLL_R)
 
@@ -207,7 +208,7 @@ def _inboard(left: float) -> Array:
 
 
 def _aero_rows(geometry: Geometry) -> Array:
-    """Return the heights (4, 8) of the aeroloaders' mounts."""
+    """Return the matrix (4, 8) from q to the heights of the aeroloaders' mounts."""
     stations = ((geometry.front_aero, geometry.front_aero_track), (-geometry.rear_aero, geometry.rear_aero_track))
     return np.stack([_chassis_at(ahead, side * 0.5 * track) for ahead, track in stations for side in (1.0, -1.0)])
 
@@ -223,7 +224,7 @@ def _bar() -> Array:
 
 
 def _points(heave: Array, pitch: Array, roll_at: Callable[[float], Array]) -> dict[str, Array]:
-    """Return the rows of the centre of gravity, its roll and pitch, and of the driver (20 in back, 15 in left)."""
+    """Return the rows for heave, pitch and roll at the centre of gravity, and for the driver 20 in back, 15 in left."""
     back, left = 20.0 * _INCH, 15.0 * _INCH
     return {
         "heave": heave,
@@ -233,7 +234,7 @@ def _points(heave: Array, pitch: Array, roll_at: Callable[[float], Array]) -> di
     }
 
 
-#: Every truth by the name that the command line and the files use.
+#: Functions that create the simulated cars, by their names on the command line and in files.
 TRUTHS: dict[str, Callable[[], Car]] = {
     "quarter_car": quarter_truth,
     "seven_dof": seven_dof_truth,
