@@ -107,7 +107,7 @@ def _predicted(case: Case, found: Identification, lap: Any, setups: Sequence[Seq
 
 
 def _misfits(found: Identification) -> Row:
-    excess = found.found.excess
+    excess = found.model_fit.excess
     return {f"{q}, deviations": max(v for n, v in excess.items() if n.endswith(q)) for q in QUANTITIES}
 
 

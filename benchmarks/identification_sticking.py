@@ -105,7 +105,7 @@ def _rubbed(test: TimeSeries, experiment: Experiment, signal: Signal, row: Row) 
 
 
 def _misfit(name: str, tests: Sequence[TimeSeries], experiment: Experiment) -> Row:
-    excess = CommonPoles(friction=None, springs=None, samples=0).explain(tests, experiment).found.excess
+    excess = CommonPoles(friction=None, springs=None, samples=0).explain(tests, experiment).model_fit.excess
     return {"law": name} | {q: max(v for n, v in excess.items() if n.endswith(q)) for q in QUANTITIES}
 
 

@@ -104,13 +104,13 @@ def gain(value):
 
 
 def test_the_deviation_of_sampled_models_is_that_of_a_sample():
-    """Of 1, 2 and 6: mean 3, squares 4, 1 and 9, over two."""
+    """Use 1, 2 and 6: mean 3, squared differences 4, 1 and 9, divided by two."""
     models = tuple(map(gain, (1.0, 2.0, 6.0)))
     found = response_deviation(models, [0.5, 2.0])
     assert found.shape == (1, 1, 2)
     assert found.ravel() == pytest.approx([7.0**0.5] * 2, rel=1e-12)
-    told = spread(models, lambda model: np.array([model.D[0, 0], 2.0 * model.D[0, 0]]))
-    assert told == pytest.approx([7.0**0.5, 2.0 * 7.0**0.5], rel=1e-12)
+    scatter = spread(models, lambda model: np.array([model.D[0, 0], 2.0 * model.D[0, 0]]))
+    assert scatter == pytest.approx([7.0**0.5, 2.0 * 7.0**0.5], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_the_variance_of_a_response_is_that_of_least_squares(blocks):
 
 
 def series(**channels):
-    """Ten seconds at 100 samples a second; names with __ for the point."""
+    """Return ten seconds at 100 Hz; "__" in a channel name stands for a point."""
     time = np.arange(1000) / 100.0
     units = {"velocity": "m/s", "force": "N", "tire_force": "N", "displacement": "m", "hub_acceleration": "m/s2"}
     named = {name.replace("__", "."): values(time) for name, values in channels.items()}
@@ -204,20 +204,22 @@ def sine(amplitude, hz, mean=0.0):
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.4, 0.5), (-0.5, 0.4)])
-def test_a_tenth_beyond_the_tests_on_either_side_is_not_told_and_more_is(low, high):
+def test_amplitudes_more_than_a_tenth_above_the_tests_are_reported(low, high):
     ranges = Ranges((0.2, 16.0), {"lf.velocity": (low, high), "rf.velocity": (-1.0, 1.0)})
     assert ranges.beyond(series(lf__velocity=sine(0.548, 2.0))) == ()
-    (told,) = ranges.beyond(series(lf__velocity=sine(0.552, 2.0)))
-    assert told.startswith("lf.velocity reaches 0.55")
-    assert told.endswith(" m/s, in the tests 0.5: extrapolated.")
+    (note,) = ranges.beyond(series(lf__velocity=sine(0.552, 2.0)))
+    assert note.startswith("lf.velocity reaches 0.55")
+    assert note.endswith(" m/s, in the tests 0.5: extrapolated.")
 
 
-@pytest.mark.parametrize(("amplitude", "told"), [(0.098, ""), (0.105, "10 % of lf.velocity (RMS) is above 16 Hz")])
-def test_more_than_a_tenth_above_the_fitted_frequencies_is_told(amplitude, told):
-    """Of the RMS about the mean, whatever the mean; of velocities and tire forces."""
+@pytest.mark.parametrize(("amplitude", "reported"), [(0.098, ""), (0.105, "10 % of lf.velocity (RMS) is above 16 Hz")])
+def test_more_than_a_tenth_of_the_rms_above_the_fitted_frequencies_is_reported(amplitude, reported):
+    """The RMS is taken about the mean; only velocities and tire forces are checked."""
     ranges, wave = Ranges((0.2, 16.0), {}), lambda t: 5.0 + sine(1.0, 2.0)(t) + sine(amplitude, 20.0)(t)
-    assert [note.partition(",")[0] for note in ranges.beyond(series(lf__velocity=wave))] == ([told] if told else [])
-    assert len(ranges.beyond(series(lf__tire_force=wave))) == bool(told)
+    assert [note.partition(",")[0] for note in ranges.beyond(series(lf__velocity=wave))] == (
+        [reported] if reported else []
+    )
+    assert len(ranges.beyond(series(lf__tire_force=wave))) == bool(reported)
     assert ranges.beyond(series(lf__displacement=wave)) == ()
 
 
@@ -226,7 +228,7 @@ def test_a_frequency_at_the_end_of_the_range_is_within_it():
     assert len(Ranges((0.2, 19.9), {}).beyond(series(velocity=sine(1.0, 20.0)))) == 1
 
 
-def test_ranges_are_the_extremes_of_all_tests_and_survive_being_kept():
+def test_ranges_are_the_extremes_of_all_tests_and_are_stored_and_read_back():
     tests = [series(lf__force=sine(3.0, 1.0), lf__velocity=sine(1.0, 1.0, mean=m), lf__hub_acceleration=sine(1.0, 1.0))
              for m in (0.5, -0.25)]  # fmt: skip
     experiment = SimpleNamespace(forces=("lf.force",), outputs=("lf.velocity", "lf.hub_acceleration"))
@@ -236,7 +238,7 @@ def test_ranges_are_the_extremes_of_all_tests_and_survive_being_kept():
     assert Ranges.of_mapping(ranges.as_mapping()) == ranges
 
 
-# ---- What is in the car and not in the model -----------------------------------------------------
+# ---- Effects in the car that the model does not have -----------------------------------------------------
 
 
 def model_with(excess=None, band=(1.0, 10.0)):
@@ -244,7 +246,7 @@ def model_with(excess=None, band=(1.0, 10.0)):
 
 
 def response_with(coherence):
-    """One output, its coherence (K,) at 0, 2, ... Hz."""
+    """Return a response of one output with the given coherence (K,) at 0, 2, ... Hz."""
     frequency = 2.0 * np.arange(len(coherence))
     return SimpleNamespace(coherence=np.array([coherence]), frequency=frequency, output_names=("lf.velocity",))
 
@@ -252,11 +254,11 @@ def response_with(coherence):
 SILENT = SimpleNamespace(coherence=None)
 
 
-def test_a_misfit_is_told_above_one_and_a_half_deviations_with_the_worst_of_each_quantity():
+def test_a_misfit_above_one_and_a_half_deviations_is_reported_with_the_worst_of_each_quantity():
     found = model_with({"lf.velocity": 1.6, "rf.velocity": 2.4, "lf.tire_force": 1.5, "rear.ride_height": 0.9})
-    told = unmodelled(SILENT, found, (), {})
-    assert told.keys() == {"misfit"}
-    assert "worst of each: velocity 2.4)" in told["misfit"]
+    flags = unmodelled(SILENT, found, (), {})
+    assert flags.keys() == {"misfit"}
+    assert "worst of each: velocity 2.4)" in flags["misfit"]
     assert unmodelled(SILENT, model_with({"lf.velocity": 1.5}), (), {}) == {}
 
 
@@ -265,11 +267,11 @@ def test_a_tire_has_lifted_at_a_hundredth_of_its_mean_load(amplitude, lifts):
     test = series(lf__tire_force=sine(amplitude, 2.0), rf__tire_force=sine(100.0, 2.0))
     calm = series(lf__tire_force=sine(1.0, 2.0), rf__tire_force=sine(100.0, 2.0))
     for tests in ((test, calm), (test,)):
-        told = unmodelled(
+        flags = unmodelled(
             SILENT, model_with(), tests, {"lf.tire_force": 1000.0, "rf.tire_force": 1000.0, "lf.force": 1.0}
         )
-        assert told.keys() == ({"lift-off"} if lifts else set())
-        assert not lifts or "(lf.tire_force)" in told["lift-off"]
+        assert flags.keys() == ({"lift-off"} if lifts else set())
+        assert not lifts or "(lf.tire_force)" in flags["lift-off"]
 
 
 def test_a_tire_at_exactly_a_hundredth_of_its_mean_load_has_lifted():
@@ -278,7 +280,7 @@ def test_a_tire_at_exactly_a_hundredth_of_its_mean_load_has_lifted():
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_how_far_a_misfit_is_alike_does_not_depend_on_its_size(size):
+def test_the_correlation_length_of_a_misfit_does_not_depend_on_its_size(size):
     rng = np.random.default_rng(6)
     white = rng.normal(size=(3, 4, 2003)) + 1j * rng.normal(size=(3, 4, 2003))
     shared = sum(white[..., k : k + 2000] for k in range(4))
@@ -286,37 +288,37 @@ def test_how_far_a_misfit_is_alike_does_not_depend_on_its_size(size):
     assert correlation_length(size * shared) == 4
 
 
-def test_no_misfit_at_all_is_alike_nowhere():
+def test_a_misfit_of_zero_is_uncorrelated():
     assert correlation_length(np.zeros((1, 2, 50), dtype=complex)) == 1
 
 
-def test_a_mean_below_the_scatter_is_a_change_from_rest_and_tells_no_lift_off():
+def test_a_mean_below_the_scatter_is_a_change_from_rest_and_shows_no_lift_off():
     test = series(lf__tire_force=sine(1000.0, 2.0))
     assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 700.0}) == {}
     assert unmodelled(SILENT, model_with(), (test,), {"lf.tire_force": 715.0}).keys() == {"lift-off"}
 
 
 @pytest.mark.parametrize(
-    ("coherence", "told"), [(0.9980, False), (0.9970, True), (0.92, True), (0.90, False), (1.0, False)]
+    ("coherence", "reported"), [(0.9980, False), (0.9970, True), (0.92, True), (0.90, False), (1.0, False)]
 )
-def test_an_output_that_is_noisy_where_coherence_is_fine_is_told(coherence, told):
-    """Between 5 % and 31 % of it: 1 - 0.05^2 and 0.95^2. The median within the band counts."""
+def test_an_output_that_is_noisy_although_coherence_is_good_is_reported(coherence, reported):
+    """The limits are 5 % and 31 % of the output: 1 - 0.05^2 and 0.95^2, for the median within the band."""
     inside = [coherence, coherence, 0.0, coherence, coherence]
     found = unmodelled(response_with([0.5, *inside, 0.5]), model_with(), (), {})
-    assert found.keys() == ({"unexplained"} if told else set())
-    if told:
+    assert found.keys() == ({"unexplained"} if reported else set())
+    if reported:
         assert f"lf.velocity {100.0 * (1.0 - coherence) ** 0.5:.0f} %" in found["unexplained"]
 
 
-def test_the_band_of_the_fit_ends_with_its_edges():
-    """At 2, 4 and 6 Hz: two of three are noisy."""
+def test_the_band_of_the_fit_includes_its_edges():
+    """Two of the three values at 2, 4 and 6 Hz are noisy."""
     response = response_with([1.0, 0.98, 1.0, 0.98, 1.0])
     assert unmodelled(response, model_with(band=(2.0, 6.0)), (), {}).keys() == {"unexplained"}
     assert unmodelled(response, model_with(band=(2.1, 6.0)), (), {}) != {}
     assert unmodelled(response, model_with(band=(2.1, 5.9)), (), {}) == {}
 
 
-def test_models_are_sampled_as_often_as_is_asked(monkeypatch):
+def test_the_requested_number_of_models_is_sampled(monkeypatch):
     module = "eightpost.ident.vehicle.common_poles.uncertainty"
     monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
     rng = np.random.default_rng(2)
@@ -330,10 +332,10 @@ def test_models_are_sampled_as_often_as_is_asked(monkeypatch):
     drawn = sampled_models(found, 5, seed=3)
     assert len(drawn) == 5
     assert drawn[0].shape == shape
-    # Power 1, half of it in each part; alike over three neighbours: correlations 2/3 and 1/3, then none.
+    # Power 1, half of it in each part; correlated over three neighbours: correlations 2/3 and 1/3, then 0.
     noise = np.concatenate([sample.reshape(-1, 4000) for sample in drawn])
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(1.0, abs=0.03)
     assert np.var(noise.imag) == pytest.approx(0.5, abs=0.02)
-    assert abs(np.mean(noise**2)) < 0.03  # both parts are noise of their own
-    alike = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
-    assert alike == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)
+    assert abs(np.mean(noise**2)) < 0.03  # real and imaginary part are independent
+    correlations = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
+    assert correlations == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)

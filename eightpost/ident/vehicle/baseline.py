@@ -47,7 +47,7 @@ class Baseline(NamedTuple):
 
 
 def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: int | None = None) -> Baseline:
-    """Find the baseline test, whose shocks are at each corner those that most tests have.
+    """Find the baseline test: at each corner it has the shock that most tests have.
 
     Args:
         records: Records with `force` and `velocity` of every port.

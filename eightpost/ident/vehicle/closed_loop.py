@@ -187,8 +187,8 @@ def _channel(port: str, kind: str) -> str:
     return f"{port}.{kind}" if port else kind
 
 
-def _optional(names: Sequence[str], wanted: str) -> int | None:
-    return names.index(wanted) if wanted in names else None
+def _optional(names: Sequence[str], name: str) -> int | None:
+    return names.index(name) if name in names else None
 
 
 def _check_drive(model: StateSpace, drive: TimeSeries) -> None:

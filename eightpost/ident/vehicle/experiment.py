@@ -93,18 +93,18 @@ def experiment_of(
     Raises:
         ParameterError: The channels do not include the road and the force of each shock.
     """
-    there = tuple(names)
-    ports = ("",) if "road" in there else ("lf", "rf", "lr", "rr")
+    available = tuple(names)
+    ports = ("",) if "road" in available else ("lf", "rf", "lr", "rr")
     roads, forces = (tuple(channel(port, quantity) for port in ports) for quantity in ("road", "force"))
-    aero = tuple(n for n in (channel(port, "aero") for port in ports) if n in there)
-    loads = aero or tuple(n for n in _LOADS if n in there)
-    if not set(roads + forces) <= set(there):
-        missing = ", ".join(sorted(set(roads + forces) - set(there)))
+    aero = tuple(n for n in (channel(port, "aero") for port in ports) if n in available)
+    loads = aero or tuple(n for n in _LOADS if n in available)
+    if not set(roads + forces) <= set(available):
+        missing = ", ".join(sorted(set(roads + forces) - set(available)))
         raise ParameterError(
             f"{name}: the records lack {missing}; a rig test needs the road and the force of each shock"
         )
     outputs = tuple(channel(port, quantity) for quantity in _CORNER_OUTPUTS for port in ports)
-    outputs = tuple(n for n in (*outputs, *_CAR_OUTPUTS) if n in there)
+    outputs = tuple(n for n in (*outputs, *_CAR_OUTPUTS) if n in available)
     return Experiment(name, roads + loads, forces, outputs, baseline_damping, {}, sources or {})
 
 

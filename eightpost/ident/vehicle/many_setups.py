@@ -142,15 +142,15 @@ class _Plant:
 
     @property
     def rows(self) -> tuple[Whole, Whole]:
-        """Where velocities and displacements stand among the outputs."""
+        """Indices of the velocities and displacements among the outputs."""
         return np.array(self.velocities, dtype=np.intp), np.array(self.displacements, dtype=np.intp)
 
 
 class _Shocks:
-    """A bank as the loop takes it: static forces from fine tables, and what else a law has."""
+    """Bank in the form that the loop uses: fine tables of the static forces, and the other parameters of the laws."""
 
     def __init__(self, bank: Sequence[Law], friction: Sequence[Friction], step: float) -> None:
-        """Lay the tables out."""
+        """Compute the tables and parameters."""
         count = round(FASTEST / SPACING)
         velocities = (SPACING * np.arange(-count, count + 1)).tolist()
         tables = np.array([[law.static_force(v) for v in velocities] for law in bank])
@@ -161,18 +161,20 @@ class _Shocks:
 
 
 def _lag_of(law: Law) -> tuple[float, float, float]:
-    """Return tau, and the static forces between which the lag fades; Polylinear has none."""
+    """Return tau and the static forces at which the lag starts to fade and has faded; Polylinear has almost no lag."""
     if isinstance(law, Lpnl2):
         return law.time_constant, law.lag_full_force, law.lag_zero_force
     if isinstance(law, Lpf1):
         return law.time_constant, 1e11, 1e12
     if isinstance(law, Polylinear):
         return 1e-9, 1e11, 1e12
-    raise InputError(f"setups are simulated with polylinear, lpf1 and lpnl2; {type(law).__name__} goes one by one")
+    raise InputError(
+        f"setups are simulated with polylinear, lpf1 and lpnl2; simulate {type(law).__name__} with simulate_with_shocks"
+    )
 
 
 def _first_order(poles: Complex, step: float) -> tuple[Complex, Complex, Complex]:
-    """Return decay and the weights of the input at the start and at the end of a step, linear between."""
+    """Return the decay, and the weights of the input at the start and at the end of a step with a linear input."""
     z = poles * step
     small = np.abs(z) < 1e-3
     safe = np.where(small, 1.0, z)
@@ -185,12 +187,12 @@ def _first_order(poles: Complex, step: float) -> tuple[Complex, Complex, Complex
 def _driven(
     model: StateSpace, drive: TimeSeries, stepping: tuple[Complex, Complex, Complex], modal: tuple[Complex, Complex]
 ) -> Array:
-    """Return what the drive alone does (p, N), about its means."""
+    """Return the outputs due to the drive alone without its means (p, N)."""
     columns = [model.input_names.index(name) for name in drive.names]
     u = drive.values - drive.values.mean(axis=1, keepdims=True)
     y = model.D[:, columns] @ u
     for decay, held, ramp, b, c in zip(*stepping, modal[0][:, columns], modal[1].T, strict=True):
         w = b @ u
-        pushed = np.concatenate(([0.0], held * w[:-1] + ramp * w[1:]))
-        y += np.real(c[:, None] * lfilter([1.0], [1.0, -decay], pushed)[None])
+        forcing = np.concatenate(([0.0], held * w[:-1] + ramp * w[1:]))
+        y += np.real(c[:, None] * lfilter([1.0], [1.0, -decay], forcing)[None])
     return np.asarray(y)

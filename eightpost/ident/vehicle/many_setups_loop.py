@@ -77,7 +77,7 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, moves: bool)
     count = free.size
     v, force, static, lag = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for iteration in range(_MAX_ITERATIONS):
-        wrong = 0.0
+        error = 0.0
         for i in range(count):
             v[i] = free[i]
             if moves:
@@ -87,9 +87,9 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, moves: bool)
             lag[i] = _lag(laws, i, lagged, old, static[i]) if moves else lagged[i]
             force[i] = _force(laws, friction, i, (v[i], place[i]), lag[i], static[i]) - damping[i] * v[i]
         for i in range(count):
-            wrong = max(wrong, abs(force[i] - change[i]))
+            error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
-        if wrong <= _CLOSE:
+        if error <= _CLOSE:
             lagged[:], old[:] = lag, static
             return True
     return False

@@ -107,8 +107,8 @@ class _Problem:
 
     def _misfit(self, ratio: _Ratio) -> Complex:
         with np.errstate(all="ignore"):
-            wrong = self.root * (self.H - (self.P[:, : ratio.b.size] @ ratio.b) / (self.P @ ratio.a))
-        return np.asarray(np.where(np.isfinite(wrong), wrong, np.inf), dtype=np.complex128)
+            misfit = self.root * (self.H - (self.P[:, : ratio.b.size] @ ratio.b) / (self.P @ ratio.a))
+        return np.asarray(np.where(np.isfinite(misfit), misfit, np.inf), dtype=np.complex128)
 
     def _reweighted(self) -> list[_Ratio]:
         """Return stable equation-error solutions (Eq 4.28), each reweighted with the previous one."""

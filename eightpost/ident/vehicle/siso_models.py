@@ -145,8 +145,8 @@ class SisoFits:
             if any(map(self._is_acceptable, found)):
                 break
             found += self._fit_order(order, (frequency, H, weight), direct)
-        honest = [fit for fit in found if self._is_acceptable(fit)]
-        return min(honest or found, key=lambda fit: fit.error)
+        acceptable = [fit for fit in found if self._is_acceptable(fit)]
+        return min(acceptable or found, key=lambda fit: fit.error)
 
     def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
         """Return the fit in a list, which is empty if the fit has a double pole."""
@@ -192,12 +192,12 @@ def _known(response: FrequencyResponse, i: int, j: int) -> Array:
 
 def _path_fit(model: TransferFunction, frequency: Array, H: Complex, weight: Array) -> PathFit:
     used = weight > 0.0
-    wrong = np.sum(weight[used] * np.abs(model.frequency_response(frequency[used]) - H[used]) ** 2)
-    whole = np.sum(weight[used] * np.abs(H[used]) ** 2)
+    misfit = np.sum(weight[used] * np.abs(model.frequency_response(frequency[used]) - H[used]) ** 2)
+    total = np.sum(weight[used] * np.abs(H[used]) ** 2)
     modes = model.modes()
     return PathFit(
         model,
-        float(np.sqrt(wrong / whole)),
+        float(np.sqrt(misfit / total)),
         min(mode.damping_ratio for mode in modes),
         _excess(model, frequency[used], H[used]),
         max(mode.frequency_hz for mode in modes) / float(frequency[used][-1]),

@@ -79,25 +79,25 @@ def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> Stat
     Raises:
         InputError: The records hold fewer than two levels, or have no load in common.
     """
-    there = tuple(name for name in loads if all(name in record for record in records))
-    if not there:
+    common = tuple(name for name in loads if all(name in record for record in records))
+    if not common:
         raise InputError(
             f"the static records have none of the loads {', '.join(loads)}; give records with at least one of them"
         )
     names = [n for n in records[0].names if all(n in r for r in records)]
-    held = [_levels(record, names, there) for record in records]
+    held = [_levels(record, names, common) for record in records]
     table = np.concatenate([levels[: _until_lifted(levels, names)] for levels in held])
     if len(table) < 2:
         raise InputError(
-            f"the static records hold {len(table)} levels of {', '.join(there)} with all tires on the ground, but two "
+            f"the static records hold {len(table)} levels of {', '.join(common)} with all tires on the ground, but two "
             "are needed; give records that hold each level for some seconds (6.1.3)"
         )
     columns = dict(zip(names, table.T, strict=True))
-    force = np.stack([columns[name] for name in there])
+    force = np.stack([columns[name] for name in common])
     static = [name for name in names if name.rpartition(".")[2] in _STATIC]
     zero = {name: _affine(force, columns[name], cutoff=_MOVED)[-1] for name in static}
     lifted = sum(map(len, held)) - len(table)
-    found = StaticRating(len(table), lifted, there, {name: float(value) for name, value in zero.items()})
+    found = StaticRating(len(table), lifted, common, {name: float(value) for name, value in zero.items()})
     return _with_springs(found, columns)
 
 

@@ -89,8 +89,8 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
 
 def _check(known: NDArray[np.bool_], response: FrequencyResponse) -> None:
     for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
-        for name, there in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
-            if not there:
+        for name, is_known in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
+            if not is_known:
                 raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
 
 

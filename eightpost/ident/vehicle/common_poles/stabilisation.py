@@ -41,16 +41,16 @@ def stabilisation(study: OrderStudy) -> tuple[OrderCandidate, ...]:
     for order, gap, poles in zip(study.orders, study.gaps, study.poles, strict=True):
         upper = poles[poles.imag > 0.0]
         now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
-        placed = tuple(PolePair(float(f), float(d), _stayed(f, d, before)) for f, d in now)
-        tried.append(OrderCandidate(order, float(gap), placed))
+        pairs = tuple(PolePair(float(f), float(d), _is_stable(f, d, before)) for f, d in now)
+        tried.append(OrderCandidate(order, float(gap), pairs))
         before = now
     return tuple(tried)
 
 
-def _stayed(frequency: float, damping: float, before: Array) -> bool:
+def _is_stable(frequency: float, damping: float, before: Array) -> bool:
     near = np.abs(before[:, 0] - frequency) <= STEADY_FREQUENCY * frequency
-    alike = np.abs(before[:, 1] - damping) <= STEADY_DAMPING * abs(damping)
-    return bool((near & alike).any())
+    similar = np.abs(before[:, 1] - damping) <= STEADY_DAMPING * abs(damping)
+    return bool((near & similar).any())
 
 
 def plot_stabilisation(orders: Orders, path: str | Path) -> None:

@@ -58,8 +58,8 @@ def correlation_length(misfit: Complex) -> int:
     """Return the number of frequencies over which the misfit (p, m, K) is correlated, as bands may overlap."""
     power = float(np.mean(np.abs(misfit) ** 2))
     for lag in range(1, misfit.shape[2]):
-        alike = float(np.mean((misfit[..., lag:] * misfit[..., :-lag].conj()).real)) / max(power, 1e-300)
-        if alike < _UNCORRELATED:
+        correlation = float(np.mean((misfit[..., lag:] * misfit[..., :-lag].conj()).real)) / max(power, 1e-300)
+        if correlation < _UNCORRELATED:
             return lag
     return int(misfit.shape[2])
 

@@ -89,9 +89,9 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     starts = range(0, kept.size - width + 1, width)
     local = np.stack([power[k : k + width].mean(axis=0) for k in starts])
     active = local > _POWER_FLOOR**2 * local.max(axis=0)
-    for k, there in zip(starts, active, strict=True):
+    for k, mask in zip(starts, active, strict=True):
         part = slice(k, k + width)
-        yield Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], there)
+        yield Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], mask)
 
 
 def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Complex:

@@ -59,7 +59,7 @@ class FrictionSearch:
         Raises:
             TooShortError: The records have too few frequency bins.
         """
-        brief, whole = ([_first(test, most) for test in tests] for most in self.seconds)
+        brief, whole = ([_first(test, duration) for test in tests] for duration in self.seconds)
         profile = tuple((width, self._at(brief, experiment, width).cost) for width in self.velocities)
         width = _lowest(profile)
         return _estimate(experiment, self._at(whole, experiment, width), width, profile)
@@ -92,7 +92,7 @@ class FrictionEstimate:
     profile: tuple[tuple[float, float], ...]
 
     @property
-    def found(self) -> Mapping[str, ForceEstimate]:
+    def forces(self) -> Mapping[str, ForceEstimate]:
         """Estimated force of every port with its standard deviation."""
         return {port: ForceEstimate(force, self.deviation[port]) for port, force in self.force.items()}
 
@@ -110,7 +110,7 @@ class FrictionEstimate:
         """Return the forces and the part of the residual that remains as a sentence."""
         if not self.acts:
             return "No significant friction was found at the ports."
-        forces = ", ".join(f"{port or 'port'} {force.text}" for port, force in self.found.items())
+        forces = ", ".join(f"{port or 'port'} {force.text}" for port, force in self.forces.items())
         width = 1e3 * next(iter(self.friction.values())).velocity
         left = 100.0 * float(np.mean(list(self.residual.values())))
         return (
@@ -138,10 +138,10 @@ def _estimate(
     experiment: Experiment, found: ForceSolution, width: float, profile: tuple[tuple[float, float], ...]
 ) -> FrictionEstimate:
     deviation = np.sqrt(np.diag(found.covariance))
-    held = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)
+    significant = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)
     ports = experiment.ports
     return FrictionEstimate(
-        {port: Friction(float(force), width) for port, force in zip(ports, held, strict=True)},
+        {port: Friction(float(force), width) for port, force in zip(ports, significant, strict=True)},
         dict(zip(ports, found.forces.tolist(), strict=True)),
         dict(zip(ports, deviation.tolist(), strict=True)),
         dict(zip(experiment.outputs, found.residual.tolist(), strict=True)),

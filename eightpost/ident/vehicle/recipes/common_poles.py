@@ -108,7 +108,7 @@ class CommonPoles:
             ranges.as_mapping(),
             Trust(
                 self._outputs(found, tests, experiment, friction),
-                {} if friction is None else friction.found,
+                {} if friction is None else friction.forces,
                 springs,
                 flags,
                 orders_of(found),
@@ -142,14 +142,14 @@ class Identification:
 
     Attributes:
         vehicle_fit: Fit that `identify` returns.
-        found: Common-pole model with details of its fit.
+        model_fit: Common-pole model with details of its fit.
         response: Response that was fitted, around baseline damping and friction.
         friction: Estimated friction at the ports; None if it was not estimated.
         ranges: Ranges that the tests covered.
     """
 
     vehicle_fit: VehicleFit
-    found: CommonPoleModel
+    model_fit: CommonPoleModel
     response: FrequencyResponse
     friction: FrictionEstimate | None
     ranges: Ranges
