@@ -238,7 +238,7 @@ def test_ranges_are_the_extremes_of_all_tests_and_are_stored_and_read_back():
     assert Ranges.of_mapping(ranges.as_mapping()) == ranges
 
 
-# ---- Effects in the car that the model does not have -----------------------------------------------------
+# ---- Effects in the car that the model does not have ----------------------------------------------
 
 
 def model_with(excess=None, band=(1.0, 10.0)):

@@ -35,7 +35,7 @@ class BalancedModel(NamedTuple):
     """A model in balanced coordinates, most important state first.
 
     Attributes:
-        model: BalancedModel model, without states at the level of rounding errors.
+        model: Balanced model, without states at the level of rounding errors.
         hankel: Hankel singular values of the scaled model (n,).
     """
 
