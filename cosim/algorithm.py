@@ -1,4 +1,4 @@
-"""Coupling algorithms: frozen strategies; changing the method never changes the call."""
+"""Coupling algorithms: frozen strategy objects with one interface, passed to `cosim.run`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.coupling import Coupling
 from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERPOLATED, JACOBI, PARABOLIC, Mode
 from eightpost.errors import InputError, WiringError
 
-#: What coupling values do over a step where their end is not known yet.
+#: Coupling values over a step whose end values are not known yet.
 VALUES: Mapping[str, int] = {
     "held": HELD,
     "interpolated": INTERPOLATED,
@@ -20,18 +20,18 @@ VALUES: Mapping[str, int] = {
 
 
 class Accuracy(NamedTuple):
-    """What is known of a scheme's error where components ramp their inputs.
+    """Accuracy of a scheme for components that ramp their inputs.
 
     Args:
-        order: Of the error in the coupling step [1].
-        share: How much of what a coupled value missed at the end of a step it missed in the mean over the step [1].
+        order: Order of the error in the coupling step [1].
+        share: Error of a coupled value in the mean over a step, as a share of its error at the end of the step [1].
     """
 
     order: int
     share: float
 
 
-#: Of explicit schemes, by their coupling values: Adams and Bashforth's formulas of two and three points.
+#: Accuracy of explicit schemes by their coupling values: Adams-Bashforth formulas of two and three points.
 _ACCURACY = {
     "held": Accuracy(1, 0.5),
     "interpolated": Accuracy(1, 1.0),
@@ -39,41 +39,41 @@ _ACCURACY = {
     "parabolic": Accuracy(3, 3.0 / 8.0),
 }
 
-#: Adams and Moulton's formula of three points, against Adams and Bashforth's guess.
+#: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
 _ACCURACY_OF_IMPLICIT = Accuracy(3, 1.0 / 24.0)
 
-#: Where a component holds its inputs over a step.
+#: Accuracy for a component that holds its inputs over a step.
 HELD_INPUTS = Accuracy(1, 0.5)
 
 
 class Algorithm(Protocol):
-    """How the components are stepped from one coupling point to the next."""
+    """Scheme that steps the components from one communication point to the next."""
 
     @property
     def name(self) -> str:
-        """As the command line writes it."""
+        """Name on the command line."""
 
     @property
     def repeats(self) -> bool:
-        """Whether it repeats steps, so that every component must save and restore its state."""
+        """Whether steps are repeated, so that every component must save and restore its state."""
 
     @property
     def accuracy(self) -> Accuracy:
-        """What is known of its error where components ramp their inputs."""
+        """Accuracy for components that ramp their inputs."""
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the order in which it steps the components.
+        """Return the order in which the components are stepped.
 
         Raises:
-            WiringError: It has an order of its own that does not name every component once.
+            WiringError: The algorithm's own sequence does not name every component once.
         """
 
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step; limits are watched after `settling` [s]."""
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
 
 
 class _Explicit:
-    """Makes each step once, with coupling values that are guessed where they are not known yet."""
+    """Base of schemes that make each step once and predict coupling values that are not known yet."""
 
     __slots__ = ()
 
@@ -82,32 +82,32 @@ class _Explicit:
 
     def __post_init__(self) -> None:
         if self.values not in VALUES:
-            raise InputError(f"coupling values are {', '.join(VALUES)}, not {self.values!r}")
+            raise InputError(f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}")
 
     @property
     def repeats(self) -> bool:
-        """Steps are made once."""
+        """False: each step is made once."""
         return False
 
     @property
     def accuracy(self) -> Accuracy:
-        """By its coupling values."""
+        """Accuracy of the coupling values."""
         return _ACCURACY[self.values]
 
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step; limits are watched after `settling` [s]."""
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
         return Mode(self._sweep, VALUES[self.values], 0.0, 0, settling, 1)
 
 
 class _Sequenced:
-    """Steps the components one after the other, in an order that matters."""
+    """Base of schemes that step the components one after the other."""
 
     __slots__ = ()
 
     sequence: tuple[str, ...]
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the given sequence, or the one that the dependencies ask for.
+        """Return the given sequence, or the one that follows from the dependencies.
 
         Raises:
             WiringError: The sequence does not name every component once.
@@ -124,18 +124,18 @@ class _Sequenced:
 
 @dataclass(frozen=True, slots=True)
 class Jacobi(_Explicit):
-    """Every component steps with what is known at the start of the step.
+    """Jacobi scheme: every component steps with the values known at the start of the step.
 
-    The exchange that most tools do, with held values. At full damping in the shocks it needs small steps
+    With held values this is the scheme of most tools. With full damping in the shocks it needs small steps
     (docs/coupling.md).
 
     Args:
-        values: What coupling values do over a step: `held` at the start's; `interpolated` from the last step's start to
-            this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with that and
-            its change.
+        values: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start
+            to this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the
+            slope and its change.
 
     Raises:
-        InputError: There are no such values.
+        InputError: `values` is not one of these.
     """
 
     values: str = "held"
@@ -143,23 +143,23 @@ class Jacobi(_Explicit):
     _sweep: ClassVar[int] = JACOBI
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Any order gives the same."""
+        """Return the components in the system's order; the result does not depend on it."""
         return tuple(coupling.components)
 
 
 @dataclass(frozen=True, slots=True)
 class GaussSeidel(_Explicit, _Sequenced):
-    """Each component steps with the newest outputs of those before it: they are known at both ends of the step.
+    """Gauss-Seidel scheme: each component steps with the newest outputs of those that have stepped before it.
 
     Args:
-        sequence: The components in order; empty: from the declared dependencies, a component whose outputs follow
-            an input without delay after the one that feeds it (the vehicle first, then its shocks).
-        values: What the outputs of components do that have not stepped: `extrapolated` with the last step's slope,
-            `parabolic` with that and its change (third order, at a smaller limit of stability), `interpolated` (a step
-            late), or `held`; with `held`, known ones are held too, at their newest.
+        sequence: Order of the components. If empty, it follows from the declared dependencies: a component whose
+            outputs follow an input without delay comes after the one that feeds it (the vehicle first, then its shocks).
+        values: Coupling values of components that have not stepped: `extrapolated` with the last step's slope,
+            `parabolic` with the slope and its change (third order, with a smaller stability limit), `interpolated` (a
+            step late), or `held`. With `held`, known values are held too, at the newest value.
 
     Raises:
-        InputError: There are no such values.
+        InputError: `values` is not one of these.
     """
 
     sequence: tuple[str, ...] = ()
@@ -170,20 +170,21 @@ class GaussSeidel(_Explicit, _Sequenced):
 
 @dataclass(frozen=True, slots=True)
 class Implicit(_Sequenced):
-    """Every step is repeated until what the components assumed of each other is what they give.
+    """Implicit scheme: every step is repeated until the assumed coupling values equal the computed ones.
 
-    Stable at steps and stiffnesses where explicit exchanges are not. Coupled values are then known at both ends of a
-    step, and follow in the mean a parabola through the start of the last one. Every component must save and restore its
-    state.
+    It is stable at steps and stiffnesses where explicit schemes are not. Coupled values are then known at both ends of
+    a step, and their mean is that of a parabola that also passes through the start of the last step. Every component
+    must save and restore its state.
 
     Args:
-        sequence: As for GaussSeidel.
+        sequence: Order of the components; see GaussSeidel.
         tolerance: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times
-            that where iterations stop to help, since a component's answer may jump by a little.
-        iterations: Most iterations of a step before its Jacobian is made anew, and after that before it is given up.
+            that if iterations stall, since a component's output may jump slightly.
+        iterations: Maximum number of iterations of a step before its Jacobian is computed again, and after that before
+            the step is given up.
 
     Raises:
-        InputError: The tolerance does not lie between 0 and 1, or there is to be no iteration.
+        InputError: The tolerance is not between 0 and 1, or the number of iterations is less than 1.
     """
 
     sequence: tuple[str, ...] = ()
@@ -200,32 +201,32 @@ class Implicit(_Sequenced):
 
     @property
     def repeats(self) -> bool:
-        """Steps are repeated from a saved state."""
+        """True: steps are repeated from a saved state."""
         return True
 
     @property
     def accuracy(self) -> Accuracy:
-        """Third order."""
+        """Accuracy of third order."""
         return _ACCURACY_OF_IMPLICIT
 
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step; limits are watched after `settling` [s]."""
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
         return Mode(IMPLICIT, EXTRAPOLATED, self.tolerance, self.iterations, settling, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Adaptive:
-    """Chooses the coupling step: each is made once whole and once in halves, which must agree.
+    """Adaptive coupling step: each step is made once whole and once in halves, which must agree.
 
-    The step follows a proportional-integral controller; it lands on recorded times, on the drivefile's own points and
-    on the stop. Every component must save and restore its state and take steps of any size.
+    A proportional-integral controller sets the step. Steps end at recorded times, at the points of the drive file and at
+    the stop time. Every component must save and restore its state and accept steps of any size.
 
     Args:
-        scheme: How each step is made.
-        relative: Local error that is allowed [1], relative to the largest value so far of each coupled signal.
-        absolute: Local error that is allowed besides, per signal (`component.variable`), in its own unit; by default
+        scheme: Scheme of each step.
+        relative: Allowed local error [1], relative to the largest value so far of each coupled signal.
+        absolute: Additional allowed local error per signal (`component.variable`), in its own unit; by default
             1e-5 m/s, 1e-6 m, 0.01 N.
-        least: Smallest step [s]; where it does not do, the run ends and says so.
+        least: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
         largest: Largest step [s].
 
     Raises:
@@ -248,24 +249,24 @@ class Adaptive:
 
     @property
     def repeats(self) -> bool:
-        """Every step is made twice."""
+        """True: every step is made twice."""
         return True
 
     @property
     def accuracy(self) -> Accuracy:
-        """The scheme's."""
+        """Accuracy of the scheme."""
         return self.scheme.accuracy
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the scheme's order."""
+        """Return the scheme's order of components."""
         return self.scheme.order(coupling)
 
     def mode(self, settling: float) -> Mode:
-        """Return how the loop makes a step; limits are watched after `settling` [s]."""
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
         return self.scheme.mode(settling)._replace(final=0)
 
 
-#: By name, with the settings that they have unless told otherwise.
+#: Algorithms by name, with their default settings.
 ALGORITHMS: dict[str, Algorithm] = {
     "jacobi": Jacobi(),
     "gauss-seidel": GaussSeidel(),

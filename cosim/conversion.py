@@ -12,7 +12,7 @@ from eightpost.errors import UnknownUnitError, WiringError
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """`target = factor * source + offset`."""
+    """Linear unit conversion: `target = factor * source + offset`."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -29,12 +29,12 @@ def named_unit(name: str) -> UnitDefinition:
 
 
 def convert_between(source: UnitDefinition | None, target: UnitDefinition | None, what: str) -> Conversion:
-    """Return the conversion from one unit to another; none where a side states no unit.
+    """Return the conversion from one unit to another; the identity if a side states no unit.
 
     Args:
-        source: Unit of the values that come.
-        target: Unit that is needed.
-        what: The connection, for the message.
+        source: Unit of the source's values; None if it states none.
+        target: Unit of the target's values; None if it states none.
+        what: Connection, for the message.
 
     Raises:
         WiringError: The dimensions differ.
@@ -50,7 +50,7 @@ def convert_between(source: UnitDefinition | None, target: UnitDefinition | None
 
 
 def to_si(variable: Variable) -> tuple[Conversion, str]:
-    """Return the conversion of a variable to SI and the SI unit's name; as it is where it states no unit."""
+    """Return the conversion of a variable to SI and the SI unit's name; the identity if it states no unit."""
     if variable.unit is None:
         return Conversion(), "1"
     definition = _defined(variable.unit)
@@ -60,15 +60,15 @@ def to_si(variable: Variable) -> tuple[Conversion, str]:
 
 @lru_cache(maxsize=256)
 def _si_name(exponents: frozenset[tuple[str, int]]) -> str | None:
-    """The SI unit of these exponents of base units, where this project knows one."""
+    """Return the SI unit with these exponents of base units; None if this project knows none."""
     return next((name for name in units.SI_UNITS if frozenset(units.si_exponents(name).items()) == exponents), None)
 
 
 def _defined(definition: UnitDefinition) -> UnitDefinition:
-    """Read the unit's name where the component names a unit without defining it in SI base units."""
+    """Return the definition; if the component only names a unit, look the name up among the known units."""
     if "?" not in definition.exponents:
         return definition
     try:
         return named_unit(definition.name)
     except UnknownUnitError as error:
-        raise WiringError(f"unit {definition.name!r} is not defined by its component and not known: {error}") from error
+        raise WiringError(f"unit {definition.name!r} is neither defined by its component nor known: {error}") from error

@@ -1,4 +1,4 @@
-"""A system made ready to run: what each component's inputs are fed with, now and at the end of the step."""
+"""Resolved connections of a system: the sources of every component's inputs, and their values at the start."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from eightpost.errors import WiringError
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A share of an input: `gain * conversion(output)`."""
+    """Contribution of one output to an input: `gain * conversion(output)`."""
 
     source: str
     gain: float
     conversion: Conversion
 
     def __call__(self, outputs: Mapping[str, float]) -> float:
-        """Return the share for the outputs' values."""
+        """Return the contribution for the outputs' values."""
         return self.gain * self.conversion(outputs[self.source])
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """All that goes into one input: the terms of connections, a channel of the drive, a constant."""
+    """All sources of one input: the terms of connections, a channel of the drive, a constant."""
 
     target: str
     terms: tuple[Term, ...]
@@ -40,9 +40,10 @@ class Feed:
 
 
 class Coupling:
-    """What feeds every input, and the values on every connection until the run begins to step.
+    """Sources of every input, and the values of all connections until the first step.
 
-    `now` holds the outputs, `ahead` those of components that were evaluated with the same values as the others.
+    `now` holds the current outputs; `ahead` holds new outputs of components that were all evaluated with the values of
+    `now`.
     """
 
     def __init__(
@@ -52,12 +53,12 @@ class Coupling:
 
         Args:
             system: Components and connections.
-            scenario: Its drive.
+            scenario: Scenario with the drive.
             every_step: Variables to read after every step besides the connected ones, as `component.variable`.
             recorded: Variables to read at recorded points.
 
         Raises:
-            WiringError: A drive channel has no input, an input has no source or two, units do not fit.
+            WiringError: A drive channel has no input, an input has no source or two sources, or units do not fit.
         """
         self._first_drive: list[float] = []
         if scenario.drive:
@@ -73,7 +74,7 @@ class Coupling:
         self.ahead: dict[str, float] = {}
 
     def feed_start(self, name: str) -> None:
-        """Set a component's inputs to their values at the start from the outputs at hand (0 where none yet)."""
+        """Set a component's inputs to their values at the start, from the known outputs (0 if not known yet)."""
         known = {source: self.now.get(source, 0.0) for feed in self.feeds[name] for source in _sources(feed)}
         drive = self._first_drive
         feeds = self.feeds[name]
@@ -81,11 +82,11 @@ class Coupling:
             self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
 
     def read(self, name: str) -> dict[str, float]:
-        """Return a component's connected outputs, and what else is read in every step, by full name."""
+        """Return a component's connected outputs, and its other variables read in every step, by full name."""
         return self._get(name, self.outputs[name])
 
     def read_recorded(self) -> dict[str, float]:
-        """Return all connected and recorded variables as they are now, by full name."""
+        """Return the current values of all connected and recorded variables, by full name."""
         values = dict(self.now)
         for name, names in self.recorded.items():
             values.update(self._get(name, names))
@@ -97,12 +98,12 @@ class Coupling:
         return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))
 
     def accept(self) -> None:
-        """Take what is ahead as what is now."""
+        """Make the values of `ahead` the current ones."""
         self.now.update(self.ahead)
         self.ahead.clear()
 
     def order(self) -> tuple[tuple[str, ...], bool]:
-        """Return the components so that direct terms come after what they follow, and whether that was possible."""
+        """Return the components sorted by their direct dependencies, and whether there is no dependency loop."""
         follows: dict[str, set[str]] = {name: set() for name in self.components}
         for name, feeds in self.feeds.items():
             direct = self.direct_inputs(name)
@@ -115,13 +116,13 @@ class Coupling:
             return tuple(self.components), False
 
     def direct_inputs(self, name: str) -> frozenset[str]:
-        """Return the inputs that reach, without delay, an output which feeds another component; any, if none does."""
+        """Return the inputs that connected outputs follow without delay; if no output is connected, use all outputs."""
         variables = self.components[name].variables
         outputs = [v for v in variables.values() if f"{name}.{v.name}" in self._connected] or list(variables.values())
         return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
 
     def held_inputs(self) -> frozenset[str]:
-        """Return the inputs that change over a step but are held in it, because their component cannot ramp them."""
+        """Return the inputs that change over a step but are held, because their component cannot ramp them."""
         return frozenset(
             f"{name}.{feed.target}"
             for name, feeds in self.feeds.items()
@@ -155,7 +156,7 @@ def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
         source, target = system.output(connection.source), system.input(connection.target)
         what = f"{connection.source} -> {connection.target}"
         conversion = convert_between(source.unit, target.unit, what)
-        # A term multiplies last: what is added behind the gain is in it before, divided by the gain.
+        # A term applies the gain last, so an offset that is added after the gain is divided by the gain here.
         offset = conversion.offset + connection.offset / connection.gain
         term = Term(connection.source, connection.gain, Conversion(conversion.factor, offset))
         terms.setdefault(connection.target, []).append(term)
@@ -181,7 +182,7 @@ def _feed(
 ) -> Feed:
     if target not in terms and target not in driven and target not in constants:
         raise WiringError(
-            f"{target} is an input without a source: connect it, give the drivefile a channel for it, or give it a "
+            f"{target} is an input without a source: connect it, give the drive file a channel for it, or give it a "
             "constant value (constants in Python, [components.NAME.inputs] in the file)"
         )
     channel, conversion = driven.get(target, (None, Conversion()))
@@ -190,22 +191,22 @@ def _feed(
 
 
 def _driven(system: System, scenario: Scenario) -> dict[str, tuple[int, Conversion]]:
-    """Return per driven input: the drive's channel and the conversion from its SI unit."""
+    """Return, for each driven input, the channel of the drive and the conversion from its SI unit."""
     if scenario.drive is None:
         return {}
     driven = {}
     for target, index in targets_of(system, scenario).items():
         channel, source = scenario.drive.names[index], named_unit(scenario.drive.units[index])
         unit = system.input(target).unit
-        driven[target] = (index, convert_between(source, unit, f"drivefile {channel} -> {target}"))
+        driven[target] = (index, convert_between(source, unit, f"drive file {channel} -> {target}"))
     return driven
 
 
 def targets_of(system: System, scenario: Scenario) -> dict[str, int]:
-    """Return the number of the drive's channel by the input that it goes to.
+    """Return the index of the drive's channel for each input that it feeds.
 
     Raises:
-        WiringError: There is no such channel, no one input for it, or two go to one input.
+        WiringError: A channel does not exist or does not match exactly one input, or two channels feed one input.
     """
     if scenario.drive is None:
         return {}
@@ -213,9 +214,9 @@ def targets_of(system: System, scenario: Scenario) -> dict[str, int]:
     found: dict[str, int] = {}
     for channel, target in targets.items():
         if channel not in scenario.drive.names:
-            raise WiringError(f"the drivefile has no channel {channel!r}; it has {', '.join(scenario.drive.names)}")
+            raise WiringError(f"the drive file has no channel {channel!r}; it has {', '.join(scenario.drive.names)}")
         if target in found:
-            raise WiringError(f"two channels of the drivefile go to {target}; keep one")
+            raise WiringError(f"two channels of the drive file feed {target}; keep one")
         found[target] = scenario.drive.names.index(channel)
     return found
 
@@ -227,9 +228,9 @@ def _only_input(system: System, channel: str) -> str:
         if (variable := component.variables.get(channel)) is not None and variable.causality == "input"
     ]
     if len(homes) != 1:
-        found = " and ".join(homes) or "none"
+        found = " and ".join(homes) or "no input"
         raise WiringError(
-            f"drivefile channel {channel!r}: {found} takes it; say where it goes: under [scenario.targets], "
+            f"drive file channel {channel!r} matches {found}; name its input: under [scenario.targets], "
             f'"{channel}" = "COMPONENT.INPUT"'
         )
     return homes[0]
@@ -240,5 +241,5 @@ def _check_drive(system: System, terms: Mapping[str, object], driven: Mapping[st
     for target in driven:
         if target in discrete or ((target in terms or target in system.constants) and target not in system.sums):
             raise WiringError(
-                f'{target} has two sources (the drivefile and another); remove one, or add "{target}" to sums'
+                f'{target} has two sources (the drive file and another); remove one, or add "{target}" to sums'
             )
