@@ -153,7 +153,7 @@ class GaussSeidel(_Explicit, _Sequenced):
 
     Args:
         sequence: Order of the components. If empty, it follows from the declared dependencies: a component whose
-            outputs follow an input without delay comes after the one that feeds it (the vehicle first, then its shocks).
+            outputs follow an input without delay comes after the one that feeds it (vehicle first, then its shocks).
         values: Coupling values of components that have not stepped: `extrapolated` with the last step's slope,
             `parabolic` with the slope and its change (third order, with a smaller stability limit), `interpolated` (a
             step late), or `held`. With `held`, known values are held too, at the newest value.
@@ -218,8 +218,8 @@ class Implicit(_Sequenced):
 class Adaptive:
     """Adaptive coupling step: each step is made once whole and once in halves, which must agree.
 
-    A proportional-integral controller sets the step. Steps end at recorded times, at the points of the drive file and at
-    the stop time. Every component must save and restore its state and accept steps of any size.
+    A proportional-integral controller sets the step. Steps end at recorded times, at points of the drive file and
+    at the stop time. Every component must save and restore its state and accept steps of any size.
 
     Args:
         scheme: Scheme of each step.

@@ -1,4 +1,4 @@
-"""The default: a scheme that suits the components, at a step for which successive runs agree."""
+"""Default algorithm: a scheme that suits the components, at a step for which successive runs agree."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from cosim.scenario import Scenario
 from cosim.system import System
 from eightpost.errors import DivergedError, InputError
 
-#: Largest first coupling step [s]: twice what suits race cars and their shocks (docs/coupling.md).
+#: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/coupling.md).
 FIRST_STEP = 2e-3
 
-#: After so many runs that diverged or whose bonds' local errors were too large, Implicit replaces Gauss-Seidel.
+#: Number of runs that diverged or had too large local errors after which Implicit replaces Gauss-Seidel.
 _FAILED_RUNS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Automatic:
-    """Gauss-Seidel, or Implicit where that is not stable, at a step for which successive runs agree.
+    """Gauss-Seidel, or Implicit if that is not stable, at a step for which successive runs agree.
 
-    The step halves from run to run. The differences between the runs give the error of the last one per channel
-    (`Result.stated_error`; cosim.error_estimate). The tolerance is met where the worst stated error is within it and
+    The step is halved from run to run. The differences between the runs give the error of the last one per channel
+    (`Result.stated_error`; cosim.error_estimate). The tolerance is met if the largest stated error is within it and
     the local errors of all bonds are small in the last two runs. The last run is the result.
 
     Args:
@@ -47,7 +47,7 @@ class Automatic:
             )
 
 
-#: By the names that the command line and system files use.
+#: Algorithms by the names that the command line and system files use.
 SCHEMES: Mapping[str, Algorithm | Automatic] = {"default": Automatic(), **ALGORITHMS}
 
 
@@ -57,7 +57,7 @@ def default_scheme(name: str = "gauss-seidel") -> GaussSeidel | Implicit:
 
 
 def can_repeat_steps(system: System) -> bool:
-    """Whether every component can save and restore its state."""
+    """Return whether every component can save and restore its state."""
     return all(c.capabilities.state for c in system.components.values())
 
 
@@ -101,7 +101,7 @@ def run_default_at_step(
 
 
 class _Refinement:
-    """Runs of one system at steps that halve from one to the next."""
+    """Runs of one system at steps that are halved from one run to the next."""
 
     def __init__(
         self,
@@ -146,7 +146,7 @@ class _Refinement:
             self._parts *= 2
 
     def _run(self) -> DivergedError | None:
-        """Make one run and compare it with the one before; return why it diverged, if it did."""
+        """Make one run and compare it with the one before; return the error if it diverged."""
         try:
             run = self._dense.run(self._scheme, self._step)
         except DivergedError as error:
@@ -166,7 +166,7 @@ class _Refinement:
         self._runs, self._comparisons = [], []
 
     def _takes_implicit(self) -> bool:
-        """Replace Gauss-Seidel, at the same step, where all components can repeat steps."""
+        """Replace Gauss-Seidel at the same step if all components can repeat steps; return whether it was replaced."""
         if isinstance(self._scheme, Implicit) or not can_repeat_steps(self._system):
             return False
         self._scheme = default_scheme("implicit")
@@ -190,7 +190,7 @@ class _Refinement:
         return 0.5 * self._step < self._request.least * (1.0 - 1e-9)
 
     def _final(self) -> Result:
-        """The last run, with how it was found and whether the tolerance was met."""
+        """Return the last run, with notes on the runs and on whether the tolerance was met."""
         run, worst = self._runs[-1], self._worst
         values = "" if isinstance(self._scheme, Implicit) else f" with {self._scheme.values} values"
         notes: tuple[str, ...] = (
@@ -200,8 +200,8 @@ class _Refinement:
         if not self._is_met():
             notes += (
                 f"the stated coupling error of {worst:.2g} % does not meet the tolerance of "
-                f"{self._request.tolerance:g} %, and no step below {self._request.least * 1e3:g} ms was tried: allow "
-                "a smaller step, or a larger tolerance",
+                f"{self._request.tolerance:g} %, and steps below {self._request.least * 1e3:g} ms were not tried: "
+                "allow a smaller step, or a larger tolerance",
             )
         final = self._dense.final(run)
         return replace(

@@ -1,4 +1,4 @@
-"""What the master asks of a component, whether it is an FMU or a function in a test."""
+"""Protocol of a component for the master, whether it is an FMU or a Python object."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ DISCRETE = ("Integer", "Boolean", "Enumeration")
 
 @dataclass(frozen=True, slots=True)
 class UnitDefinition:
-    """A unit as the component itself defines it: `SI value = factor * value + offset` in the base units given.
+    """Unit as defined by the component: `SI value = factor * value + offset` in the given base units.
 
     Args:
-        name: As the component writes it.
-        exponents: Of kg, m, s, A, K, mol, cd, rad; zeros left out.
-        factor: To the SI base units.
-        offset: To the SI base units.
+        name: Name in the component's description.
+        exponents: Exponents of kg, m, s, A, K, mol, cd, rad; zeros omitted.
+        factor: Factor to the SI base units.
+        offset: Offset to the SI base units.
     """
 
     name: str
@@ -32,15 +32,15 @@ class Variable:
     """One variable of a component.
 
     Args:
-        name: Of the variable.
+        name: Name of the variable.
         causality: input, output, parameter, local ...
         variability: continuous, tunable, fixed ...
         type: Real, Integer, Boolean, Enumeration or String.
-        unit: None where the component states none.
-        start: Its default.
-        minimum: Least value that it states to accept.
-        maximum: Greatest value that it states to accept.
-        direct: Of an output: the inputs that it follows without delay.
+        unit: Unit; None if the component states none.
+        start: Default value.
+        minimum: Declared minimum value.
+        maximum: Declared maximum value.
+        direct: Inputs that an output follows without delay; empty for other variables.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What a component can do beyond stepping with held inputs."""
+    """Abilities of a component beyond stepping with held inputs."""
 
     interpolates_inputs: bool = False
     variable_step: bool = True
@@ -64,7 +64,7 @@ class Capabilities:
 
 
 class Component(Protocol):
-    """A stepped substructure. Values are in the component's own units, in the order of the names asked for."""
+    """Component that is stepped. Values are in the component's own units, in the order of the requested names."""
 
     @property
     def variables(self) -> Mapping[str, Variable]:
@@ -72,37 +72,37 @@ class Component(Protocol):
 
     @property
     def capabilities(self) -> Capabilities:
-        """What it can do."""
+        """Abilities of the component."""
 
     @property
     def identity(self) -> str:
-        """What tells this component from another of the same name: an FMU's GUID."""
+        """Identification that distinguishes components of the same name: the FMU's GUID."""
 
     @property
     def source(self) -> str:
-        """Where it came from: an FMU's file name."""
+        """Origin of the component: the FMU's file name."""
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What it warned about since it began, each once."""
+        """Warnings since the run began, each once."""
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Make ready and enter initialization, with parameters set. Times in s."""
+        """Begin a run and enter initialization, with parameters set. Times in s."""
 
     def end_initialization(self) -> None:
-        """Leave initialization: from here on it steps."""
+        """Leave initialization; steps may follow."""
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set inputs; numbers also for what is Integer, Boolean (1 is true) or an enumeration."""
+        """Set inputs. Integer, Boolean (1 is true) and enumeration values are numbers too."""
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set the time derivatives of real inputs, for the next step; only where `interpolates_inputs`."""
+        """Set the time derivatives of real inputs for the next step; only if `interpolates_inputs`."""
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return variables; numbers also for what is Integer, Boolean (1 is true) or an enumeration."""
+        """Return variables. Integer, Boolean (1 is true) and enumeration values are numbers too."""
 
     def step(self, time: float, step: float) -> None:
         """Advance from `time` by `step` [s]."""
 
     def finish(self) -> None:
-        """End the run and free what it held. May be called at any time, and twice."""
+        """End the run and free its resources. It may be called at any time, and twice."""

@@ -1,4 +1,4 @@
-"""Runs of one system that are to be compared: recorded at every coupling step, with all channels that decide."""
+"""Runs of one system for comparison: recorded at every coupling step, with all channels that decide on the error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cosim.session import RunInterrupted, Session
 from cosim.system import System
 from eightpost.signals import TimeSeries
 
-#: A run with more values than this is not recorded at every step [1]: 160 MB.
+#: Largest number of values of a run that is recorded at every step [1]: 160 MB.
 _MOST_VALUES = 20_000_000
 
 
@@ -27,8 +27,8 @@ class DenseRuns:
         system: Components and connections.
         scenario: Scenario with the channels that the final result has to record.
         record_step: Time between samples of the final result [s].
-        engine: Engine of the loop, as for `cosim.run`.
-        progress: Called with the share of each run that is done.
+        engine: Engine of the loop; see `cosim.run`.
+        progress: Callback that receives the completed share of each run.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class DenseRuns:
         Raises:
             DivergedError: The coupling diverged.
             StepError: A component failed.
-            RunInterrupted: Ctrl-C; it holds the result so far.
+            RunInterrupted: Ctrl-C was pressed; the exception holds the result so far.
         """
         every = self._record_step if isinstance(scheme, Adaptive) else self._dense_step(step)
         scenario = replace(self._scenario, record=self._all_names, record_step=every)
@@ -67,7 +67,7 @@ class DenseRuns:
         return result
 
     def _dense_step(self, step: float) -> float:
-        """Every step, or, where that gives too many values, a multiple of it that divides the record step [s]."""
+        """Return the step or, if that gives too many values, a multiple of it that divides the record step [s]."""
         multiple = max(1, ceil(len(self._all_names) * self._scenario.stop / step / _MOST_VALUES))
         parts = round(self._record_step / step)
         if parts >= 1 and abs(parts * step - self._record_step) < 1e-9 * self._record_step:
@@ -75,7 +75,7 @@ class DenseRuns:
         return multiple * step
 
     def final(self, run: Result) -> Result:
-        """Return one of the runs with the samples and channels that the scenario asks for, and the cost of all runs."""
+        """Return a run with the samples and channels that the scenario selects, and with the cost of all runs."""
         return replace(
             run,
             series=self._thinned(run.series),

@@ -12,7 +12,7 @@ from eightpost.signals import TimeSeries
 
 Signal = TypeVar("Signal", bound=Hashable)
 
-#: Smallest scale of a channel by SI unit: far below what a sensor resolves. A signal at rest is judged by it.
+#: Smallest scale of a channel by SI unit, far below the resolution of sensors; used for a signal at rest.
 FLOORS: Mapping[str, float] = {"m/s": 1e-6, "m": 1e-8, "N": 1e-3, "m/s2": 1e-3}
 
 #: Smallest scale of a channel whose unit has no floor above.
@@ -23,10 +23,10 @@ _SHARE_OF_LARGEST = 1e-2
 
 
 def scales(series: TimeSeries) -> dict[str, float]:
-    """Return per channel what percentages of it refer to, in its SI unit.
+    """Return the scale of each channel, to which its percentages refer, in its SI unit.
 
-    The standard deviation; at least 1 % of the largest standard deviation among channels of that unit, and at least the
-    unit's floor. A signal that hardly moves beside others of its kind is judged by theirs.
+    The scale is the standard deviation; at least 1 % of the largest standard deviation among channels of that unit, and
+    at least the unit's floor. A signal that is nearly at rest therefore gets a scale from other signals of its unit.
     """
     spread = {name: float(np.std(series[name])) for name in series.names}
     return judged_by(spread, {name: series.unit(name) for name in series.names})
@@ -42,7 +42,7 @@ def judged_by(spread: Mapping[Signal, float], units: Mapping[Signal, str]) -> di
     largest: dict[str, float] = {}
     for name, value in spread.items():
         largest[units[name]] = max(value, largest.get(units[name], 0.0))
-    largest["1"] = 0.0  # signals without a unit need not be of one kind
+    largest["1"] = 0.0  # signals without a unit may be of different kinds
     return {
         name: max(value, _SHARE_OF_LARGEST * largest[units[name]], FLOORS.get(units[name], _OTHER_FLOOR))
         for name, value in spread.items()
@@ -50,11 +50,11 @@ def judged_by(spread: Mapping[Signal, float], units: Mapping[Signal, str]) -> di
 
 
 def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:
-    """Return per channel of both the root mean square of their difference, in percent of the finer one's scale.
+    """Return the root mean square difference of each channel that both have, in percent of the finer run's scale.
 
     Args:
         coarse: Series of one run, without its settling time.
-        fine: Series of the finer run; compared at the times that both have, infinite where they have none.
+        fine: Series of the finer run. Times of both runs are compared; the result is infinite without such times.
     """
     names = [name for name in fine.names if name in coarse.names]
     first, second = _common(coarse.time, fine.time)
@@ -68,6 +68,6 @@ def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:
 
 
 def _common(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Return where two time axes have the same time, but for rounding."""
+    """Return the indices of times that two time axes have in common, except for rounding."""
     _, a, b = np.intersect1d(np.round(first, 12), np.round(second, 12), assume_unique=True, return_indices=True)
     return a, b

@@ -1,7 +1,8 @@
-"""Integer, Boolean and enumeration variables: exchanged at coupling points, held over each step, and recorded.
+"""Integer, Boolean and enumeration variables: exchanged at communication points, held over each step, and recorded.
 
-The loop over coupling steps knows Real variables only. What is discrete goes past it: before each step every source is
-read and every input set that has changed, so that all components see the values of the same coupling point.
+The loop over coupling steps handles Real variables only. Discrete variables are exchanged outside it: before each step
+every source is read and every changed input is set, so that all components see the values of the same communication
+point.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from cosim.scenario import Scenario
 from cosim.system import System
 from eightpost.signals import Drivefile
 
-#: Times at which the coupled start is looked for anew because a discrete value has changed.
+#: Maximum number of solutions of the equilibrium start, which is repeated if a discrete value has changed.
 _ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """An output that sets an input: `input = factor * output + offset`, rounded where the input is no Real."""
+    """Output that sets an input: `input = factor * output + offset`, rounded if the input is not Real."""
 
     source: str
     target: Variable
@@ -37,14 +38,14 @@ class _Link:
 
 @dataclass
 class DiscreteExchange:
-    """What is discrete in a system, and the values that it has now.
+    """Discrete variables of a system, and their current values.
 
     Args:
-        components: All of them.
-        links: By input, as `component.variable`.
-        driven: Channel of the drive by discrete input.
+        components: All components by name.
+        links: Link of each connected input, named `component.variable`.
+        driven: Channel of the drive and type of each driven discrete input.
         names: Discrete variables to record.
-        drive: The scenario's.
+        drive: Drive of the scenario.
         drive_start: Time in the drive at which the run starts [s].
     """
 
@@ -59,7 +60,7 @@ class DiscreteExchange:
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, names: Iterable[str]) -> DiscreteExchange:
-        """Find what a system couples, drives and records that the loop does not know."""
+        """Collect the discrete variables that a system couples, drives and records."""
         driven = {
             target: (index, system.input(target).type)
             for target, index in targets_of(system, scenario).items()
@@ -70,7 +71,7 @@ class DiscreteExchange:
 
     @property
     def is_coupled(self) -> bool:
-        """Whether inputs are to be set before each step."""
+        """Whether inputs must be set before each step."""
         return bool(self.links or self.driven)
 
     @property
@@ -84,7 +85,7 @@ class DiscreteExchange:
         self._set.clear()
 
     def settle(self, solve: Callable[[], None]) -> bool:
-        """Find the coupled start with `solve` until no discrete value changes; return whether that came to an end."""
+        """Call `solve` for the equilibrium start until no discrete value changes; return whether that was reached."""
         self.exchange(0.0)
         for _ in range(_ROUNDS):
             solve()
@@ -93,19 +94,19 @@ class DiscreteExchange:
         return False
 
     def exchange(self, time: float) -> bool:
-        """Set every input whose source has changed by `time` [s]; return whether there was one."""
+        """Set every input whose source has changed at `time` [s]; return whether there was one."""
         if not self.is_coupled:
             return False
         known = self._read(link.source for link in self.links.values())
-        wanted = {target: link(known[link.source]) for target, link in self.links.items()} | self._driven_at(time)
-        changed = {target: value for target, value in wanted.items() if self._set.get(target) != value}
+        current = {target: link(known[link.source]) for target, link in self.links.items()} | self._driven_at(time)
+        changed = {target: value for target, value in current.items() if self._set.get(target) != value}
         for name, inputs in _by_component(changed).items():
             self.components[name].set(inputs, [changed[f"{name}.{variable}"] for variable in inputs])
         self._set |= changed
         return bool(changed)
 
     def record(self, rows: int) -> None:
-        """Keep a row of what is recorded, where the loop has one more (`rows`) than there are here."""
+        """Record a row of discrete values if the loop has recorded more rows (`rows`) than this object."""
         if self.names and rows > len(self.rows):
             known = self._read(self.names)
             self.rows.append([known[name] for name in self.names])
@@ -118,7 +119,7 @@ class DiscreteExchange:
         }
 
     def _driven_at(self, time: float) -> dict[str, float]:
-        """What the drive sets: its last sample until `time`, since between two of them there is no value."""
+        """Return the inputs that the drive sets, at its latest sample; discrete values are not interpolated."""
         if self.drive is None or not self.driven:
             return {}
         series = self.drive.series
@@ -128,25 +129,25 @@ class DiscreteExchange:
 
 
 def as_type(kind: str, value: float) -> float:
-    """Return a number as a variable of a type takes it: a Boolean is true unless 0, integers are the nearest."""
+    """Return a number converted to a variable's type: a Boolean is true unless 0, integers are rounded."""
     if kind == "Boolean":
         return float(value != 0.0)
     return value if kind == "Real" else float(round(value))
 
 
 def _links(system: System) -> dict[str, _Link]:
-    found = {}
+    links = {}
     for connection in system.discrete_connections:
         source, target = system.output(connection.source), system.input(connection.target)
         unit = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
         factor, offset = connection.gain * unit.factor, connection.gain * unit.offset + connection.offset
-        found[connection.target] = _Link(connection.source, target, factor, offset)
-    return found
+        links[connection.target] = _Link(connection.source, target, factor, offset)
+    return links
 
 
 def _by_component(names: Iterable[str]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    variables: dict[str, list[str]] = {}
     for name in names:
         component, _, variable = name.partition(".")
-        found.setdefault(component, []).append(variable)
-    return found
+        variables.setdefault(component, []).append(variable)
+    return variables

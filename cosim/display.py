@@ -1,4 +1,4 @@
-"""Units in which results are shown."""
+"""Units for display of results."""
 
-#: SI unit -> what a race engineer reads on an axis.
+#: Display unit for each SI unit.
 DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}

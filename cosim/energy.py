@@ -1,10 +1,10 @@
-"""The energy that a bond creates or loses because its two ends see different values within a step."""
+"""Energy that a bond creates or loses because its two ends see different values within a step."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Residual, as a share of the energy transferred, from which a run deserves a second one at half the step.
+#: Residual, as a share of the energy transferred, above which a second run at half the step is recommended.
 DOUBTFUL = 1e-2
 
 #: Largest residual, as a share of the energy transferred, of a result that can be used. With ramped values the residual
@@ -17,8 +17,8 @@ class BondEnergy:
     """Energy through one bond over a run.
 
     Args:
-        residual: Energy given at the velocity end less energy taken at the force end [J]; 0 in exact coupling.
-        transferred: Sum of the magnitudes of the energy taken at the force end in each step [J].
+        residual: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
+        transferred: Sum of the magnitudes of the energy received at the force end in each step [J].
     """
 
     residual: float
@@ -26,10 +26,10 @@ class BondEnergy:
 
     @property
     def relative(self) -> float:
-        """The residual as a share of the energy transferred [1]."""
+        """Residual as a share of the energy transferred [1]."""
         return self.residual / self.transferred if self.transferred else 0.0
 
     @property
     def acceptable(self) -> bool:
-        """Whether the coupling neither makes nor loses more than 5 % of the energy that goes through it."""
+        """Whether the coupling adds or loses at most 5 % of the energy transferred."""
         return abs(self.relative) <= LIMIT

@@ -1,4 +1,4 @@
-"""The coupled start: inputs and outputs that agree in initialization mode, before t = 0."""
+"""Equilibrium start: inputs and outputs that agree in initialization mode, before t = 0."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """How the coupled start was found.
+    """Status of the equilibrium start.
 
     Args:
         converged: Whether every connection agrees to 1e-9 of its size.
-        sweeps: Times that all components were evaluated.
-        residual: Largest disagreement left, relative to its connection's size.
+        sweeps: Number of evaluations of all components.
+        residual: Largest remaining disagreement, relative to its connection's size.
     """
 
     converged: bool
@@ -32,8 +32,8 @@ class Equilibrium:
 def solve_equilibrium(coupling: Coupling, order: tuple[str, ...]) -> Equilibrium:
     """Make inputs and outputs agree in initialization mode, gas force included; leave the outputs in `coupling.now`.
 
-    First by sweeping through the components, which is all that weak springs across a bond need; where that does not
-    settle, by a Newton-like solve on the connected outputs (MINPACK's hybrd).
+    The components are evaluated one after the other first, which is sufficient for weak springs across a bond. If this
+    does not converge, the connected outputs are solved for by a Newton-like method (MINPACK's hybrd).
     """
     names = _connected(coupling)
     _sweep(coupling, order)
@@ -70,7 +70,7 @@ def _connected(coupling: Coupling) -> list[str]:
 
 
 def _sweep(coupling: Coupling, order: tuple[str, ...]) -> None:
-    """Evaluate the components one after the other, each with what is newest."""
+    """Evaluate the components one after the other, each with the newest values."""
     for name in order:
         coupling.feed_start(name)
         coupling.now.update(coupling.read(name))

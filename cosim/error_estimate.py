@@ -13,17 +13,17 @@ from cosim.result import Coupled, Result
 #: Smallest order that the error is assumed to have [1].
 _SLOWEST = 0.38
 
-#: Largest order that the error is assumed to have [1], where the channel's differences showed at least that, and where
-#: only the bonds' local errors did: a difference may fall fast by chance.
+#: Largest order that the error is assumed to have [1]: if the channel's differences showed at least that, and if only
+#: the bonds' local errors did, because a difference may fall fast by chance.
 _FASTEST, _FASTEST_UNSEEN = 2.0, 1.5
 
-#: Order of all that is coupled with a component that holds its inputs [1].
+#: Order of everything coupled with a component that holds its inputs [1].
 _OF_HELD = 1.0
 
-#: A difference counts at least as this share of the one before [1]: it may be small by chance.
+#: Smallest value of a difference as a share of the one before [1], because it may be small by chance.
 _LUCK = 1.0 / 8.0
 
-#: Local errors below this share of the largest say nothing about the order [1].
+#: Local errors below this share of the largest one are not used for the order [1].
 _NEGLIGIBLE = 1e-2
 
 
@@ -54,13 +54,13 @@ def compare(coarse: Result, fine: Result) -> Comparison:
 def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) -> dict[str, float]:
     """Return per channel the coupling error of the finest run, in percent of the channel's scale.
 
-    The last difference over 2^p - 1. The order p is the smallest that the last comparisons showed: of the channel's
-    differences, and of the bonds' local errors. It is at least 0.38, at most 2 where the channel's differences
-    were compared, else at most 1.5; 1 where nothing was observed; at most 1 beside a component that holds its inputs.
+    The error is the last difference divided by 2^p - 1. The order p is the smallest that the last comparisons showed,
+    from the channel's differences and from the bonds' local errors. It is at least 0.38, at most 2 if the channel's
+    differences were compared, else at most 1.5; 1 if nothing was observed; at most 1 for a channel of `held`.
 
     Args:
         comparisons: Comparisons of runs at steps that halve, the coarsest first; at least one.
-        held: Components that hold their inputs, and all that are coupled with them.
+        held: Components that hold their inputs, and all components coupled with them.
     """
     return {name: _stated(name, comparisons, held) for name in comparisons[-1].difference}
 
@@ -88,7 +88,7 @@ def _orders_seen(differences: Sequence[float], comparisons: Sequence[Comparison]
 
 
 def _local_order(coarse: Mapping[str, Coupled], fine: Mapping[str, Coupled]) -> float | None:
-    """The smallest order at which a bond's local error fell, among those that are not negligible."""
+    """Return the smallest order at which a bond's local error fell, among the errors that are not negligible."""
     pairs = [(coarse[name].percent, fine[name].percent) for name in fine if name in coarse]
     largest = max((after for _, after in pairs), default=0.0)
     orders = [log2(before / after) for before, after in pairs if after > _NEGLIGIBLE * largest and before > 0.0]

@@ -38,17 +38,18 @@ _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
 class FmuComponent(OpenedFmu):
-    """One instance of an FMU in this process; names are resolved once per set of names, so that stepping costs little.
+    """One instance of an FMU in this process. Names are resolved once per set of names, so that stepping is fast.
 
     The instance of an FMU that this project built is kept after a run and reset for the next one; that of any other is
-    freed after each run and made anew for the next. An FMU that crashes ends this process, one that hangs holds it up:
-    see IsolatedComponent.
+    freed after each run and created again for the next. An FMU that crashes ends this process, and an FMU that hangs
+    blocks it: see IsolatedComponent.
 
     Args:
-        path: The .fmu file.
+        path: FMU file (.fmu).
         name: Name of the component.
-        compile_missing: Whether to compile the FMU's sources where it has no binary for this platform.
-        folder: Where the FMU is unpacked already; None unpacks it into a temporary folder, once for all components.
+        compile_missing: Whether to compile the FMU's sources if it has no binary for this platform.
+        folder: Folder in which the FMU is unpacked already; None unpacks it into a temporary folder, shared by all
+            components of this FMU.
 
     Raises:
         FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
@@ -67,61 +68,61 @@ class FmuComponent(OpenedFmu):
         self._log = FmuLog(name, fmu.names_in_log, fmu.folder)
         super().__init__(fmu, name, self._log.messages)
         self._instance = FmuInstance(fmu, name, self._log, shared)
-        # Frees all: with the component, with the interpreter, or on call; a component may begin more than once.
+        # close() releases everything: on call, or when the component or the interpreter ends; runs may precede it.
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
         self._references = fmu.references
         self._arrays: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = {}
         self._slave: Any = None
         self._steps = self._begun = False
-        # In a process of its own there is nothing that others share.
+        # In its own process it shares nothing with other components.
         self._guarded = folder is None and not fmu.is_ours
         self._surroundings = Surroundings.now()
 
     @property
     def usable(self) -> bool:
-        """False after fmi2Fatal: then nothing of the FMU in this process may be called any more."""
+        """False after fmi2Fatal: then no function of this FMU may be called in this process."""
         return not self._instance.dead
 
     @property
     def is_guarded(self) -> bool:
-        """Whether it is watched for ending this process or changing what it shares with others."""
+        """Whether the FMU is checked for ending this process or changing state shared with others."""
         return self._guarded
 
     def blame(self, changed: str) -> None:
-        """Note that it changed what it shares with others, as `changed` says; that is undone."""
+        """Record that the FMU changed shared state, described by `changed`; the change has been undone."""
         self._changed[f"it changed {changed}; that was undone"] = None
 
     def functions(self) -> FunctionTable:
         """Return the addresses of the running instance's functions, for the loop.
 
         Raises:
-            StepError: It has not begun.
+            StepError: The component has not begun.
         """
         self._running()
         return self._instance.functions(self._references)
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
-        """Return the error for a call that the loop made and the FMU refused, and treat the instance accordingly.
+        """Return the error for a call of the loop that the FMU refused, and handle the instance accordingly.
 
         Args:
-            what: The call, as what it failed to do: "step", "set inputs".
-            status: What it returned, an fmi2Status.
-            time: At which the step begins [s].
-            inputs: Values that it was given, in its own units.
+            what: Name of the failed call: "step", "set inputs".
+            status: fmi2Status that the FMU returned.
+            time: Time at which the step begins [s].
+            inputs: Input values of the call, in the FMU's own units.
         """
         self._stand(time, self._inputs | dict(inputs))
         return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Make an instance, or reset the last run's where it is kept, set parameters, set up and enter initialization.
+        """Create an instance, or reset the last run's if it was kept, set parameters and enter initialization.
 
         Args:
             start: Time at which the run starts [s].
-            stop: Time at which it ends [s].
-            parameters: Values by name, in its own units.
+            stop: Time at which the run ends [s].
+            parameters: Values by name, in the FMU's own units.
 
         Raises:
-            StepError: It cannot be loaded or instantiated, refuses a value, or failed fatally before.
+            StepError: The FMU cannot be loaded or instantiated, refuses a value, or failed fatally before.
         """
         self.finish()
         self._stand(start, {})
@@ -139,7 +140,7 @@ class FmuComponent(OpenedFmu):
         """Leave initialization mode.
 
         Raises:
-            StepError: It has not begun, or refuses.
+            StepError: The component has not begun, or the FMU refuses the call.
         """
         self._call_without_error("leave initialization", self._running().exitInitializationMode)
         self._steps = True
@@ -149,11 +150,11 @@ class FmuComponent(OpenedFmu):
         """Set inputs of any type but String.
 
         Args:
-            names: Of the inputs (N,).
+            names: Names of the inputs (N,).
             values: Values of the variables (N,), in the FMU's own units; 1 is true.
 
         Raises:
-            StepError: It has not begun, or refuses a value.
+            StepError: The component has not begun, or the FMU refuses a value.
         """
         slave = self._running()
         self._inputs.update(zip(names, values, strict=True))
@@ -166,11 +167,11 @@ class FmuComponent(OpenedFmu):
         """Set first derivatives of real inputs, for the next step.
 
         Args:
-            names: Of the inputs (N,).
-            values: Their derivatives (N,), in its own units per second.
+            names: Names of the inputs (N,).
+            values: Derivatives of the inputs (N,), in the FMU's own units per second.
 
         Raises:
-            StepError: It has not begun, or refuses (`capabilities.interpolates_inputs`).
+            StepError: The component has not begun, or the FMU refuses the call (`capabilities.interpolates_inputs`).
         """
         slave = self._running()
         (part,), count = self._buffers(names), len(names)
@@ -179,10 +180,10 @@ class FmuComponent(OpenedFmu):
         self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return the values (N,) of variables (N,) of any type but String, in its own units; 1 is true.
+        """Return the values (N,) of variables (N,) of any type but String, in the FMU's own units; 1 is true.
 
         Raises:
-            StepError: It has not begun, or refuses.
+            StepError: The component has not begun, or the FMU refuses the call.
         """
         slave, values = self._running(), [0.0] * len(names)
         for part in self._buffers(names):
@@ -193,10 +194,10 @@ class FmuComponent(OpenedFmu):
         return values
 
     def step(self, time: float, step: float) -> None:
-        """Do one step from `time` by `step` [s]; where no state is saved, its end is a point of no return.
+        """Make one step from `time` by `step` [s]; if no state is saved, tell the FMU that it will not be repeated.
 
         Raises:
-            StepError: It has not begun, or refuses the step.
+            StepError: The component has not begun, or the FMU refuses the step.
         """
         slave = self._running()
         self._time = time
@@ -205,10 +206,10 @@ class FmuComponent(OpenedFmu):
         self._time = time + step
 
     def save(self) -> object:
-        """Return its state now, for `restore`; `free` it, or it is freed with the end of the run.
+        """Return the current state, for `restore`; it is freed by `free` or at the end of the run.
 
         Raises:
-            StepError: It has not begun, cannot save its state (`capabilities.state`), or fails to.
+            StepError: The component has not begun, or the FMU cannot save its state (`capabilities.state`) or fails to.
         """
         slave = self._running()
         if not self.capabilities.state:
@@ -220,17 +221,17 @@ class FmuComponent(OpenedFmu):
         return state
 
     def restore(self, state: object) -> None:
-        """Go back to a state that `save` returned; it stays good for more.
+        """Restore a state that `save` returned; the state remains valid.
 
         Raises:
-            StepError: It has not begun, the state is not one of this run, or it fails to.
+            StepError: The component has not begun, the state is not one of this run, or the call fails.
         """
         slave, known = self._running(), self._known(state)
         self._call("restore a state", slave.fmi2SetFMUstate, slave.component, known.pointer)
         self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Give a state back; its memory serves the next `save`.
+        """Free a state; its memory is used by the next `save`.
 
         Raises:
             StepError: The state is not one of this run.
@@ -240,7 +241,7 @@ class FmuComponent(OpenedFmu):
         self._instance.spare.append(known.pointer)
 
     def finish(self) -> None:
-        """Terminate, and free the instance unless it may be reset for the next `begin`."""
+        """Terminate, and free the instance unless it can be reset for the next `begin`."""
         slave, self._slave = self._slave, None
         steps, self._steps = self._steps, False
         if slave is not None:
@@ -249,7 +250,7 @@ class FmuComponent(OpenedFmu):
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
-        """Say who is called, and undo what the call changes of what all share."""
+        """Record which FMU is called, and undo the changes of the call to shared state."""
         if not self._guarded:
             yield
             return
@@ -276,26 +277,26 @@ class FmuComponent(OpenedFmu):
             return self._instance.ready()
         except EightpostError:
             raise
-        except Exception as error:  # fmpy raises bare Exceptions where it cannot load or instantiate
+        except Exception as error:  # fmpy raises bare Exceptions if it cannot load or instantiate
             raise self._failure("failed to instantiate", f"{error}.", self._advice_on_instantiation()) from error
         finally:
             self._begun = True
 
     def _advice_on_instantiation(self) -> str:
         if self._fmu.needs_tool:
-            return "install the tool that made it: it cannot run without (needsExecutionTool)"
+            return "install the tool that made it; the FMU cannot run without it (needsExecutionTool)"
         if self._begun and not self._fmu.is_ours:
             return (
-                "a process may be able to make one instance of it only: run it in processes of its own: --isolate, "
+                "some FMUs allow only one instance per process: run it in processes of its own: --isolate, "
                 "IsolatedComponent"
             )
         return ""
 
     def _limit_log(self) -> None:
-        """From here on log only what goes wrong: a debug message in every step would cost more than the step."""
-        wanted = sorted(self._fmu.log_categories & _REASONS)
-        with suppress(fmi1.FMICallException):  # an FMU without such a switch runs on
-            self._slave.setDebugLogging(bool(wanted), wanted)
+        """Log only warnings and errors from here on: a debug message in every step would cost more than the step."""
+        categories = sorted(self._fmu.log_categories & _REASONS)
+        with suppress(fmi1.FMICallException):  # an FMU without this function keeps its log as it is
+            self._slave.setDebugLogging(bool(categories), categories)
 
     def _set_parameter(self, name: str, value: float | bool | str) -> None:
         kind, references = self.variables[name].type, [self._references[name]]
@@ -309,7 +310,7 @@ class FmuComponent(OpenedFmu):
             self._slave.setInteger(references, [int(value)])
 
     def _buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
-        """Return memory for values, by the types that the names have."""
+        """Return buffers for the values, grouped by the types of the names."""
         key = tuple(names)
         if key not in self._arrays:
             types = {name: self.variables[name].type for name in key}
@@ -322,18 +323,18 @@ class FmuComponent(OpenedFmu):
                 function(*arguments, **options)
         except fmi1.FMICallException as error:
             raise self._refusal(what, error.status, error.function) from error
-        except (OSError, AttributeError) as error:  # Windows raises OSError where an FMU touches memory it must not
+        except (OSError, AttributeError) as error:  # Windows raises OSError if an FMU accesses invalid memory
             raise self._failure(f"failed to {what}", f"{error}.") from error
 
     def _call_without_error(self, what: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call where an error in the log counts too: some FMUs (PythonFMU's) can say it nowhere else."""
+        """Make a call that also fails if the FMU logs an error: some FMUs (PythonFMU's) report it nowhere else."""
         errors = self._log.errors
         self._call(what, function, *arguments)
         if self._log.errors > errors:
             raise self._failure(f"failed to {what}", "it logged an error.")
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
-        """What an FMI status above a warning means, and what may still be called after it."""
+        """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
         why, to_do, terminated = returned(status, function), advice(status), False
         if status == DISCARD:
             to_do = "its inputs may be out of its range"
@@ -353,15 +354,15 @@ class FmuComponent(OpenedFmu):
         return failure
 
     def _discarded(self) -> tuple[str, str, bool]:
-        """Return how far a step came, what to do, and whether the FMU wants no more steps."""
+        """Return how far a step came, what to do, and whether the FMU ended the simulation."""
         reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
         slave = self._slave
         with suppress(Exception):
             slave.fmi2GetRealStatus(slave.component, _LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
         with suppress(Exception):
             slave.fmi2GetBooleanStatus(slave.component, _TERMINATED, ctypes.byref(ended))
-        until = f" It came to {reached.value:g} s." if reached.value == reached.value else ""
+        until = f" It reached {reached.value:g} s." if reached.value == reached.value else ""
         if ended.value:
-            to_do = "end the run before, or see why it ends"
-            return f"{until} It wants to end the simulation (fmi2Terminated).", to_do, True
+            to_do = "end the run before that time, or find out why it ends"
+            return f"{until} It ended the simulation (fmi2Terminated).", to_do, True
         return until, "take a smaller coupling step", False

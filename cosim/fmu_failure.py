@@ -1,4 +1,4 @@
-"""What a refused FMI call means, in words: which component, when, why, with what inputs, and what to do."""
+"""Texts for failed FMI calls: the component, the time, the cause, the inputs, and what to do."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
 
 _NAMES = {DISCARD: "fmi2Discard", ERROR: "fmi2Error", FATAL: "fmi2Fatal", PENDING: "fmi2Pending"}
 _ADVICE = {
-    ERROR: "its inputs may be out of its range or the coupling step too large for it; it may begin again",
-    FATAL: "it is not called again in this process; load it anew for another run, and tell its maker",
+    ERROR: "its inputs may be out of its range or the coupling step too large for it; it can be started again",
+    FATAL: "it is not called again in this process; load it again for another run, and report the fault to its maker",
     PENDING: (
         "it steps in the background (canRunAsynchronuously), and this master waits for each step: ask its maker for "
-        "one that ends a step before doStep returns"
+        "an FMU that completes a step before doStep returns"
     ),
 }
 _INPUTS_SHOWN = 12
@@ -24,13 +24,13 @@ _INPUTS_SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a run stood when a component failed.
+    """State of a component when it failed.
 
     Args:
-        name: The component's.
-        source: Its file's name.
-        time: At which its last call began [s].
-        inputs: The last values of its inputs, in its own units.
+        name: Name of the component.
+        source: Name of its file.
+        time: Time at which its last call began [s].
+        inputs: Last values of its inputs, in its own units.
     """
 
     name: str
@@ -40,12 +40,12 @@ class Place:
 
 
 def returned(status: int, function: str = "it") -> str:
-    """Return what a status is as a sentence."""
+    """Return a sentence that describes a status."""
     return f"{function} returned {_NAMES.get(status, f'{status}, which is no status of FMI')}."
 
 
 def advice(status: int) -> str:
-    """Return what to do about a status."""
+    """Return the advice for a status."""
     return _ADVICE.get(status, "tell its maker")
 
 
@@ -55,12 +55,12 @@ def failure_text(
     """Return the report of a failed call.
 
     Args:
-        place: Which, when and with what inputs.
-        variables: The component's, for the units of the inputs.
-        failed: What it did not do, after its name: "failed to step from 0.5 s by 0.001 s".
-        why: A sentence.
-        said: Its last messages.
-        to_do: What to do.
+        place: Component, time and inputs.
+        variables: Variables of the component, for the units of the inputs.
+        failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
+        why: Cause, as a sentence.
+        said: Last messages of the component.
+        to_do: Advice.
     """
     when = "" if " from " in failed else f" at {place.time:g} s"
     parts = [f"component {place.name!r} ({place.source}) {failed}{when}: {why}", f"It said: {said.rstrip('.')}."]
@@ -70,24 +70,24 @@ def failure_text(
 
 
 def no_state(name: str, source: str) -> str:
-    """Return why a state cannot be saved."""
+    """Return the message for a component that cannot save its state."""
     return (
         f"component {name!r} ({source}) cannot save its state (canGetAndSetFMUstate is false in its model "
-        "description); take an algorithm that repeats no step"
+        "description); use an algorithm that repeats no step"
     )
 
 
 def unknown_state(name: str, source: str) -> str:
-    """Return why a state cannot be restored."""
+    """Return the message for an unknown state."""
     return (
-        f"component {name!r} ({source}) does not know this state: it is another component's, of a run that has ended, "
-        "or freed; save one in this run"
+        f"component {name!r} ({source}) does not know this state: it belongs to another component, to a run that has "
+        "ended, or has been freed; save a state in this run"
     )
 
 
 def not_begun(name: str, source: str) -> str:
-    """Return why a component cannot be stepped."""
-    return f"component {name!r} ({source}) does not run; begin() comes first"
+    """Return the message for a component that has not begun."""
+    return f"component {name!r} ({source}) is not running; call begin() first"
 
 
 def _inputs(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:

@@ -1,4 +1,4 @@
-"""An FMU file unpacked into a folder, and what its modelDescription.xml says."""
+"""FMU file unpacked into a folder, and the contents of its modelDescription.xml."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from eightpost.errors import FmuError
 from eightpost.validity import MEMBER, Validity
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-#: The letter that stands for a type in "#r12#", by which a log message may name a variable (FMI 2.0.4, 2.1.5).
+#: Letter for each type in "#r12#", with which a log message may name a variable (FMI 2.0.4, 2.1.5).
 _LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "String": "s"}
 
 
@@ -32,9 +32,9 @@ class FmuFile:
     """An FMI 2.0 co-simulation FMU in a folder.
 
     Args:
-        path: The .fmu file that it came from.
-        folder: Where it is unpacked.
-        description: Its modelDescription.xml as fmpy reads it.
+        path: FMU file (.fmu).
+        folder: Folder in which it is unpacked.
+        description: Contents of modelDescription.xml as fmpy reads it.
     """
 
     path: Path
@@ -46,9 +46,9 @@ class FmuFile:
         """Unpack a file into a folder.
 
         Args:
-            path: The .fmu file.
-            folder: Where to.
-            compile_missing: Whether to compile its sources where it has no binary for this platform.
+            path: FMU file (.fmu).
+            folder: Folder to unpack it into.
+            compile_missing: Whether to compile its sources if it has no binary for this platform.
 
         Raises:
             FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary
@@ -63,17 +63,17 @@ class FmuFile:
 
     @classmethod
     def unpacked(cls, path: str | Path, folder: str | Path) -> FmuFile:
-        """Read what `unpack` left in a folder."""
+        """Read an FMU that `unpack` left in a folder."""
         return cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
 
     @property
     def identifier(self) -> str:
-        """What its library is called."""
+        """Name of its library (modelIdentifier)."""
         return str(self.description.coSimulation.modelIdentifier)
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Its C files in sources/: as it lists them, else all.c where there is one, else all that lie there."""
+        """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
         builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
         if listed := tuple(name for build in builds for files in build.sourceFileSets for name in files.sourceFiles):
             return listed
@@ -82,41 +82,41 @@ class FmuFile:
 
     @property
     def is_ours(self) -> bool:
-        """Whether this project built it: its reset is then known, by tests, to give the same bits again."""
+        """Whether this project built it: tests show that the reset of such an FMU gives the same bits."""
         return str(self.description.generationTool or "").startswith("eightpost ")
 
     @property
     def once(self) -> bool:
-        """Whether a process may hold one instance of it only."""
+        """Whether a process may hold only one instance of it."""
         return bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
 
     @property
     def needs_tool(self) -> bool:
-        """Whether it runs only where the tool that made it is installed."""
+        """Whether it runs only if the tool that made it is installed."""
         return bool(self.description.coSimulation.needsExecutionTool)
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What its results hang on beside the file itself."""
+        """Conditions of its results other than the file itself."""
         if not self.needs_tool:
             return ()
         return (
-            "it needs the tool that made it (needsExecutionTool): the results are those of the version installed here",
+            "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here",
         )
 
     @property
     def log_categories(self) -> frozenset[str]:
-        """What it can be asked to log."""
+        """Log categories that can be switched on."""
         return frozenset(category.name for category in self.description.logCategories)
 
     @cached_property
     def references(self) -> Mapping[str, int]:
-        """Value references by variable."""
+        """Value references by variable name."""
         return {v.name: v.valueReference for v in self.description.modelVariables}
 
     @cached_property
     def names_in_log(self) -> Mapping[str, str]:
-        """Variables by the way in which a log message may name them: "r12". Of aliases, the first."""
+        """Variable names by the form used in log messages: "r12"; the first of several aliases."""
         variables = reversed(self.description.modelVariables)
         return {f"{_LETTERS.get(v.type, 'r')}{v.valueReference}": v.name for v in variables}
 
@@ -130,7 +130,7 @@ class FmuFile:
 
     @cached_property
     def capabilities(self) -> Capabilities:
-        """What it says it can do."""
+        """Declared abilities."""
         flags = self.description.coSimulation
         return Capabilities(
             interpolates_inputs=bool(flags.canInterpolateInputs),
@@ -140,15 +140,15 @@ class FmuFile:
 
     @cached_property
     def validity(self) -> Validity | None:
-        """How far its model can be used, as eightpost writes it into FMUs; None where it does not say."""
+        """Range of validity of its model, as eightpost writes it into FMUs; None if the FMU has none."""
         try:
             return Validity.from_json(json.loads((self.folder / MEMBER).read_text(encoding="utf-8")))
-        except (OSError, ValueError, RecursionError):  # of another maker, or damaged: then it says nothing
+        except (OSError, ValueError, RecursionError):  # an FMU of another tool, or a damaged file
             return None
 
     @property
     def has_binary(self) -> bool:
-        """Whether there is a folder of binaries for this platform."""
+        """Whether it has a folder of binaries for this platform."""
         return fmpy.platform in self._platforms()
 
     def _platforms(self) -> list[str]:
@@ -159,18 +159,18 @@ class FmuFile:
         if self.has_binary:
             return
         advice = (
-            "it has its sources, let them be compiled: --compile, compile_missing=True"
+            "it contains its sources: compile them with --compile or compile_missing=True"
             if self.sources
-            else "ask for one that does, or for one with sources"
+            else "use an FMU with a binary for this platform, or one with sources"
         )
         has = ", ".join(self._platforms()) or "none"
         raise FmuError(f"{self.path}: has no binary for this platform ({fmpy.platform}), only for: {has}; {advice}")
 
 
 class SharedFmu:
-    """An FMU that is unpacked once for all who use it in this process; the folder goes with the last of them.
+    """An FMU that is unpacked once for all its users in this process; the folder is removed with the last of them.
 
-    Instances of one library share its code, as FMI means them to: four shocks then fit in the processor's cache.
+    Instances of one library share its code, as FMI intends: four shocks then fit in the processor's cache.
     """
 
     def __init__(self, fmu: FmuFile) -> None:
@@ -179,10 +179,10 @@ class SharedFmu:
 
     @classmethod
     def of(cls, path: str | Path, *, compile_missing: bool = False) -> SharedFmu:
-        """Return the file as it is unpacked already, else unpack it; a file that changed since is another one.
+        """Return the FMU if it is unpacked already, else unpack it; a file that has changed since is unpacked again.
 
         Raises:
-            FmuError: As `FmuFile.unpack`.
+            FmuError: The file cannot be used; see `FmuFile.unpack`.
         """
         with _sharing:
             key = _identity(Path(path))
@@ -194,7 +194,7 @@ class SharedFmu:
             return shared
 
     def forget(self) -> None:
-        """Let whoever asks next unpack the file anew: nothing of this library may be called any more."""
+        """Make the next user unpack the file again, because no function of this library may be called any more."""
         with _sharing:
             for key in [key for key, shared in _shared.items() if shared is self]:
                 del _shared[key]
@@ -205,7 +205,7 @@ _sharing = Lock()
 
 
 def _identity(path: Path) -> tuple[str, int, int] | None:
-    """None for a file that cannot be looked at, which unpacking it will say better."""
+    """Return the identity of a file; None if it cannot be read, which unpacking reports in more detail."""
     try:
         status = path.stat()
     except OSError:
@@ -223,18 +223,18 @@ def _unpack_apart(path: str | Path, compile_missing: bool) -> FmuFile:
 
 
 def _remove_own(folder: Path, owner: int) -> None:
-    """Not in a process that was forked off the owner, which would take it away from that."""
+    """Remove the folder, except in a process that was forked off the owner, which still needs it."""
     if os.getpid() == owner:
         remove(folder)
 
 
 def temporary_folder() -> str:
-    """Return a new folder to unpack into; whoever asked removes it."""
+    """Return a new folder to unpack into; the caller removes it."""
     return tempfile.mkdtemp(prefix="fmu_")
 
 
 def remove(folder: str | Path) -> None:
-    """Remove a folder with all that is in it, as far as that goes."""
+    """Remove a folder with its contents; ignore errors."""
     shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -243,13 +243,13 @@ def _read_description(path: Path, folder: Path) -> Any:
         raise FmuError(f"{path}: is not an FMU: there is no modelDescription.xml at its top")
     try:
         description = fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # fmpy lets through whatever its XML reader raises
+    except Exception as error:  # fmpy passes on all exceptions of its XML reader
         raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
     if not str(description.fmiVersion).startswith("2."):
         raise FmuError(f"{path}: is an FMI {description.fmiVersion} FMU; export it as FMI 2.0 for co-simulation")
     if description.coSimulation is None:
         raise FmuError(
-            f"{path}: is for model exchange only: it has no solver in it; export it again as FMI 2.0 for co-simulation "
+            f"{path}: is for model exchange only and contains no solver; export it again as FMI 2.0 for co-simulation "
             "(tools call it CS, or co-simulation with a solver)"
         )
     return description
@@ -267,7 +267,7 @@ def _variable(
 ) -> Variable:
     declared = v.unit or (v.declaredType.unit if v.declaredType is not None else None)
     depends = direct.get(v.name)
-    # Where a model states no dependencies, FMI lets it depend on everything.
+    # If a model states no dependencies, FMI assumes that an output depends on everything.
     known = inputs if depends is None else frozenset(other.name for other in depends)
     return Variable(
         name=v.name,

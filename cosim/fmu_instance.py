@@ -1,7 +1,7 @@
-"""The instance of an FMU in this process: made, freed in order, or, after fmi2Fatal, never touched again.
+"""Instance of an FMU in this process: created, freed in order, or, after fmi2Fatal, never called again.
 
 Only an FMU that this project built is reset for its next run. Any other is freed with its library after each run and
-made anew: an fmi2Reset may restore the variables and leave the time or the solver as they were.
+created again, because an fmi2Reset may restore the variables but not the time or the solver.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from cosim.fmu_log import FmuLog
 from cosim.functions import FUNCTIONS, FunctionTable, address_of
 from eightpost.errors import StepError
 
-#: All there are in this process: an FMU may be held once only, and fmi2Fatal is for all instances of an FMU.
+#: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
 _instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
 
-#: What no FMU can run without.
+#: Functions that every FMU must have.
 _NEEDED = (
     "Instantiate", "FreeInstance", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode", "DoStep",
     "GetReal", "SetReal", "Terminate",
@@ -36,7 +36,7 @@ _FMI_ERROR = 3
 
 @dataclass(eq=False)
 class State:
-    """A saved state, and where the run stood."""
+    """Saved state, with the time and the inputs at which it was saved."""
 
     pointer: Any
     time: float
@@ -45,13 +45,13 @@ class State:
 
 @dataclass(eq=False)
 class FmuInstance:
-    """What outlives a run and must be freed in order: states, the instance, libraries, the folder.
+    """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder.
 
     Args:
-        fmu: The unpacked file.
+        fmu: Unpacked FMU.
         name: Name of the component.
-        log: Takes what it says.
-        shared: Kept until the end, so that the folder is; None leaves the FMU where it is unpacked.
+        log: Log for the FMU's messages.
+        shared: Shared FMU, referenced so that its folder exists until the end; None if the folder is managed elsewhere.
     """
 
     fmu: FmuFile
@@ -69,22 +69,22 @@ class FmuInstance:
         _instances.add(self)
 
     def ready(self) -> Any:
-        """Return the instance as new: reset where the last run left it, else made.
+        """Return an instance in its initial state: the last run's after a reset, or a new one.
 
         Raises:
             StepError: Another component holds an FMU that allows one instance, or an instance of it failed fatally.
-            Exception: It cannot be loaded or instantiated.
+            Exception: The FMU cannot be loaded or instantiated.
         """
         if self.dead:
             raise StepError(
-                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi2Fatal): nothing of it may "
-                "be called any more in this process; load it anew, or run it in a process of its own: --isolate, "
-                "IsolatedComponent"
+                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi2Fatal): none of its "
+                "functions may be called any more in this process; load it again, or run it in its own process: "
+                "--isolate, IsolatedComponent"
             )
         return self._reset() or self._new()
 
     def functions(self, references: Mapping[str, int]) -> FunctionTable:
-        """Return the addresses of its functions, for the loop, which may free states after fmi2Fatal: it must not."""
+        """Return the addresses of its functions for the loop; freeing a state is skipped after fmi2Fatal."""
         slave = self.slave
         if not self.addresses:
             self.addresses = {name: _address(slave, name) for name in FUNCTIONS}
@@ -103,7 +103,7 @@ class FmuInstance:
         )
 
     def finish(self, *, terminate: bool) -> None:
-        """Terminate it where it stepped without error; free it where its reset is not to be trusted from there."""
+        """Terminate if it stepped without an error; free the instance unless its reset can be relied on."""
         if self.slave is None:
             return
         self.free_states()
@@ -117,7 +117,7 @@ class FmuInstance:
             self.free_instance()
 
     def free_states(self) -> None:
-        """Free all states, whether in use or spare."""
+        """Free all states, in use or spare."""
         pointers = [*(state.pointer for state in self.states), *self.spare]
         self.states.clear()
         self.spare.clear()
@@ -126,7 +126,7 @@ class FmuInstance:
                 self.slave.fmi2FreeFMUstate(self.slave.component, ctypes.byref(pointer))
 
     def free_instance(self) -> None:
-        """Free the instance, which terminated or failed, and unload its library."""
+        """Free the instance, which has terminated or failed, and unload its library."""
         slave, self.slave, self.failed = self.slave, None, False
         self.addresses = {}
         if slave is None:
@@ -138,7 +138,7 @@ class FmuInstance:
                 slave.freeLibrary()
 
     def abandon(self) -> None:
-        """Never call this FMU again, not even to free it: fmi2Fatal is for all its instances (FMI 2.0.4, 2.1.3)."""
+        """Never call this FMU again, even to free it: fmi2Fatal applies to all its instances (FMI 2.0.4, 2.1.3)."""
         for other in self._alike():
             other.slave, other.dead = None, True
             if other.shared is not None:
@@ -147,7 +147,7 @@ class FmuInstance:
             other.spare.clear()
 
     def release(self, owner: int) -> None:
-        """Free everything; not in a process that was forked off the owner, which would take it away from that."""
+        """Free everything, except in a process that was forked off the owner, which still needs it."""
         if os.getpid() != owner:
             return
         self.free_states()
@@ -157,7 +157,7 @@ class FmuInstance:
         self.shared = None
 
     def _alike(self) -> Iterator[FmuInstance]:
-        """All instances of this FMU, this one among them."""
+        """Yield all instances of this FMU, including this one."""
         mine = self.fmu.description.guid
         yield from [
             i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)
@@ -171,7 +171,7 @@ class FmuInstance:
         return status
 
     def _reset(self) -> Any:
-        """Return the last run's instance as new; None where there is none or it cannot be reset."""
+        """Return the last run's instance after a reset; None if there is no instance or it cannot be reset."""
         slave = self.slave
         if slave is None:
             return None
@@ -200,7 +200,7 @@ class FmuInstance:
             self.free_instance()
             raise
         finally:
-            os.chdir(place)  # fmpy stays in the library's folder where that cannot be loaded
+            os.chdir(place)  # fmpy stays in the library's folder if the library cannot be loaded
         return slave
 
     def _check_functions(self, slave: Any) -> None:
@@ -215,12 +215,12 @@ class FmuInstance:
         if self.fmu.once and holder is not None:
             raise StepError(
                 f"component {self.name!r} ({self.fmu.path.name}) allows one instance per process, and component "
-                f"{holder.name!r} has it; run them in processes of their own: --isolate, IsolatedComponent"
+                f"{holder.name!r} has it; run each in its own process: --isolate, IsolatedComponent"
             )
 
 
-class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types, and reads FMI 2 off the class name
-    """fmpy's, for libraries that lack functions, too: many lack what they do not support."""
+class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
+    """Slave of fmpy for libraries that lack functions: many lack the functions that they do not support."""
 
     def _loadFunctions(self) -> None:  # noqa: N802
         self.dll: Any = _Library(self.dll, self.modelIdentifier)
@@ -228,9 +228,9 @@ class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types, a
 
 
 class _Library:
-    """A library in which a function that is not there is one that returns fmi2Error.
+    """Library in which a missing function returns fmi2Error.
 
-    Sources for static linking put the model's identifier before each name (FMI 2.0.4, 2.1.1).
+    Sources for static linking prefix each name with the model's identifier (FMI 2.0.4, 2.1.1).
     """
 
     def __init__(self, dll: Any, identifier: str) -> None:
@@ -244,7 +244,7 @@ class _Library:
 
 
 class _Missing:
-    """A function that is not there."""
+    """Stand-in for a function that the library lacks."""
 
     def __call__(self, *_arguments: Any) -> int:
         return _FMI_ERROR

@@ -1,4 +1,4 @@
-"""What an FMU says: into Python's logging, with printf formats filled in and variables by name."""
+"""Messages of an FMU, written to Python's logging with printf formats filled in and variables by name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _VARIABLE = re.compile(r"#(?:#|([ribs]\d+)#)")
 
 
 class Messages:
-    """Warnings and worse, each once; the first hundred of them, for an FMU may write the time into each."""
+    """Warnings and more severe messages, each once; the first hundred, because an FMU may write the time into each."""
 
     _KEPT = 100
 
@@ -34,7 +34,7 @@ class Messages:
         self._more = 0
 
     def add(self, text: str) -> None:
-        """Take one more; of those that are new, the first hundred are kept and the others counted."""
+        """Add a message; the first hundred different ones are kept and the others counted."""
         self._last.append(text)
         if text in self._kept:
             return
@@ -44,29 +44,29 @@ class Messages:
             self._more += 1
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all messages."""
         self._kept.clear()
         self._last.clear()
         self._more = 0
 
     @property
     def all(self) -> tuple[str, ...]:
-        """Each once, and how many more there were."""
-        return (*self._kept, *([f"and {self._more} messages more"] if self._more else []))
+        """All messages, each once, and the number of those not kept."""
+        return (*self._kept, *([f"and {self._more} more messages"] if self._more else []))
 
     @property
     def last(self) -> str:
-        """The last three as a sentence's end, or that there were none."""
+        """Last three messages for the end of a sentence, or a statement that no reason was given."""
         return "; ".join(dict.fromkeys(self._last)) or "it gave no reason"
 
 
 class ComponentLog:
-    """The log of one component: logger `cosim.fmu.<component>`, and the messages that are warnings or worse.
+    """Log of one component: logger `cosim.fmu.<component>`, and its warnings and more severe messages.
 
-    It holds no component, so that what writes into it does not keep one alive.
+    It does not reference the component, so it does not keep the component alive.
 
     Args:
-        component: Its name.
+        component: Name of the component.
     """
 
     def __init__(self, component: str) -> None:
@@ -74,19 +74,19 @@ class ComponentLog:
         self._logger = logging.getLogger(f"cosim.fmu.{component}")
 
     def write(self, level: int, text: str) -> None:
-        """Log, and keep what is a warning or worse; `level` is one of logging's."""
+        """Write to the log, and keep the text if it is a warning or worse; `level` is one of logging's levels."""
         self._logger.log(level, "%s", text)
         if level >= logging.WARNING:
             self.messages.add(text)
 
 
 class FmuLog(ComponentLog):
-    """The log of an FMU in this process, which writes by callback; level by FMI status (OK is debug).
+    """Log of an FMU in this process, which writes through a callback; the level follows the FMI status (OK is debug).
 
     Args:
-        component: The component's name.
-        names: Variables by the way in which a message may name them, "r12" for "#r12#".
-        folder: Where it is unpacked; a library of this log's own goes there.
+        component: Name of the component.
+        names: Variable names by the form used in messages: "r12" for "#r12#".
+        folder: Folder in which the FMU is unpacked; a library that this log needs is copied there.
     """
 
     def __init__(self, component: str, names: Mapping[str, str], folder: Path) -> None:
@@ -103,7 +103,7 @@ class FmuLog(ComponentLog):
             self._formatter.addLoggerProxy(ctypes.byref(self.callbacks))
 
     def close(self) -> None:
-        """Let go of the library; the FMU must not write any more."""
+        """Unload the formatting library; the FMU must not write any more."""
         formatter, self._formatter = self._formatter, None
         if formatter is not None:
             fmpy.freeLibrary(formatter._handle)
@@ -122,9 +122,9 @@ class FmuLog(ComponentLog):
 
 
 def _load_formatter(folder: Path) -> Any:
-    """Load a copy of fmpy's library that fills in printf formats, which ctypes cannot; None where there is none.
+    """Load a copy of fmpy's library that fills in printf formats, which ctypes cannot; None if it is missing.
 
-    It serves one callback at a time for all who load it, hence a copy each.
+    The library serves one callback at a time for all its users, so each log has its own copy.
     """
     spec = importlib.util.find_spec("fmpy.logging")
     if spec is None or spec.origin is None:

@@ -1,4 +1,4 @@
-"""A component's functions by address, as the loop calls them: an FMU's own, or callbacks into a Python component."""
+"""Addresses of a component's functions for the loop: an FMU's own functions, or callbacks into a Python component."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from cosim.component import Component
 from cosim.engine import calls
 from eightpost.errors import StepError
 
-#: fmi2Status that a callback returns.
+#: fmi2Status returned by callbacks.
 OK, ERROR = 0, 3
 
 
 @dataclass(frozen=True)
 class FunctionTable:
-    """Addresses of FMI functions, the instance that they take, and value references by name.
+    """Addresses of FMI functions, the instance to call them with, and value references by name.
 
-    An address of 0 is a function that is not there. `keep` holds what must outlive the addresses.
+    An address of 0 is a missing function. `keep` holds objects that must live as long as the addresses are used.
     """
 
     set_real: int
@@ -37,7 +37,7 @@ class FunctionTable:
     keep: Any = None
 
 
-#: The FMI names of a table's functions, in its order.
+#: FMI names of a table's functions, in the order of its fields.
 FUNCTIONS = (
     "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "FreeFMUstate",
 )  # fmt: skip
@@ -45,17 +45,17 @@ FUNCTIONS = (
 
 @runtime_checkable
 class Native(Protocol):
-    """A component whose functions can be called by address."""
+    """Component whose functions can be called by address."""
 
     def functions(self) -> FunctionTable:
-        """Return the addresses; to be called after `begin`."""
+        """Return the addresses; call after `begin`."""
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
-        """Return the error for a call that it refused."""
+        """Return the error for a call that the component refused."""
 
 
 def address_of(function: Any) -> int:
-    """Return the address of a C function or callback, which must outlive its use."""
+    """Return the address of a C function or callback, which must live as long as the address is used."""
     return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
 
 
@@ -65,7 +65,7 @@ def function_table(component: Component) -> FunctionTable:
 
 
 def free_states(tables: Sequence[FunctionTable], states: NDArray[np.int64]) -> None:
-    """Free the states that the loop saved, some for each part one after the other."""
+    """Free the states that the loop saved; the array holds groups of one state per component."""
     for k in np.flatnonzero(states):
         table = tables[int(k) % len(tables)]
         if table.free:
@@ -73,7 +73,7 @@ def free_states(tables: Sequence[FunctionTable], states: NDArray[np.int64]) -> N
 
 
 class Callbacks:
-    """Calls from the loop to a Python component; what it raises is kept in `error`, and the status says so."""
+    """Calls from the loop to a Python component; an exception is kept in `error`, and the status is an error."""
 
     def __init__(self, component: Component) -> None:
         self._component = component
@@ -90,7 +90,7 @@ class Callbacks:
         return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
 
     def _functions(self) -> dict[str, Any]:
-        """Callbacks by their names in a table; those that are left out are not there."""
+        """Return callbacks by their names in a table; functions that are not listed are missing."""
         return {
             "set_real": calls.EXCHANGE(self._guarded(self._set)),
             "set_slopes": calls.SLOPES(self._guarded(self._set_slopes)),
@@ -102,7 +102,7 @@ class Callbacks:
         def call(_instance: Any, *arguments: Any) -> int:
             try:
                 function(*arguments)
-            except BaseException as error:  # it goes on in the loop's caller
+            except BaseException as error:  # raised again by the caller of the loop
                 self.error = error
                 return ERROR
             return OK
@@ -122,8 +122,8 @@ class Callbacks:
         self._component.set_derivatives(self._named(references, count), _array(values, count).tolist())
 
     def _get(self, references: int, count: int, values: int) -> None:
-        found: Sequence[float] = self._component.get(self._named(references, count))
-        _array(values, count)[:] = found
+        read: Sequence[float] = self._component.get(self._named(references, count))
+        _array(values, count)[:] = read
 
     def _step(self, time: float, step: float, _final: int) -> None:
         self._component.step(time, step)

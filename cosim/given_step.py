@@ -1,4 +1,4 @@
-"""A run at a given step, and companions at other steps that tell how large its coupling error is."""
+"""Run at a given step, compared with runs at other steps to state its coupling error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.system import System
 from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import DivergedError
 
-#: An adaptive run is compared with runs at this many times its tolerance, or this share of it: about half the step.
+#: Ratio of tolerances of an adaptive run and the runs it is compared with; it corresponds to about half the step.
 _TOLERANCE_RATIO = 8.0
 
 
@@ -29,16 +29,17 @@ def run_at_step(
     progress: Callable[[float], None] | None,
     compared: bool,
 ) -> Result:
-    """Run at a step, and where `compared`, state the coupling error by comparing with a run at twice the step.
+    """Run at a step and, if `compared`, state the coupling error by comparing with a run at twice the step.
 
-    Where that run cannot be had or compared, or the error so stated is too large, another run is made at half the step.
+    If that run is not possible or not comparable, or the stated error is too large, make another run at half the step.
 
     Raises:
         DivergedError: The coupling diverged.
         StepError: A component failed.
-        RunInterrupted: Ctrl-C; it holds the result so far, of a companion the result without a stated error.
+        RunInterrupted: Ctrl-C was pressed; the exception holds the result so far. If the run itself was complete, its
+            result has no stated error.
     """
-    Session(system, scenario, algorithm, step)  # refuses what does not fit before the recording is changed
+    Session(system, scenario, algorithm, step)  # raises errors before the recording is changed
     runs = DenseRuns(system, scenario, record_step=scenario.record_step or step, engine=engine, progress=progress)
     run = runs.run(algorithm, step)
     if not compared or run.partial:
@@ -56,11 +57,11 @@ class _Companions:
     """Runs that one run is compared with.
 
     Args:
-        runs: Maker of the runs.
+        runs: Runs of the system at several steps.
         system: Components and connections.
         scenario: Drive, duration and recording.
         algorithm: Scheme of the run.
-        run: The run that is to be judged.
+        run: Run whose error is to be stated.
     """
 
     runs: DenseRuns
@@ -84,7 +85,7 @@ class _Companions:
         return replace(self.run, stated_error=self._of_coarser([second] if coarse is None else [first, second]))
 
     def _can_double(self) -> bool:
-        """Whether the run has two steps, and every component takes the steps that twice the step leads to."""
+        """Return whether the run has at least two steps, and every component accepts the steps of twice the size."""
         if isinstance(self.algorithm, Adaptive):
             return True
         doubled = 2.0 * self.run.step
@@ -93,7 +94,7 @@ class _Companions:
         return doubled <= self.scenario.stop and fits
 
     def _at(self, ratio: float) -> Result | None:
-        """Return the run at `ratio` times the step; None where it diverged."""
+        """Return the run at `ratio` times the step; None if it diverged."""
         try:
             if isinstance(self.algorithm, Adaptive):
                 tolerance = _TOLERANCE_RATIO if ratio > 1.0 else 1.0 / _TOLERANCE_RATIO
@@ -111,6 +112,6 @@ class _Companions:
         return replace(found, local_order=None) if isinstance(self.algorithm, Adaptive) else found
 
     def _of_coarser(self, comparisons: list[Comparison]) -> dict[str, float]:
-        """Return per channel the error of the coarser of two runs [%]: their difference and the finer one's error."""
+        """Return the error of the coarser of two runs [%] per channel: their difference plus the finer run's error."""
         finer, apart = stated_error(comparisons, self.system.coupled_with_held), comparisons[-1].difference
         return {name: apart[name] + finer[name] for name in apart}

@@ -1,4 +1,4 @@
-"""Ctrl-C between steps: in the middle of a component's step it would leave the component broken."""
+"""Ctrl-C handling between steps: an interrupt during a component's step would leave the component in a bad state."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def interrupts_deferred(pressed: Callable[[], None]) -> Iterator[None]:
-    """Call `pressed` for Ctrl-C instead of raising KeyboardInterrupt. In other threads: nothing."""
+    """Call `pressed` for Ctrl-C instead of raising KeyboardInterrupt. In other threads this does nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""An FMU as a component in a process of its own: its crash or hang is a failed step, and nothing else fails."""
+"""FMU as a component in its own process: its crash or hang is a failed step and affects nothing else."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from cosim.isolation.process import Call, EndedError, Process
 from cosim.opened_fmu import OpenedFmu
 from eightpost.errors import InputError, StepError
 
-#: How long a call may take [s].
+#: Time limit of a call [s].
 DEFAULT_TIME_LIMIT = 30.0
 
 _CRASHED = (
-    "look whether these inputs are in its range, try a smaller coupling step, and tell its maker; it may begin again, "
-    "in a new process"
+    "check whether these inputs are in its range, try a smaller coupling step, and report the fault to its maker; it "
+    "can be started again, in a new process"
 )
 _HUNG = (
-    "where it is only slow, give it more time (IsolatedComponent(..., time_limit=...)); else as for a crash: inputs in "
-    "its range, a smaller coupling step, its maker"
+    "if it is only slow, increase the time limit (IsolatedComponent(..., time_limit=...)); otherwise check whether "
+    "these inputs are in its range, try a smaller coupling step, and report the fault to its maker"
 )
 _CALLS = {
     "begin": "begin",
@@ -45,22 +45,23 @@ _CALLS = {
 
 
 class IsolatedComponent(OpenedFmu):
-    """One instance of an FMU in a child process, with a working folder of its own.
+    """One instance of an FMU in a child process with its own working folder.
 
-    An FMU that this project did not build gets a new process and an empty folder for each run: whatever it keeps
-    elsewhere than in its instance is gone with the old ones.
+    An FMU that this project did not build gets a new process and an empty folder for each run, so that no state outside
+    its instance survives.
 
-    Inputs, slopes and saved states go along with the next step, and what was read after the last step comes back with
-    it, so a step is one question and one answer. What an input is refused for is told with that step or reading.
+    Inputs, slopes and saved states are sent with the next step, and the variables that were read after the last step
+    are returned with it, so a step needs one request and one reply. If an input is refused, that step or reading
+    reports it.
 
     Args:
-        path: The .fmu file.
+        path: FMU file (.fmu).
         name: Name of the component.
-        time_limit: How long the FMU may take to answer [s]; then it is ended.
-        compile_missing: Whether to compile the FMU's sources where it has no binary for this platform.
+        time_limit: Time limit for each reply of the FMU [s]; after it the process is ended.
+        compile_missing: Whether to compile the FMU's sources if it has no binary for this platform.
 
     Raises:
-        FmuError: As FmuComponent.
+        FmuError: The file cannot be used; see FmuComponent.
         InputError: The time limit is not positive.
     """
 
@@ -68,11 +69,11 @@ class IsolatedComponent(OpenedFmu):
         self, path: str | Path, name: str, *, time_limit: float = DEFAULT_TIME_LIMIT, compile_missing: bool = False
     ) -> None:
         if not time_limit > 0.0:
-            raise InputError(f"component {name!r}: the time limit must be positive, it is {time_limit!r} s")
+            raise InputError(f"component {name!r}: the time limit must be positive, not {time_limit!r} s")
         self._time_limit = time_limit
         self._folder = temporary_folder()
         self._processes: list[Process] = []
-        # Ends the process and removes the folder: with the component, with the interpreter, or on call.
+        # close() ends the process and removes the folder: on call, or when the component or the interpreter ends.
         self.close = weakref.finalize(self, _release, self._processes, self._folder, os.getpid())
         self._log = ComponentLog(name)
         fmu = FmuFile.unpack(path, Path(self._folder, "fmu"), compile_missing=compile_missing)
@@ -86,19 +87,19 @@ class IsolatedComponent(OpenedFmu):
         self._process = self._start()
 
     def functions(self) -> FunctionTable:
-        """Return the addresses of callbacks that ask the child, for the loop."""
+        """Return the addresses of callbacks that call the child process, for the loop."""
         return StateCallbacks(self).table()
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
-        """Return the error for a call that failed without one of its own; arguments as of FmuComponent."""
+        """Return the error for a call that failed without an error of its own; for arguments see FmuComponent."""
         self._stand(time, self._inputs | dict(inputs))
         return self._failure(f"failed to {what}", f"it returned {status}.")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """As FmuComponent; in a new process where the last one ended.
+        """Begin a run as FmuComponent does; in a new process if the last one has ended.
 
         Raises:
-            StepError: The FMU fails to, crashes or hangs.
+            StepError: The FMU fails, crashes or hangs.
         """
         self.finish()
         self._log.messages.clear()
@@ -113,35 +114,35 @@ class IsolatedComponent(OpenedFmu):
         """Leave initialization mode.
 
         Raises:
-            StepError: It does not run, fails to, crashes or hangs.
+            StepError: The component is not running, or the FMU fails, crashes or hangs.
         """
         self._do(("end_initialization",))
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs (N,) to values (N,) in its own units, with the next step or reading.
+        """Set real inputs (N,) to values (N,) in the FMU's own units, with the next step or reading.
 
         Raises:
-            StepError: It does not run.
+            StepError: The component is not running.
         """
         numbers = tuple(map(float, values))
         self._inputs.update(zip(names, numbers, strict=True))
         self._later(("set", tuple(names), numbers))
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives (N,) of real inputs (N,), in its own units per second, with the next step.
+        """Set first derivatives (N,) of real inputs (N,), in the FMU's own units per second, with the next step.
 
         Raises:
-            StepError: It does not run.
+            StepError: The component is not running.
         """
         self._later(("set_derivatives", tuple(names), tuple(map(float, values))))
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return the values (N,) of real variables (N,), in its own units.
+        """Return the values (N,) of real variables (N,), in the FMU's own units.
 
-        Those that were read after the last step are here already.
+        Variables that were read after the last step are available without a call.
 
         Raises:
-            StepError: It does not run, refuses, crashes or hangs.
+            StepError: The component is not running, or the FMU refuses, crashes or hangs.
         """
         key = tuple(names)
         self._asked[key] = None
@@ -151,22 +152,22 @@ class IsolatedComponent(OpenedFmu):
         return list(self._known[key])
 
     def step(self, time: float, step: float) -> None:
-        """Do one step from `time` by `step` [s], and read what was read after the last one.
+        """Make one step from `time` by `step` [s], and read the variables that were read after the last one.
 
         Raises:
-            StepError: It does not run, refuses the step, crashes or hangs.
+            StepError: The component is not running, or the FMU refuses the step, crashes or hangs.
         """
         self._time = time
-        wanted, self._asked = tuple(self._asked), {}
-        results = self._do(("step", float(time), float(step)), *(("get", names) for names in wanted))
+        requested, self._asked = tuple(self._asked), {}
+        results = self._do(("step", float(time), float(step)), *(("get", names) for names in requested))
         self._time = time + step
-        self._known = dict(zip(wanted, results[len(results) - len(wanted) :], strict=True))
+        self._known = dict(zip(requested, results[len(results) - len(requested) :], strict=True))
 
     def save(self) -> object:
-        """As FmuComponent: a number by which the child knows the state.
+        """Save the state as FmuComponent does; the child process identifies it by a number.
 
         Raises:
-            StepError: It cannot save its state (`capabilities.state`), or does not run.
+            StepError: The FMU cannot save its state (`capabilities.state`), or the component is not running.
         """
         if not self.capabilities.state:
             raise StepError(no_state(self._name, self.source))
@@ -177,32 +178,32 @@ class IsolatedComponent(OpenedFmu):
         return state
 
     def restore(self, state: object) -> None:
-        """Go back to a state that `save` returned, with the next step or reading.
+        """Restore a state that `save` returned, with the next step or reading.
 
         Raises:
-            StepError: It does not run, or the state is not one of this run.
+            StepError: The component is not running, or the state is not one of this run.
         """
         known = self._checked(state)
         self._later(("restore", known.number))
         self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Give a state back.
+        """Free a state.
 
         Raises:
-            StepError: It does not run, or the state is not one of this run.
+            StepError: The component is not running, or the state is not one of this run.
         """
         known = self._checked(state)
         self._states.discard(known)
         self._pending.append(("free", known.number))
 
     def finish(self) -> None:
-        """Terminate; the process of an FMU of ours waits for the next `begin`, any other is ended."""
+        """Terminate; the process of an FMU built by eightpost is kept for the next `begin`, any other is ended."""
         running, self._running = self._running, False
         self._forget()
         self._states.clear()
         if running and self._process.alive:
-            with contextlib.suppress(StepError):  # whatever ended the run has been told
+            with contextlib.suppress(StepError):  # the error that ended the run has been reported already
                 self._ask([("finish",)])
             self._pass_on_prints()
             if not self.is_ours:
@@ -219,7 +220,7 @@ class IsolatedComponent(OpenedFmu):
         self._known = {}
 
     def _do(self, *calls: Call) -> list[Any]:
-        """Have what is pending done, then these."""
+        """Make the pending calls, then these."""
         self._check_running()
         pending, self._pending = self._pending, []
         self._known = {}
@@ -255,14 +256,14 @@ class IsolatedComponent(OpenedFmu):
 
 
 class _State:
-    """A state that the child holds, and where the run stood."""
+    """State that the child process holds, with the time and the inputs at which it was saved."""
 
     def __init__(self, number: int, time: float, inputs: Mapping[str, float]) -> None:
         self.number, self.time, self.inputs = number, time, inputs
 
 
 def _release(processes: Sequence[Process], folder: str, owner: int) -> None:
-    """End the process and remove the folder, but not in a process forked off the owner."""
+    """End the process and remove the folder, except in a process that was forked off the owner."""
     for process in processes:
         process.close()
     if os.getpid() == owner:

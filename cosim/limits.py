@@ -1,4 +1,4 @@
-"""What a result should warn about: a shock beyond its fitted velocities, a tire off the ground; at every step."""
+"""Limits checked at every step: a shock beyond its fitted velocities, a tire off the ground."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cosim.system import System
 
 
 class LimitWatch:
-    """Signals that are watched at every step after settling, and what the time beyond their limits says.
+    """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
     The names are those of docs/ports.md: `beyond_fit`, and outputs ending in `tire_force`.
     """
@@ -18,7 +18,7 @@ class LimitWatch:
             f"{name}.{variable}"
             for name, component in system.components.items()
             for variable in component.variables
-            if variable.rpartition(".")[2] == "beyond_fit"  # of an assembly: each of its shocks has one
+            if variable.rpartition(".")[2] == "beyond_fit"  # each shock of an assembly has one
         )
         self._tires = {
             f"{name}.{v.name}": _static_load(system, name, v.name) != 0.0
@@ -29,26 +29,26 @@ class LimitWatch:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it must see after every step."""
+        """Names of the variables to read after every step."""
         return (*self._flags, *self._tires)
 
     @property
     def watched(self) -> tuple[tuple[str, bool], ...]:
         """The same, each with whether it counts above one half (true) or below zero."""
-        return (*((name, True) for name in self._flags), *((name, False) for name in self._tires))
+        """The same names, each with whether it counts above one half (true) or below zero (false)."""
 
     def beyond_fit(self, times: Sequence[float]) -> dict[str, float]:
-        """Return per shock the share of time that its damper velocity was outside its fitted range.
+        """Return the share of time, per shock, in which its damper velocity was outside its fitted range.
 
         Args:
-            times: Time beyond each limit, in the order of `watched`, and last the time that was watched [s].
+            times: Time beyond each limit, in the order of `watched`, followed by the total time [s].
         """
         return {
             name.rpartition(".")[0]: _share(time, times[-1]) for name, time in zip(self._flags, times, strict=False)
         }
 
     def tire_off(self, times: Sequence[float]) -> dict[str, float | None]:
-        """Return per tire force the share of time below zero load; None where no static load is given."""
+        """Return the share of time below zero load per tire force; None if no static load is given."""
         rows = zip(self._tires.items(), times[len(self._flags) :], strict=False)
         return {name: _share(time, times[-1]) if known else None for (name, known), time in rows}
 

@@ -1,4 +1,4 @@
-"""The master: one call for every algorithm."""
+"""The master: one function for every algorithm."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ def run(
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
 ) -> Result:
-    """Run a system and state its coupling error. Ctrl-C ends it between two steps with RunInterrupted, which holds what
-    was computed.
+    """Run a system and state its coupling error. Ctrl-C ends the run between two steps with RunInterrupted, which holds
+    the result so far.
 
     Args:
         system: Components and connections.
-        scenario: Drive, duration, what to record.
-        algorithm: Strategy object; by default (Automatic) the scheme is chosen to suit the components, and, where none
+        scenario: Drive, duration and variables to record.
+        algorithm: Algorithm object; by default (Automatic) a scheme that suits the components is chosen and, if no step
             is given, the step as well.
-        step: Coupling step [s]; 1 ms for an algorithm that needs one. The last step is shortened to land on the stop
-            time. For Adaptive: the first one to try.
+        step: Coupling step [s]; 1 ms by default for algorithms other than Automatic. The last step is shortened to end
+            at the stop time. For Adaptive: the first step to try.
         compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
-            coupling error. Without, the error is not stated.
-        progress: Called now and then with the share done, 0 to 1; anew for every run that is made.
-        engine: `auto`: the compiled loop where numba is installed; `python`: the same loop interpreted, the same bits.
+            coupling error. If false, the error is not stated.
+        progress: Callback that receives the completed share, 0 to 1; it starts from 0 again for every run.
+        engine: `auto`: the compiled loop if numba is installed; `python`: the same loop interpreted, equal results.
 
     Returns:
-        Recorded series in SI, status and statistics. A start that did not converge is in its status.
+        Recorded series in SI, status and statistics. The status reports a start that did not converge.
 
     Raises:
         WiringError: System, scenario and algorithm do not fit together.
         InputError: The coupling step does not fit.
-        StepError: A component failed; the message names it, the time and what it said.
+        StepError: A component failed; the message gives its name, the time and its last messages.
     """
     if engine not in ENGINES:
-        raise InputError(f"engine is {', '.join(ENGINES)}, not {engine!r}")
+        raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
     chosen = algorithm or Automatic()
     if isinstance(chosen, Automatic) and step is None:
         return run_automatic(system, scenario, chosen, engine, progress)

@@ -1,4 +1,4 @@
-"""What the reader of a result should know, in sentences."""
+"""Notes for the reader of a result, in sentences."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def notes_of(
     equilibrium: Equilibrium,
     troubles: Iterable[str],
 ) -> tuple[str, ...]:
-    """Return all notes of a run, those that matter most first."""
+    """Return all notes of a run, the most important first."""
     return (
         *troubles,
         *_equilibrium_notes(equilibrium),
@@ -33,7 +33,7 @@ def _equilibrium_notes(equilibrium: Equilibrium) -> Iterator[str]:
     if not equilibrium.converged:
         yield (
             f"the start is not an equilibrium: a connection still changes by {equilibrium.residual:.1e} of its size; "
-            "the beginning of the result rings"
+            "the beginning of the result contains a transient"
         )
 
 
@@ -53,11 +53,11 @@ def _unit_notes(system: System) -> Iterator[str]:
         if v.unit is None and v.type == "Real" and v.causality in ("input", "output")
     )
     if unstated:
-        yield f"no unit stated, values taken as they are: {', '.join(unstated)}"
+        yield f"no unit stated, values used without conversion: {', '.join(unstated)}"
 
 
 def _gas_notes(system: System) -> Iterator[str]:
-    """Static loads hold the car up with the gas force in them; a shock's own preload then counts it again."""
+    """Note that a gas force may be counted twice: in the static loads of the car and in a shock's own preload."""
     values = {
         f"{name}.{v.name}": system.parameters.get(name, {}).get(v.name, v.start)
         for name, component in system.components.items()
@@ -68,13 +68,13 @@ def _gas_notes(system: System) -> Iterator[str]:
     shocks = [name.partition(".")[0] for name in given if name.endswith("gas_preload")]
     if shocks and len(shocks) < len(given):
         yield (
-            f"the car has static tire forces and {', '.join(shocks)} a gas preload of their own: if the static state "
-            "was taken with the gas in the shocks, it counts twice (fit with --gas included, or set gas_preload = 0)"
+            f"the car has static tire forces, and {', '.join(shocks)} have a gas preload of their own: if the static "
+            "state includes the gas force, it counts twice (fit with --gas included, or set gas_preload = 0)"
         )
 
 
 def _held_notes(system: System, algorithm: Algorithm) -> Iterator[str]:
-    """Components that could not do what the algorithm would have liked."""
+    """Note the components that hold their inputs although the algorithm ramps coupling values."""
     held = sorted(name for name, c in system.components.items() if not c.capabilities.interpolates_inputs)
     if held and getattr(algorithm, "values", "") != "held":
         yield f"{', '.join(held)} cannot interpolate inputs (canInterpolateInputs): they are held over each step"

@@ -1,4 +1,4 @@
-"""An FMU opened as a component, in this process or in one of its own."""
+"""Opening of an FMU as a component, in this process or in its own."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def open_component(
     """Open an FMU.
 
     Args:
-        path: The .fmu file.
-        name: Of the component.
-        isolate: Whether to run it in a process of its own, where a crash or hang is a failed step.
-        compile_missing: Whether to compile its sources where it has no binary for this platform.
+        path: FMU file (.fmu).
+        name: Name of the component.
+        isolate: Whether to run it in its own process, where a crash or hang is a failed step.
+        compile_missing: Whether to compile its sources if it has no binary for this platform.
 
     Raises:
         FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for

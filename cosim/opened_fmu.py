@@ -1,4 +1,4 @@
-"""What an FMU that is opened as a component tells of itself, wherever it runs."""
+"""Common part of components that are FMUs, in this process or another."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from eightpost.validity import Validity
 
 
 class OpenedFmu:
-    """An FMU's file, where its run stands, and the report of a call that failed there.
+    """File of an FMU, the state of its run, and the error report of a failed call.
 
     Args:
-        fmu: The unpacked file.
+        fmu: Unpacked FMU.
         name: Name of the component.
-        messages: Takes what the FMU says.
+        messages: Messages of the FMU.
     """
 
     def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
@@ -34,40 +34,40 @@ class OpenedFmu:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What modelDescription.xml says it can do."""
+        """Abilities declared in modelDescription.xml."""
         return self._fmu.capabilities
 
     @property
     def is_ours(self) -> bool:
-        """Whether this project built the FMU: what it keeps from run to run is known."""
+        """Whether this project built the FMU, so that the state it keeps from run to run is known."""
         return self._fmu.is_ours
 
     @property
     def validity(self) -> Validity | None:
-        """How far its model can be used; None where it does not say."""
+        """Range of validity of its model; None if the FMU has none."""
         return self._fmu.validity
 
     @property
     def identity(self) -> str:
-        """The FMU's GUID."""
+        """GUID of the FMU."""
         return str(self._fmu.description.guid)
 
     @property
     def source(self) -> str:
-        """The FMU's file name."""
+        """File name of the FMU."""
         return self._fmu.path.name
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What it logged as warnings or worse since it began, each once; what its results hang on, what it changed."""
+        """Conditions of its results, changes to shared state, and its warnings and errors since it began, each once."""
         return (*self._fmu.conditions, *self._changed, *self._messages.all)
 
     def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
-        """Note where the run stands: the time [s], and inputs in their own units."""
+        """Record the state of the run: the time [s], and inputs in their own units."""
         self._time, self._inputs = time, dict(inputs)
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        """Return the error for a call that failed: what it did not do, why, and what to do about it."""
+        """Return the error for a failed call: the failure, its cause, and the advice."""
         place = Place(self._name, self.source, self._time, self._inputs)
         said = self._messages.last
         return StepError(failure_text(place, self.variables, failed=failed, why=why, said=said, to_do=to_do))

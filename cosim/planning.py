@@ -1,4 +1,4 @@
-"""A system and its scenario as the flat arrays that the loop takes."""
+"""Conversion of a system and its scenario to the flat arrays that the loop uses."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything is: parts, signals and extras by name, terms by (source, target).
+    """Numbering of everything in the arrays: parts, signals and extras by name, terms by (source, target).
 
     Args:
-        parts: Names of the components, numbered in the order of stepping, those that are connected with each other side
-            by side.
-        signals: `component.variable` of what is read after every step; of one part side by side.
-        extras: The same of what is read at recorded points only.
+        parts: Names of the components in the order of stepping, with the components of each connected group together.
+        signals: Variables read after every step, as `component.variable`; those of one part are adjacent.
+        extras: Variables read at recorded points only, in the same form.
         terms: Number of each connection's term, by source and target.
-        levels: Per group of connected parts, how many follow each other without taking anything from each other.
+        levels: Sizes of the levels of each group of connected parts; parts of a level take nothing from each other.
     """
 
     parts: tuple[str, ...]
@@ -39,12 +38,12 @@ class Layout:
 
     @property
     def groups(self) -> tuple[int, ...]:
-        """How many parts each group has."""
+        """Number of parts of each group."""
         return tuple(sum(counts) for counts in self.levels)
 
 
 def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
-    """Number everything; `order` is the order of stepping."""
+    """Return the numbering of everything; `order` is the order of stepping."""
     takes = {
         name: {term.source.partition(".")[0] for feed in coupling.feeds[name] for term in feed.terms} for name in order
     }
@@ -70,15 +69,15 @@ def make_plan(
     watched: Iterable[tuple[str, bool]],
     following: Collection[str],
 ) -> Plan:
-    """Return the arrays.
+    """Return the loop's arrays.
 
     Args:
-        system: Its bonds.
-        coupling: Its feeds.
-        layout: Of the same coupling.
-        tables: Each part's functions.
-        watched: Signals whose time beyond a limit counts: above 0.5 where true, else below 0.
-        following: Parts that go from each point of the drive to the next.
+        system: System with the bonds.
+        coupling: Coupling with the feeds.
+        layout: Layout of this coupling.
+        tables: Functions of each part.
+        watched: Signals whose time beyond a limit is counted: above 0.5 if true, else below 0.
+        following: Parts that are stepped from each point of the drive to the next.
     """
     position = {name: k for k, name in enumerate(layout.signals)}
     watch = list(watched)
@@ -103,12 +102,12 @@ def make_plan(
 
 
 def _moving(feeds: Iterable[Feed]) -> tuple[Feed, ...]:
-    """Inputs that change during a run; the others are set once."""
+    """Return the inputs that change during a run; the others are set once."""
     return tuple(feed for feed in feeds if feed.terms or feed.drive is not None)
 
 
 def _groups(takes: Mapping[str, Iterable[str]], order: Sequence[str]) -> list[list[str]]:
-    """Parts that are connected, directly or through others, in the order of stepping."""
+    """Return groups of parts that are connected, directly or through others, in the order of stepping."""
     home = {name: name for name in order}
 
     def root(name: str) -> str:
@@ -127,7 +126,7 @@ def _groups(takes: Mapping[str, Iterable[str]], order: Sequence[str]) -> list[li
 
 
 def _levels(group: Sequence[str], takes: Mapping[str, Collection[str]]) -> tuple[int, ...]:
-    """How many parts follow each other, none of which takes anything from one before it among them."""
+    """Return the sizes of consecutive levels of parts, in which no part takes anything from another."""
     levels: list[list[str]] = [[]]
     for name in group:
         if any(source in levels[-1] for source in takes[name]):
@@ -182,7 +181,7 @@ def _inputs(coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTab
 
 
 def _rows(coupling: Coupling, layout: Layout) -> list[tuple[str, Feed]]:
-    """All inputs, in the order of their numbers, with their parts."""
+    """Return all inputs with their parts, in the order of their numbers."""
     return [(name, feed) for name in layout.parts for feed in _moving(coupling.feeds[name])]
 
 
@@ -249,7 +248,7 @@ def _ends(bond: Bond, which: str) -> tuple[str, str]:
 
 
 def _loops(layout: Layout, position: Mapping[str, int]) -> Loops:
-    """What each group needs before it is known: sources that do not come before their target in the order."""
+    """Return the unknowns of each group: sources that do not come before their target in the order."""
     rank = {name: k for k, name in enumerate(layout.parts)}
     early = {
         source for source, target in layout.terms if rank[source.partition(".")[0]] >= rank[target.partition(".")[0]]

@@ -1,4 +1,4 @@
-"""Pictures of runs: time traces, spectra, bars of measures. One figure, one file each."""
+"""Plots of runs: time traces, spectra, bars of measures. Each is one figure in one file."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def plot_traces(
     stop: float,
     title: str = "Time traces",
 ) -> None:
-    """Draw channels over time between `start` and `stop` [s], one panel each, one line per run."""
-    # Margins in inches. A layout that is computed would draw all panels once more: most of a short run's time.
+    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    # Margins in inches. A computed layout would draw all panels once more, which takes most of a short run's time.
     width, height = 11.0, 1.9 * len(channels) + 0.8
     margins = {"left": 1.0 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.45 / height}
     figure = Figure(figsize=(width, height))
@@ -58,7 +58,7 @@ def plot_spectra(
     highest: float = 30.0,
     title: str = "Power spectral densities",
 ) -> None:
-    """Draw power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
     figure = Figure(figsize=(11, 2.4 * ((len(channels) + 1) // 2) + 0.8), layout="constrained")
     panels = figure.subplots((len(channels) + 1) // 2, 2, sharex=True, squeeze=False).ravel()
     for panel, channel in zip(panels, channels, strict=False):
@@ -85,7 +85,7 @@ def plot_spectra(
 def plot_measures(
     runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
 ) -> None:
-    """Draw each measure's change from the first run to the others in percent; a measure of zero is left out."""
+    """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
     labels = list(runs)
     baseline = runs[labels[0]]
     kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]

@@ -1,4 +1,4 @@
-"""The library of an FMU compiled from the sources that it carries, for a platform that it has no binary for."""
+"""Compilation of an FMU's own sources into a library for a platform that it has no binary for."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from eightpost.cache import keep, recall
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of, writing
 
-#: Doubles as written, no fused operations; a foreign source's warnings are not ours to judge.
+#: Strict double arithmetic without fused operations; warnings of foreign sources are suppressed.
 #: The definition keeps the functions' plain names (FMI 2.0.2 and later).
 _FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX")
 _TIMEOUT = 600.0  # s
-#: Folder of the cache that the libraries are kept in.
+#: Cache folder of the libraries.
 _KEPT_IN = "rebuilt"
 _CPP = {".cc", ".cpp", ".cxx"}
 
 
 def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[str]) -> None:
-    """Compile an FMU's sources into the library for this platform, or take it from the cache.
+    """Compile an FMU's sources into the library for this platform, or read the library from the cache.
 
     The cache is the folder `rebuilt` in EIGHTPOST_CACHE, or in the user's cache folder; its key is the digest of the
     FMU file, the compiler and its options.
 
     Args:
-        path: The .fmu file.
-        folder: Where it is unpacked; the library goes to binaries/ there.
-        identifier: What the library is called.
-        files: Its source files, relative to sources/.
+        path: FMU file (.fmu).
+        folder: Folder in which it is unpacked; the library is written to its binaries/.
+        identifier: Name of the library.
+        files: Source files, relative to sources/.
 
     Raises:
-        FmuError: It has no sources, there is no compiler, or the compiler refuses them.
+        FmuError: A listed source is missing, there is no compiler, or the compilation fails.
     """
     if missing := [name for name in files if not (folder / "sources" / name).is_file()]:
-        raise FmuError(f"{path}: lists the source {missing[0]!r}, which is not in its sources/; ask for a whole one")
+        raise FmuError(f"{path}: lists the source {missing[0]!r}, which is not in its sources/; use a complete FMU")
     if not files:
-        return  # the caller says that there is neither a binary nor a source
+        return  # the caller reports that there is neither a binary nor a source
     command = [*find_compiler(), *_options(files)]
     key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
     if (library := recall(_KEPT_IN, key)) is None:
@@ -58,23 +58,23 @@ def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[s
 
 
 def find_compiler() -> list[str]:
-    """Return the command of the system's C compiler, else of zig's as PyPI's ziglang carries it.
+    """Return the command of the system's C compiler, else that of zig in PyPI's ziglang.
 
     Raises:
-        FmuError: There is neither.
+        FmuError: There is neither of them.
     """
     for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         if name and (found := shutil.which(name)):
             return [found]
     if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-P", "-m", "ziglang", "cc"]  # not a file of the FMU that is compiled
-    raise FmuError("there is no C compiler here to compile an FMU's sources: pip install 'eightpost[build]' brings one")
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]  # -P: do not import files of the FMU
+    raise FmuError("no C compiler was found to compile the FMU's sources; install one: pip install 'eightpost[build]'")
 
 
 def _options(files: Sequence[str]) -> list[str]:
     headers = Path(fmpy.__file__).with_name("c-code")
     position = [] if os.name == "nt" else ["-fPIC"]
-    # The FMU's own headers come first: it may carry changed ones.
+    # The FMU's own headers come first, because it may contain modified ones.
     return [*_FLAGS, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
 
 
@@ -90,19 +90,19 @@ def _key(path: Path, command: Sequence[str]) -> str:
 
 def _compile(path: Path, sources: Path, command: Sequence[str]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="fmu_build_") as build:
-        made = Path(build) / f"library{fmpy.sharedLibraryExtension}"
-        # The mathematics library last: what needs it comes before it.
-        said = _run([*command, "-o", str(made), *([] if os.name == "nt" else ["-lm"])], sources)
-        if said or not made.is_file():
+        product = Path(build) / f"library{fmpy.sharedLibraryExtension}"
+        # The mathematics library comes last, because the linker resolves only symbols needed before it.
+        fault = _run([*command, "-o", str(product), *([] if os.name == "nt" else ["-lm"])], sources)
+        if fault or not product.is_file():
             raise FmuError(
-                f"{path}: its sources do not compile with {Path(command[0]).name}: {said or 'it made no library'}; ask "
-                f"for a binary for this platform ({fmpy.platform})"
+                f"{path}: its sources do not compile with {Path(command[0]).name}: {fault or 'no library was made'}; "
+                f"ask for a binary for this platform ({fmpy.platform})"
             )
-        return made.read_bytes()
+        return product.read_bytes()
 
 
 def _run(command: Sequence[str], folder: Path) -> str:
-    """Run a compiler; return what it has against the sources, or nothing."""
+    """Run a compiler; return its first error message, or an empty string."""
     try:
         ran = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=False

@@ -1,4 +1,4 @@
-"""What is recorded and when: every output unless said otherwise, at coupling points, in SI."""
+"""Recording of a run: every output by default, at communication points, in SI."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _NUMBERS = ("Real", *DISCRETE)
 
 
 def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
-    """Return what is recorded: what the scenario asks for, else every output that is a number.
+    """Return the names of the recorded variables: those of the scenario, else every output that is a number.
 
     Raises:
-        WiringError: A name is unknown or its values are no numbers.
+        WiringError: A name is unknown or its values are not numbers.
     """
     names = tuple(dict.fromkeys(scenario.record)) or _every_output(system)
     for name in names:
@@ -35,12 +35,12 @@ def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
 
 
 def real_names(system: System, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those that the loop records; the others are recorded beside it."""
+    """Return the names that the loop records; discrete variables are recorded outside the loop."""
     return tuple(name for name in names if system.output(name).type == "Real")
 
 
 def recorded_steps(scenario: Scenario, step: float, count: int) -> Flags:
-    """Return 1 for each of the coupling points 0 to `count` that is recorded: the first, the last, and every so many.
+    """Return 1 for each of the communication points 0 to `count` that is recorded: the first, the last, and every n-th.
 
     Raises:
         InputError: The record step is not a whole number of coupling steps.
@@ -52,7 +52,7 @@ def recorded_steps(scenario: Scenario, step: float, count: int) -> Flags:
 
 
 def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
-    """Return room for `rows` points."""
+    """Return a tape with space for `rows` communication points."""
     places = {name: k for k, name in enumerate((*layout.signals, *layout.extras))}
     columns = np.array([places[name] for name in names], dtype=np.uint32)
     return Tape(np.zeros((rows, len(names))), np.zeros(rows), columns, np.zeros(1, np.int64))
@@ -61,7 +61,7 @@ def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
 def recorded_series(
     system: System, names: tuple[str, ...], tape: Tape, discrete: Sequence[Sequence[float]] = ()
 ) -> TimeSeries:
-    """Return what a tape holds so far, in SI, and beside it the rows of what is not Real."""
+    """Return the contents of a tape and the rows of discrete variables, in SI."""
     count = int(tape.position[0])
     values, units = _values(system, names, tape.rows[:count], discrete), []
     for row, name in zip(values, names, strict=True):
@@ -71,14 +71,14 @@ def recorded_series(
             row[:] = conversion.factor * row + conversion.offset
         if not np.isfinite(row).all():
             raise StepError(_not_a_number(name, tape.times[int(np.argmin(np.isfinite(row)))]))
-    values.setflags(write=False)  # nobody else has them: they need no copy
+    values.setflags(write=False)  # no other references exist, so no copy is needed
     return TimeSeries(tape.times[:count], values, names, tuple(units))
 
 
 def _values(
     system: System, names: tuple[str, ...], real: NDArray[np.float64], discrete: Sequence[Sequence[float]]
 ) -> NDArray[np.float64]:
-    """Return a row per name (M, R) of the rows per time of both kinds."""
+    """Return one row per name (M, R) from the rows per time of both kinds."""
     is_real = np.array([system.output(name).type == "Real" for name in names], dtype=bool)
     if is_real.all():
         return np.ascontiguousarray(real.T)
@@ -90,8 +90,8 @@ def _values(
 
 def _not_a_number(name: str, time: float) -> str:
     return (
-        f"{name} is not a number from {time:g} s on: look at what its component was given and logged, or leave it out "
-        "of the record list ([scenario] record)"
+        f"{name} is not a number from {time:g} s on: check the inputs and the log of its component, or remove it from "
+        "the record list ([scenario] record)"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves: series, status, statistics; readable and on disk."""
+"""Result of a run: series, status and statistics, in memory and on disk."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class Coupled:
-    """What the ends of one bond assumed of each other over a run, root mean squares in SI.
+    """Local errors of the values that the ends of one bond assumed of each other, root mean squares in SI.
 
     Args:
-        velocity_error: Local error of the velocity that the shock was given [m/s].
+        velocity_error: Local error of the velocity given to the shock [m/s].
         velocity_spread: Standard deviation of that velocity [m/s].
-        force_error: Local error of the force that the vehicle was given [N].
+        force_error: Local error of the force given to the vehicle [N].
         force_spread: Standard deviation of that force [N].
-        velocity_scale: Scale that the velocity's error is judged by [m/s]; see cosim.difference.judged_by.
-        force_scale: Scale that the force's error is judged by [N].
+        velocity_scale: Scale of the velocity's error [m/s]; see cosim.difference.judged_by.
+        force_scale: Scale of the force's error [N].
     """
 
     velocity_error: float
@@ -42,46 +42,46 @@ class Coupled:
 
     @property
     def percent(self) -> float:
-        """The larger of both local errors, in percent of its scale."""
+        """Larger of both local errors, in percent of its scale."""
         return 100.0 * max(self.velocity_error / self.velocity_scale, self.force_error / self.force_scale)
 
 
 @dataclass(frozen=True)
 class Result:
-    """One run.
+    """Result of one run.
 
     Args:
         series: Recorded variables by `component.variable`, SI.
-        converged: Whether the coupled start was found; see `notes`.
-        notes: What the reader should know, in sentences.
-        algorithm: Its name.
-        order: The components as they were stepped.
+        converged: Whether the equilibrium start was found and all steps converged; see `notes`.
+        notes: Notes for the reader, in sentences.
+        algorithm: Name of the algorithm.
+        order: Components in the order of stepping.
         step: Coupling step [s].
         steps: Number of coupling steps.
-        seconds: Wall time from the start of initialization [s]; of the default, of all its runs.
-        equilibrium_sweeps: Evaluations until the coupled start agreed.
-        energy: Per bond: energy residual and energy transferred [J].
+        seconds: Wall time from the start of initialization [s]; for the default, of all its runs.
+        equilibrium_sweeps: Number of evaluations until the equilibrium start converged.
+        energy: Energy residual and energy transferred [J] per bond.
         held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
         identities: GUID of each component.
         sources: File of each component.
-        parameters: Values that differ from the components' own, by component; in their own units.
-        settling: Time at the start that response measures leave out [s].
-        share_beyond_fit: Per shock: share of time beyond its fitted velocities.
-        share_tire_off: Per tire force: share of time below zero load; None where no static load is known.
-        coupled: Per bond: local errors of what its ends assumed of each other.
-        iterations: Of implicit steps, all together.
-        rejected_steps: Steps that an adaptive run made again, smaller.
+        parameters: Values that differ from the components' defaults, by component; in their own units.
+        settling: Time at the start that is excluded from response measures [s].
+        share_beyond_fit: Share of time beyond the fitted velocities, per shock.
+        share_tire_off: Share of time below zero load, per tire force; None if no static load is known.
+        coupled: Local errors of the values that the ends assumed of each other, per bond.
+        iterations: Total number of iterations of implicit steps.
+        rejected_steps: Number of steps that an adaptive run repeated with a smaller step.
         largest_step: Largest coupling step [s].
-        partial: Whether the run was interrupted or given up before its stop.
-        ended_by: The component that ended the simulation before its stop, as an FMU may; empty where none did.
-        ended_at: When it did [s]; None where none did.
-        stepping_seconds: Wall time of the steps alone [s]; of the default, of all its runs.
-        stated_error: Per recorded variable, and per channel that decides: estimated error of the coupling, in percent
-            of its scale (cosim.difference.scales) after settling; empty where only one run was made.
-        scheme: Algorithm that the default chose; empty where one was given.
+        partial: Whether the run was interrupted or given up before its stop time.
+        ended_by: Component that ended the simulation before its stop time, as an FMU may; empty if none did.
+        ended_at: Time at which it did [s]; None if none did.
+        stepping_seconds: Wall time of the steps alone [s]; for the default, of all its runs.
+        stated_error: Estimated coupling error per recorded variable and per decisive channel, in percent of its scale
+            (cosim.difference.scales) after settling; empty if only one run was made.
+        scheme: Algorithm that the default chose; empty if an algorithm was given.
         decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
-        models: The components as the verdict sees them.
-        tolerance: Coupling error that the default aimed at, in percent; 0 where the step was given.
+        models: Components with the information that the verdict uses.
+        tolerance: Coupling error that the default aimed at, in percent; 0 if the step was given.
         unsettled_steps: Number of implicit steps that did not converge.
         steps_of_all_runs: Number of coupling steps of this run and of those that it was compared with.
     """
@@ -121,32 +121,32 @@ class Result:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether the run can be used, and why (docs/verdict.md)."""
+        """Verdict on whether the run can be used, with its reasons (docs/verdict.md)."""
         return verdict_of(self)
 
     @property
     def acceptable(self) -> bool:
-        """Whether the verdict is anything but "not usable": what the exit code of `eightpost run` says."""
+        """Whether the verdict is anything but "not usable"; `eightpost run` sets its exit code by this."""
         return self.verdict.is_acceptable
 
     @property
     def coupling_error(self) -> float | None:
-        """The largest stated error of the channels that decide, of all channels where none decides [%].
+        """Largest stated error of the decisive channels, or of all channels if none is decisive [%].
 
-        None where only one run was made.
+        None if only one run was made.
         """
         chosen = [self.stated_error[name] for name in self.decisive if name in self.stated_error]
         return max(chosen or self.stated_error.values(), default=None)
 
     @property
     def is_clean(self) -> bool:
-        """Whether the run came to its stop, every step converged, and no bond's local error is too large."""
+        """Whether the run reached its stop time, every step converged, and no bond's local error is too large."""
         local = max((c.percent for c in self.coupled.values()), default=0.0)
         return not self.partial and self.unsettled_steps == 0 and local <= LARGEST_ERROR
 
     @property
     def tolerance_met(self) -> bool:
-        """Whether the default's tolerance was met by the stated coupling error."""
+        """Whether the stated coupling error meets the default's tolerance."""
         return self.is_clean and self.coupling_error is not None and self.coupling_error <= self.tolerance
 
     def settled(self) -> TimeSeries:
@@ -154,7 +154,7 @@ class Result:
         return self.series.window(self.settling, float(self.series.time[-1])) if self.settling else self.series
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write series.parquet, series.csv and result.json; each replaces an old one only when it is whole."""
+        """Write series.parquet, series.csv and result.json; an old file is replaced only by a complete one."""
         folder = Path(folder)
         paths = (folder / "series.parquet", folder / "series.csv", folder / "result.json")
         write_series(self.series, paths[0])

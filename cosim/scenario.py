@@ -1,4 +1,4 @@
-"""What is done to a system: its drive, how long, and what is kept."""
+"""Scenario of a run: the drive, the duration, and the recorded variables."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Scenario:
         stop: Duration [s].
         drive: Signals for the inputs that no component feeds.
         drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
-        targets: Which input each channel of `drive` goes to: `{"lf.road": "car.lf.road"}`. Empty: every channel goes
-            to the one component input of that name.
-        record: Variables to keep, as `component.variable`; empty: every output.
+        targets: Input that each channel of `drive` feeds: `{"lf.road": "car.lf.road"}`. Empty: every channel feeds the
+            only component input of that name.
+        record: Variables to record, as `component.variable`; empty: every output.
         record_step: Time between recorded samples [s], a whole number of coupling steps; None: every step.
-        settling: Time at the start that response measures leave out [s].
+        settling: Time at the start that is excluded from response measures [s].
 
     Raises:
         InputError: A time is not positive and finite, or the drive does not cover the run.
@@ -55,6 +55,6 @@ class Scenario:
         slack = 1e-9 * max(abs(last), 1.0)
         if first > begin + slack or last < end - slack:
             raise InputError(
-                f"scenario: the run takes {begin:g} to {end:g} s of the drivefile, it holds {first:g} to {last:g} s: "
+                f"scenario: the run takes {begin:g} to {end:g} s of the drive file, it holds {first:g} to {last:g} s: "
                 "change stop or drive_start"
             )

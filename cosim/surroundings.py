@@ -1,7 +1,7 @@
-"""What an FMU shares with the whole process and may change: the working directory and the floating-point environment.
+"""Process state that an FMU may change for all components: the working directory and the floating-point environment.
 
-A changed working directory puts files elsewhere; a changed rounding mode, or numbers near 0 flushed to 0, changes the
-results of all components. Libraries built with -ffast-math do the latter when they are loaded.
+A changed working directory puts files elsewhere. A changed rounding mode, or flushing of small numbers to 0, changes
+the results of all components; libraries built with -ffast-math enable such flushing when they are loaded.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 _Words = tuple[int, ...]
 
-#: By system and processor: bits of fenv_t, in words of 64 bits, that say how to compute, and not what has happened.
+#: Control bits of fenv_t by system and processor, in words of 64 bits: the settings, without the status flags.
 _CONTROL: dict[tuple[str, str], _Words] = {
     ("linux", "x86_64"): (0xFFFF, 0, 0, 0xFFC0 << 32),
     ("darwin", "x86_64"): (0xFFFF | 0xFFC0 << 32, 0),
@@ -30,11 +30,11 @@ _CONTROL: dict[tuple[str, str], _Words] = {
 
 @dataclass(frozen=True)
 class Surroundings:
-    """How a process was at one moment.
+    """Shared state of the process at one moment.
 
     Args:
-        folder: Working directory of the process; empty where there was none.
-        floating: Floating-point environment of the process, fenv_t; None where it cannot be read here.
+        folder: Working directory of the process; empty if there was none.
+        floating: Floating-point environment of the process, fenv_t; None if it cannot be read on this platform.
     """
 
     folder: str
@@ -42,21 +42,21 @@ class Surroundings:
 
     @classmethod
     def now(cls) -> Surroundings:
-        """Return what is so now, in this thread."""
+        """Return the current state, in this thread."""
         return cls(_folder(), _floating())
 
     def restore(self) -> tuple[str, ...]:
-        """Make all as it was; return what had changed, in words."""
+        """Restore this state; return descriptions of what had changed."""
         return tuple(self._changes())
 
     def _changes(self) -> Iterator[str]:
         if self.folder and (found := _folder()) != self.folder:
             os.chdir(self.folder)
-            yield f"the working directory (to {found or 'one that is gone'})"
+            yield f"the working directory (to {found or 'one that no longer exists'})"
         now = _floating()
         if now is not None and self.floating is not None and _control(now) != _control(self.floating):
             _mathematics().fesetenv(self.floating)
-            yield "how floating-point numbers are computed (the rounding mode, or numbers near 0 taken for 0)"
+            yield "the floating-point environment (the rounding mode, or small numbers flushed to 0)"
 
 
 def _folder() -> str:
@@ -84,7 +84,7 @@ def _mask() -> _Words:
 
 @cache
 def _mathematics() -> Any:
-    """The C library's mathematics; None where it is not known how it keeps the environment."""
+    """Return the C library's mathematics; None if its layout of the environment is not known."""
     if not _mask():
         return None
     with suppress(OSError, AttributeError):

@@ -1,4 +1,4 @@
-"""A system: components and what feeds their inputs. Checked when it is built."""
+"""System of components and connections, checked when it is created."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _DISCRETE = frozenset(DISCRETE)
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """An output that feeds an input, both as `component.variable`; units are converted, then `gain` applies.
+    """Connection from an output to an input, both as `component.variable`; units are converted, then `gain` applies.
 
-    A component that is positive in extension connects with gain -1. `offset` is added last, in the input's own unit.
-    Both ends have the same type, unless `convert` asks for the other's: an Integer, a Boolean or an enumeration is held
-    over each step, what goes into one is rounded (a Boolean is true unless 0).
+    A component that is positive in extension is connected with gain -1. `offset` is added last, in the input's own
+    unit. Both ends have the same type unless `convert` is set. Integer, Boolean and enumeration values are held over
+    each step; a value for an input of these types is rounded (a Boolean is true unless 0).
     """
 
     source: str
@@ -34,7 +34,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Bond:
-    """A velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+    """Velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
 
     name: str
     velocity: Connection
@@ -45,14 +45,14 @@ class Bond:
     def between(
         cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
     ) -> Bond:
-        """Join a vehicle's port and a shock by the names of docs/ports.md.
+        """Connect a vehicle's port and a shock by the names of docs/ports.md.
 
         Args:
-            vehicle: Component and port: `car.lf`; just `car` for a quarter car.
-            shock: The shock's component.
-            gain: On velocity, displacement and force; -1 for a shock that is positive in extension.
-            displacement: Whether the shock takes the displacement too.
-            name: Of the bond; default the vehicle's port.
+            vehicle: Component and port: `car.lf`; only `car` for a quarter car.
+            shock: Component of the shock.
+            gain: Gain on velocity, displacement and force; -1 for a shock that is positive in extension.
+            displacement: Whether to connect the displacement too.
+            name: Name of the bond; default the vehicle's port.
         """
         travel = Connection(f"{vehicle}.displacement", f"{shock}.displacement", gain) if displacement else None
         return cls(
@@ -64,7 +64,7 @@ class Bond:
 
     @property
     def connections(self) -> tuple[Connection, ...]:
-        """Its two or three connections."""
+        """Two or three connections of the bond."""
         return (self.velocity, self.force) + ((self.displacement,) if self.displacement else ())
 
 
@@ -73,13 +73,13 @@ class System:
     """Components and their connections; every rule that does not need a scenario is checked here.
 
     Args:
-        components: By name; names have no dots.
+        components: Components by name; names have no dots.
         bonds: Velocity/force ports.
         connections: Any other connections.
-        sums: Inputs that add up what several sources feed them, as `component.variable`.
+        sums: Inputs, as `component.variable`, that add up the values of several sources.
         constants: Inputs with a constant value, in the component's own unit.
-        parameters: Per component: values of parameters, and initial values of what else has a start, in the
-            component's own units.
+        parameters: Values of parameters, and initial values of other variables with a start value, by component and in
+            the component's own units.
 
     Raises:
         WiringError: An unknown name, two sources for an input that is not declared a sum, incompatible units; the
@@ -118,7 +118,7 @@ class System:
         constants: Mapping[str, float] | None = None,
         parameters: Mapping[str, Mapping[str, float | bool | str]] | None = None,
     ) -> System:
-        """Build a system from FMU files by component name; the other arguments are those of `System`."""
+        """Create a system from FMU files by component name; the other arguments are those of `System`."""
         components = {name: FmuComponent(path, name) for name, path in fmus.items()}
         return cls(
             components,
@@ -131,12 +131,12 @@ class System:
 
     @property
     def ramps(self) -> bool:
-        """Whether all components follow inputs that change over a step."""
+        """Whether all components can ramp their inputs over a step."""
         return all(c.capabilities.interpolates_inputs for c in self.components.values())
 
     @property
     def coupled_with_held(self) -> frozenset[str]:
-        """The components that hold their inputs over a step, and all that are connected with them."""
+        """Components that hold their inputs over a step, and all components connected with them."""
         found = {name for name, c in self.components.items() if not c.capabilities.interpolates_inputs}
         links = [(c.source.partition(".")[0], c.target.partition(".")[0]) for c in self.all_connections]
         while wider := {end for link in links if found & set(link) for end in link} - found:
@@ -157,11 +157,11 @@ class System:
 
     @property
     def all_connections(self) -> tuple[Connection, ...]:
-        """Those of the bonds, then the others."""
+        """All connections: those of the bonds, then the others."""
         return tuple(c for bond in self.bonds for c in bond.connections) + self.connections
 
     def start_values(self, component: str) -> dict[str, float | bool | str]:
-        """Return what a component is given before its initialization: parameters, and inputs that keep their value."""
+        """Return the values that a component gets before initialization: parameters and constant discrete inputs."""
         constants = {
             name.partition(".")[2]: value
             for name, value in self.constants.items()
@@ -171,17 +171,17 @@ class System:
 
     @property
     def discrete_connections(self) -> tuple[Connection, ...]:
-        """Those with an end that is Integer, Boolean or an enumeration; they are no part of the loop."""
+        """Connections with an Integer, Boolean or enumeration end; they are exchanged outside the loop."""
         return tuple(c for c in self.connections if _DISCRETE & {self.output(c.source).type, self.input(c.target).type})
 
     @property
     def real_connections(self) -> tuple[Connection, ...]:
-        """Those from Real to Real: of the bonds, then the others."""
+        """Connections from Real to Real: those of the bonds, then the others."""
         discrete = set(self.discrete_connections)
         return tuple(c for c in self.all_connections if c not in discrete)
 
     def output(self, name: str) -> Variable:
-        """Return the variable `component.variable`; anything that can be read.
+        """Return the variable `component.variable`, of any causality that can be read.
 
         Raises:
             WiringError: There is no such component or variable.
@@ -192,7 +192,7 @@ class System:
         """Return the input `component.variable`.
 
         Raises:
-            WiringError: There is no such component or variable, or it is no input that takes numbers.
+            WiringError: There is no such component or variable, or it is not an input for numbers.
         """
         variable = find_variable(self.components, name)
         if variable.causality != "input" or variable.type not in ("Real", *DISCRETE):
@@ -206,8 +206,8 @@ class System:
         names = [bond.name for bond in self.bonds]
         if doubled := sorted({name for name in names if names.count(name) > 1}):
             raise WiringError(
-                f"two bonds are called {doubled[0]!r}: give each a name of its own (name = ...), so that energies "
-                "can be told apart"
+                f"two bonds are named {doubled[0]!r}: give each its own name (name = ...), so that their energies can "
+                "be distinguished"
             )
 
     def _check_connection(self, connection: Connection) -> None:
@@ -215,9 +215,9 @@ class System:
         source, target = self.output(connection.source), self.input(connection.target)
         _check_types(connection, source, target, what)
         if not (isfinite(connection.gain) and connection.gain != 0.0):
-            raise WiringError(f"{what}: the gain must be finite and not zero, it is {connection.gain!r}")
+            raise WiringError(f"{what}: the gain must be finite and not zero, not {connection.gain!r}")
         if not isfinite(connection.offset):
-            raise WiringError(f"{what}: the offset must be finite, it is {connection.offset!r}")
+            raise WiringError(f"{what}: the offset must be finite, not {connection.offset!r}")
         convert_between(source.unit, target.unit, what)
         for bond in self.bonds:
             if connection in bond.connections and {source.type, target.type} != {"Real"}:
@@ -233,8 +233,8 @@ class System:
             discrete = self.input(target).type in DISCRETE or any(c.target == target for c in self.discrete_connections)
             if len(fed_by) > 1 and discrete:
                 raise WiringError(
-                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}), and Integer, Boolean and enumeration "
-                    "values do not add up; remove all but one"
+                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}), but Integer, Boolean and enumeration "
+                    "values cannot be added; remove all but one"
                 )
             if len(fed_by) > 1 and target not in self.sums:
                 raise WiringError(
@@ -253,7 +253,7 @@ class System:
             _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
-        """A gas spring whose displacement stands still gives a wrong force without a word (docs/ports.md)."""
+        """Refuse a constant displacement of a gas spring, which would give a wrong force silently (docs/ports.md)."""
         for name, component in self.components.items():
             if not {"gas_stiffness", "displacement"} <= set(component.variables):
                 continue
@@ -266,18 +266,18 @@ class System:
 
 
 def _check_types(connection: Connection, source: Variable, target: Variable, what: str) -> None:
-    """Refuse a connection of different types, where it does not ask for it, and values that are no numbers."""
+    """Refuse values that are not numbers, and connections of different types without `convert`."""
     if source.type not in ("Real", *DISCRETE):
         raise WiringError(f"{what}: {connection.source} is a {source.type}; connections carry numbers only")
     if source.type != target.type and not connection.convert:
         raise WiringError(
-            f"{what}: {_a(source.type)} into {_a(target.type)}; if that is meant, let the connection convert it "
-            "(convert = true)"
+            f"{what}: connects {_a(source.type)} to {_a(target.type)}; if this is intended, let the connection convert "
+            "the value (convert = true)"
         )
     if source.type == target.type != "Real" and (connection.gain, connection.offset) != (1.0, 0.0):
         raise WiringError(
-            f"{what}: {_a(source.type)} goes over as it is, without gain and offset; remove them, or put a component "
-            "between"
+            f"{what}: {_a(source.type)} is transferred unchanged, without gain and offset; remove them, or put a "
+            "component between"
         )
 
 
@@ -289,7 +289,7 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     """Return the variable `component.variable`.
 
     Raises:
-        WiringError: There is no such component or variable; the message says what is close.
+        WiringError: There is no such component or variable; the message lists similar names.
     """
     component, _, variable = name.partition(".")
     if component not in components:
@@ -301,10 +301,10 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
 
 
 def can_be_set(variable: Variable) -> bool:
-    """Whether a variable takes a value before the start of a run that it keeps: a parameter, or an initial value.
+    """Return whether a variable can be set before a run and keeps its value: a parameter, or an initial value.
 
-    FMI 2.0 gives a start to the variables that are set from outside before initialization, and to no others (2.2.7,
-    `initial`). Real inputs are not among them here: they are connected, driven or constant.
+    In FMI 2.0 exactly the variables that can be set before initialization have a start value (2.2.7, `initial`).
+    Real inputs are excluded here, because they are connected, driven or constant.
     """
     if variable.causality == "input":
         return variable.type != "Real"
@@ -321,7 +321,7 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def _check_value(name: str, variable: Variable, value: object) -> None:
-    """Refuse a value of the wrong kind or outside the range that the component itself states."""
+    """Refuse a value of the wrong type or outside the range that the component declares."""
     if type(value) not in _KINDS.get(variable.type, (type(value),)):
         raise WiringError(f"{name} = {value!r}: it is a {variable.type} variable and takes no {type(value).__name__}")
     if not isinstance(value, (int, float)) or isinstance(value, bool):

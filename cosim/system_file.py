@@ -1,4 +1,4 @@
-"""A system and its scenario as a TOML file that a person can write; packages of other tools are read beside it."""
+"""System files: a system and its scenario as TOML; SSP packages are read through the same function."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
 
-#: A number in the variable's own unit (SI for times), or a value with its unit: "55 lbf".
+#: Number in the variable's own unit (SI for times), or a value with its unit: "55 lbf".
 Value = float | str
 
 
-#: pydantic's kinds of fault in words that help.
+#: Messages for pydantic's error types.
 _WORDS = {
-    "extra_forbidden": "is no entry of a system file (docs/system_file.md lists them)",
+    "extra_forbidden": "is not an entry of a system file (docs/system_file.md lists them)",
     "missing": "is missing",
     "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
 }
 
 
-#: Options of an algorithm in the file, by the algorithm: what they are called there.
+#: Options of algorithms in the file: option -> algorithm -> name of its field.
 _FIELDS: Mapping[str, Mapping[str, str]] = {
     "sequence": {"gauss-seidel": "sequence", "implicit": "sequence"},
     "values": {"gauss-seidel": "values", "jacobi": "values"},
@@ -100,11 +100,9 @@ class _File(_Strict):
 
 
 @dataclass(frozen=True)
+@dataclass(frozen=True)
 class Case:
-    """What a system file or a package holds, the files of its FMUs by component, and what to know of its reading.
-
-    `cosim.run(case.system, case.scenario, algorithm=case.algorithm, step=case.step)` runs it.
-    """
+    """Contents of a system file or a package, the files of its FMUs by component, and notes from reading it."""
 
     name: str
     system: System
@@ -127,9 +125,9 @@ def read_case(
 
     Args:
         path: A TOML file, an .ssp archive or an .ssd description.
-        fmus: FMUs by component name that take the place of those in the file: to swap a shock.
-        given: What a package lacks for a run; a system file says it itself.
-        isolate: Whether each FMU runs in a process of its own (docs/foreign_fmus.md).
+        fmus: FMUs by component name that replace those in the file, for example to swap a shock.
+        given: Run data that a package lacks; a system file contains it.
+        isolate: Whether each FMU runs in its own process (docs/foreign_fmus.md).
         compile_missing: Whether to compile the sources of an FMU that has no binary for this platform.
 
     Raises:
@@ -143,8 +141,8 @@ def read_case(
         return _package(path, fmus, given, load)
     if given not in (None, Given()):
         raise InputError(
-            f"{path}: a drivefile, stop time, record step or input is given beside a system file, which says these "
-            "itself: change it there ([scenario], [components.NAME] inputs)"
+            f"{path}: a drive file, stop time, record step or input is given on the command line, but a system file "
+            "contains these: change them there ([scenario], [components.NAME] inputs)"
         )
     content = _read(path)
     fmus = fmus or {}
@@ -182,15 +180,15 @@ def _package(
     given: Given | None,
     load: Callable[[Path, str], Component],
 ) -> Case:
-    found = read_ssp(path, fmus=fmus, given=given, load=load)
+    contents = read_ssp(path, fmus=fmus, given=given, load=load)
     return Case(
-        name=found.name,
-        system=found.system,
-        scenario=found.scenario,
+        name=contents.name,
+        system=contents.system,
+        scenario=contents.scenario,
         algorithm=Automatic(),
-        step=found.step,
-        fmus=found.fmus,
-        notes=found.notes,
+        step=contents.step,
+        fmus=contents.fmus,
+        notes=contents.notes,
     )
 
 
@@ -235,7 +233,7 @@ def _number(value: bool | float | str, name: str) -> float:
 def _own_unit(
     components: Mapping[str, Component], component: str, name: str, value: bool | float | str
 ) -> bool | float | str:
-    """Return a value in the variable's own unit; numbers are in it already."""
+    """Return a value in the variable's own unit; a number is already in it."""
     variable = find_variable(components, f"{component}.{name}")
     if variable.type in DISCRETE:
         return int(value) if isinstance(value, float) and value.is_integer() else value
@@ -271,7 +269,7 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
 
 
 def _algorithm(content: _Scenario) -> Algorithm | Automatic:
-    """Return the strategy: the default where none is named."""
+    """Return the algorithm; the default if none is named."""
     name = content.algorithm or "default"
     chosen = SCHEMES[name]
     options: dict[str, Any] = {}

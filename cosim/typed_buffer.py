@@ -1,4 +1,4 @@
-"""Memory for the values of an FMU's variables: FMI gets and sets those of each type by a function of its own."""
+"""Buffers for the values of an FMU's variables: FMI has separate functions for each type."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-#: The functions' names for a type, and the C type of its values.
+#: Name of the FMI functions for a type, and the C type of its values.
 _KINDS: Mapping[str, tuple[str, Any]] = {
     "Real": ("Real", ctypes.c_double),
     "Integer": ("Integer", ctypes.c_int),
@@ -18,13 +18,13 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class TypedBuffer:
-    """Values of one type.
+    """Values of one type, with the references of their variables.
 
     Args:
         kind: Real, Integer or Boolean, as in fmi2GetReal.
-        places: Positions of the values among all that are asked for.
-        references: Value references, a C array.
-        buffer: Values, a C array.
+        places: Positions of the values among all requested values.
+        references: Value references (C array).
+        buffer: Values (C array).
     """
 
     kind: str
@@ -33,7 +33,7 @@ class TypedBuffer:
     buffer: Any
 
     def number(self, value: float) -> float | int:
-        """Return a value as the buffer takes it."""
+        """Return a value converted to the type of the buffer."""
         if self.kind == "Real":
             return value
         return int(value != 0.0) if self.kind == "Boolean" else round(value)
@@ -42,18 +42,18 @@ class TypedBuffer:
 def typed_buffers(
     names: Sequence[str], types: Mapping[str, str], references: Mapping[str, int]
 ) -> tuple[TypedBuffer, ...]:
-    """Return one buffer for each kind of function that the names need.
+    """Return one buffer for each type of function that the names need.
 
     Args:
-        names: Variables.
-        types: Their types, of which String is none.
-        references: Their value references.
+        names: Names of the variables.
+        types: Types of the variables; String is not supported.
+        references: Value references of the variables.
     """
     places: dict[str, list[int]] = {}
     for place, name in enumerate(names):
         places.setdefault(_KINDS[types[name]][0], []).append(place)
-    found = []
+    buffers = []
     for kind, own in places.items():
         array = (ctypes.c_uint * len(own))(*[references[names[place]] for place in own])
-        found.append(TypedBuffer(kind, tuple(own), array, (_KINDS[kind][1] * len(own))()))
-    return tuple(found)
+        buffers.append(TypedBuffer(kind, tuple(own), array, (_KINDS[kind][1] * len(own))()))
+    return tuple(buffers)

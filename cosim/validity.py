@@ -1,4 +1,4 @@
-"""What the models of a system say of themselves, and how far a run kept to the ranges that they cover."""
+"""Range of validity of the models of a system, and how far a run stayed within it."""
 
 from __future__ import annotations
 
@@ -17,56 +17,56 @@ if TYPE_CHECKING:
 
 ABOUT = "range of the models"
 
-#: Shares of time or energy beyond a limit of a model: from the first on it is said, from the second on the result is
+#: Shares of time or energy beyond a limit of a model: above the first it is reported, above the second the result is
 #: not usable.
 NOTABLE_SHARE, LARGEST_SHARE = 0.01, 0.20
 
-#: A record covers its own amplitudes and this share more.
+#: Share by which a variable may exceed the amplitudes of a record.
 MARGIN = 0.1
 
-#: Fewer samples say nothing of a range.
+#: Minimum number of samples for a check of a range.
 _FEWEST = 10
 
-#: Share of the power beyond the frequencies of the records from which it is said.
+#: Share of the power outside the frequencies of the records above which it is reported.
 NOTABLE_POWER = 0.10
 
 MODEL_UNKNOWN = Rule(
     "validity of a model unknown", "validity of the models", Grade.UNKNOWN,
-    condition="a component does not say how far its model can be used: an FMU of another maker, or of an older version "
-    "of eightpost",
-    why="for what amplitudes and frequencies it holds, and how well it was fitted, is not known to this program",
-    remedy="ask its maker, and judge its range yourself; build an FMU of eightpost again",
+    condition="a component does not state the range of validity of its model: an FMU of another tool, or of an older "
+    "version of eightpost",
+    why="the amplitudes and frequencies for which it is valid, and the quality of its fit, are not known here",
+    remedy="ask its maker, and judge its range yourself; rebuild an FMU of eightpost",
 )  # fmt: skip
 MOSTLY_BEYOND = Rule(
     "mostly beyond the fitted amplitudes", ABOUT, Grade.NOT_USABLE,
     condition=f"a variable is beyond the amplitudes of its model's records by more than {100 * MARGIN:g} % for more "
     f"than {100 * LARGEST_SHARE:g} % of the time",
-    why="the model says nothing there that was ever measured",
+    why="the model is not supported by any measurement there",
     remedy="test at the amplitudes of this drive and fit or identify again, or use a smaller drive",
 )  # fmt: skip
 BEYOND = Rule(
     "beyond the fitted amplitudes", ABOUT, Grade.LIMITED,
     condition=f"the same, for more than {100 * NOTABLE_SHARE:g} % of the time",
-    why="peaks rest on an extrapolation",
+    why="peaks depend on an extrapolation",
     remedy="do not use peaks; test at the amplitudes of this drive for more",
 )  # fmt: skip
 BEYOND_FREQUENCY = Rule(
     "beyond the fitted frequencies", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * NOTABLE_POWER:g} % of a velocity's power is outside the frequencies of its model's "
     "records",
-    why="phase and gain there rest on the form of the model alone; the rest of the power is covered",
+    why="phase and gain there depend only on the form of the model; the rest of the power is covered",
     remedy="judge setups by measures within the covered band; test at the frequencies of this drive for more",
 )  # fmt: skip
 COVERED = Rule(
     "within the fitted ranges", ABOUT, Grade.USABLE,
-    condition="the recorded variables keep to the amplitudes and frequencies of their models' records",
+    condition="the recorded variables stay within the amplitudes and frequencies of their models' records",
     why="each share is below the limits above",
     remedy="nothing",
 )  # fmt: skip
 CONDITION = Rule(
     "conditions of the measurement", "conditions of the models", Grade.USABLE,
     condition="a model states the temperature or the gas pressure of its records",
-    why="the model does not follow them: the result holds for these conditions",
+    why="the model does not depend on them: the result is valid for these conditions",
     remedy="compare with the conditions on the track",
 )  # fmt: skip
 
@@ -75,21 +75,21 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 
 @runtime_checkable
 class Described(Protocol):
-    """A component that says how far its model can be used."""
+    """Component that states the range of validity of its model."""
 
     @property
     def validity(self) -> Validity | None:
-        """What it says; None where it says nothing."""
+        """Range of validity; None if the component states none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A component as the verdict sees it.
+    """Component with the information that the verdict uses.
 
     Args:
-        validity: Range of use that the FMU states; None where it states none.
+        validity: Range of validity that the FMU states; None if it states none.
         source: File of the FMU.
-        channels: Recorded channel of each of its variables that has a range, and the factor from one to the other.
+        channels: Recorded channel of each variable that has a range, and the factor from the channel to the variable.
     """
 
     validity: Validity | None
@@ -98,7 +98,7 @@ class Model:
 
 
 def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
-    """Return the components of a system as the verdict sees them.
+    """Return the components of a system with the information that the verdict uses.
 
     Args:
         system: Components and connections.
@@ -106,18 +106,18 @@ def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
     """
     names = frozenset(recorded)
     fed = {c.target: (c.source, c.gain) for c in system.all_connections if c.target not in system.sums}
-    found = {}
+    models = {}
     for name, component in system.components.items():
         validity = component.validity if isinstance(component, Described) else None
         known = {covered.variable for covered in validity.ranges} if validity else set[str]()
         channels = {variable: _channel(f"{name}.{variable}", fed, names) for variable in known}
         kept = {variable: channel for variable, channel in channels.items() if channel is not None}
-        found[name] = Model(validity, component.source, kept)
-    return found
+        models[name] = Model(validity, component.source, kept)
+    return models
 
 
 def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozenset[str]) -> tuple[str, float] | None:
-    """Return the recorded channel that a variable is in, and the factor from the channel to it."""
+    """Return the recorded channel of a variable, and the factor from the channel to the variable."""
     if name in recorded:
         return name, 1.0
     source, gain = fed.get(name, ("", 1.0))
@@ -125,17 +125,17 @@ def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozense
 
 
 def model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
-    """Yield what models say of themselves, and how far a run kept to their ranges.
+    """Yield the reasons that follow from the models themselves, and from their ranges.
 
     Args:
-        models: By component.
-        series: The settled run.
+        models: Models by component.
+        series: Series of the run without its settling time.
     """
     even = series if len(series) < _FEWEST or series.is_uniform else series.resample(series.sample_rate)
     for name, model in models.items():
         if model.validity is None:
-            said = "how far the component's model can be used is not known to this program"
-            yield MODEL_UNKNOWN.reason(said, figure="0 ranges stated", origin=f"component {name} ({model.source})")
+            text = "the range of validity of the component's model is not known to this program"
+            yield MODEL_UNKNOWN.reason(text, figure="0 ranges stated", origin=f"component {name} ({model.source})")
             continue
         origin = f"{name} ({model.source})"
         for reason in model.validity.verdict.reasons:
@@ -145,19 +145,19 @@ def model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[R
 
 def _ranges(model: Model, series: TimeSeries, origin: str) -> Iterator[Reason]:
     assert model.validity is not None
-    found = list[Reason]()
+    reasons = list[Reason]()
     examined = 0
     for covered in model.validity.ranges:
         if covered.kind == "condition":
             figure = f"{covered.variable} {covered}"
-            yield CONDITION.reason("the result holds for the conditions of the fit", figure=figure, origin=origin)
+            yield CONDITION.reason("the result is valid for the conditions of the fit", figure=figure, origin=origin)
         elif covered.variable in model.channels and len(series) >= _FEWEST:
             examined += 1
-            found += _left(covered, *_values(model, covered, series), origin)
-    if examined and not found:
-        figure = f"{examined} ranges, left for less than {NOTABLE_SHARE:.0%} of the time"
-        yield COVERED.reason("the run keeps to the ranges of the model's records", figure=figure, origin=origin)
-    yield from found
+            reasons += _left(covered, *_values(model, covered, series), origin)
+    if examined and not reasons:
+        figure = f"{examined} ranges, exceeded for less than {NOTABLE_SHARE:.0%} of the time"
+        yield COVERED.reason("the run stays within the ranges of the model's records", figure=figure, origin=origin)
+    yield from reasons
 
 
 def _values(model: Model, covered: Range, series: TimeSeries) -> tuple[np.ndarray, float]:
@@ -166,7 +166,7 @@ def _values(model: Model, covered: Range, series: TimeSeries) -> tuple[np.ndarra
 
 
 def _left(covered: Range, values: np.ndarray, rate: float, origin: str) -> Iterator[Reason]:
-    """Yield a reason where values leave a range."""
+    """Yield a reason if values are outside a range."""
     if covered.kind == "frequency":
         share = _power_outside(values, rate, covered)
         if share > NOTABLE_POWER:
@@ -182,7 +182,7 @@ def _left(covered: Range, values: np.ndarray, rate: float, origin: str) -> Itera
 
 
 def _time_outside(values: np.ndarray, covered: Range) -> float:
-    """Return the share of samples (N,) that are farther from their mean than the records were from theirs."""
+    """Return the share of samples (N,) that are farther from their mean than the records were from their own mean."""
     if covered.variable.rpartition(".")[2] == "velocity":
         low, high = covered.low, covered.high  # velocities are about zero
         middle = 0.0

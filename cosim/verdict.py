@@ -1,4 +1,4 @@
-"""The verdict on a run: what its coupling, its energies, its course and its limits say of it."""
+"""Verdict on a run, from its coupling, energies, convergence and limits."""
 
 from __future__ import annotations
 
@@ -31,75 +31,75 @@ COUPLING_TOLERANCE = Rule(
     "coupling tolerance not met", "coupling", Grade.LIMITED,
     condition="the same error above the tolerance (default 0.2 %); for a run at a given step above "
     f"{GOOD_ERROR:g} %",
-    why="the error is known, but it is larger than what was asked for",
-    remedy="compare only what differs by several times this error, or give a smaller step",
+    why="the error is known, but it is larger than requested",
+    remedy="compare only differences of several times this error, or give a smaller step",
 )  # fmt: skip
 COUPLING_GOOD = Rule(
     "coupling error small", "coupling", Grade.USABLE,
     condition="the same error within the tolerance",
-    why="the error is known and as small as was asked for",
+    why="the error is known and as small as requested",
     remedy="nothing",
 )  # fmt: skip
 COUPLING_UNKNOWN = Rule(
     "coupling error not stated", "coupling", Grade.UNKNOWN,
     condition="the run states no error",
-    why="one run at one step cannot tell the error of the coupling",
+    why="a single run at one step does not show the error of the coupling",
     remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error",
 )  # fmt: skip
 COUPLING_NONE = Rule(
     "nothing is coupled", "coupling", Grade.USABLE,
     condition="the system has no bonds and no error is stated",
-    why="components that only follow a drive, or each other one way, have no coupling loop",
+    why="components that only follow a drive, or feed each other one way, have no coupling loop",
     remedy="nothing",
 )  # fmt: skip
 LOCAL_ERROR = Rule(
     "local error of a bond", "coupling", Grade.NOT_USABLE,
-    condition=f"what the ends of a bond assume of each other is wrong by more than {LARGEST_ERROR:g} % of its scale "
-    "in each step",
+    condition=f"the values that the ends of a bond assume of each other are wrong by more than {LARGEST_ERROR:g} % of "
+    "their scale in each step",
     why="two runs that alternate from step to step can agree at the recorded points; the error within the steps shows "
-    "it, and so has a veto whatever the stated error is",
-    remedy="give a smaller coupling step, or take the implicit algorithm",
+    "this, and therefore overrides the stated error",
+    remedy="give a smaller coupling step, or use the implicit algorithm",
 )  # fmt: skip
 CHANNEL_ERROR = Rule(
     "coupling error of other channels", "coupling", Grade.LIMITED,
     condition=f"stated error of any other recorded channel above {LARGEST_ERROR:g} %",
-    why="accelerations hold the jumps of forces from step to step, which forces and velocities average out",
+    why="accelerations contain the jumps of forces from step to step, which forces and velocities average out",
     remedy="do not use these channels, or give a smaller coupling step",
 )  # fmt: skip
 ENERGY_RESIDUAL = Rule(
     "energy residual too large", "energy", Grade.NOT_USABLE,
-    condition=f"the coupling makes or loses more than {100 * LIMIT:g} % of the energy through a bond",
+    condition=f"the coupling adds or loses more than {100 * LIMIT:g} % of the energy through a bond",
     why="the residual was about the error of the shock velocity: 0.25 % at 1 ms, 3.4 % at 4 ms (docs/coupling.md)",
     remedy="give a smaller coupling step",
 )  # fmt: skip
 ENERGY_DOUBTFUL = Rule(
     "energy residual notable", "energy", Grade.LIMITED,
-    condition=f"the coupling makes or loses more than {100 * DOUBTFUL:g} % of the energy through a bond",
+    condition=f"the coupling adds or loses more than {100 * DOUBTFUL:g} % of the energy through a bond",
     why="sound runs stay under 1 % (docs/coupling.md)",
     remedy="halve the coupling step and compare",
 )  # fmt: skip
 ENERGY_GOOD = Rule(
     "energy residual small", "energy", Grade.USABLE,
-    condition=f"no bond makes or loses more than {100 * DOUBTFUL:g} % of its energy",
+    condition=f"no bond adds or loses more than {100 * DOUBTFUL:g} % of its energy",
     why="sound runs stay under 1 % (docs/coupling.md)",
     remedy="nothing",
 )  # fmt: skip
 NOT_CONVERGED = Rule(
     "not converged", "convergence", Grade.NOT_USABLE,
-    condition="the coupled start was not found, or steps did not converge",
-    why="what follows starts from, or contains, values that fit no equation of the system",
+    condition="the equilibrium start was not found, or steps did not converge",
+    why="the result starts from, or contains, values that do not satisfy the equations of the system",
     remedy="give a smaller coupling step; the notes say which part did not converge",
 )  # fmt: skip
 ENDED_EARLY = Rule(
     "ended early", "convergence", Grade.NOT_USABLE,
-    condition="the run was interrupted, or could not go on",
-    why="means, RMS values and spectra are of another length of the drive than was asked for",
-    remedy="run it again; where the step became too small, allow a smaller step or a larger tolerance",
+    condition="the run was interrupted, or could not continue",
+    why="means, RMS values and spectra are those of a shorter part of the drive than requested",
+    remedy="run it again; if the step became too small, allow a smaller step or a larger tolerance",
 )  # fmt: skip
 CONVERGED = Rule(
     "converged", "convergence", Grade.USABLE,
-    condition="the coupled start was found, every step converged, and the run came to its stop",
-    why="nothing was left out",
+    condition="the equilibrium start was found, every step converged, and the run reached its stop time",
+    why="the run is complete",
     remedy="nothing",
 )  # fmt: skip
 MOSTLY_BEYOND_FIT = Rule(
@@ -107,13 +107,13 @@ MOSTLY_BEYOND_FIT = Rule(
     condition=f"a shock spends more than {100 * LARGEST_SHARE:g} % of the time outside the velocities that it was "
     "fitted on, or dissipates that share of its energy there",
     why="outside the record the curve is a straight continuation that no measurement supports: if the forces there are "
-    "wrong by half, a tenth of the dissipated energy is wrong, more than setups of one car differ by",
+    "wrong by half, a tenth of the dissipated energy is wrong, which is more than setups of one car differ by",
     remedy="measure the shock at the velocities of this drive and fit it again",
 )  # fmt: skip
 BEYOND_FIT = Rule(
     "outside the fitted velocities", "range of the models", Grade.LIMITED,
     condition=f"the same, above {100 * NOTABLE_SHARE:g} %",
-    why="peaks rest on the continuation of the curve; below 1 %, forces that are wrong by half there change the "
+    why="peaks depend on the continuation of the curve; below 1 %, forces that are wrong by half there change the "
     "dissipated energy by less than 0.5 %, which is about how far two runs of one shock on a rig differ",
     remedy="do not use peak forces; measure the shock at the velocities of this drive for more",
 )  # fmt: skip
@@ -126,19 +126,19 @@ WITHIN_FIT = Rule(
 MOSTLY_TIRE_OFF = Rule(
     "tire mostly off the ground", "range of the models", Grade.NOT_USABLE,
     condition=f"a tire is below zero load for more than {100 * LARGEST_SHARE:g} % of the time",
-    why="a linear car pulls on the road there: nothing of the corner's motion is real meanwhile",
+    why="a linear car pulls on the road there: the motion of that corner is not real meanwhile",
     remedy="use a smaller drive, or a car model whose tires can lift off",
 )  # fmt: skip
 TIRE_OFF = Rule(
     "tire off the ground", "range of the models", Grade.LIMITED,
     condition="a tire is below zero load at all",
     why="a linear car pulls on the road there",
-    remedy="do not use tire forces and motions about these times",
+    remedy="do not use tire forces and motions near these times",
 )  # fmt: skip
 STATIC_LOAD_UNKNOWN = Rule(
     "static tire force not given", "range of the models", Grade.LIMITED,
     condition="a car states no static tire force",
-    why="whether a tire lifts off cannot be told, and tire forces are changes about an unknown load",
+    why="lift-off of a tire cannot be detected, and tire forces are changes about an unknown load",
     remedy="give the car's static tire forces (parameter static_tire_force)",
 )  # fmt: skip
 
@@ -171,7 +171,7 @@ def _coupling(result: Result) -> Iterator[Reason]:
     if others:
         name = max(others, key=lambda each: others[each])
         yield CHANNEL_ERROR.reason(
-            f"the coupling error of {_counted(len(others), 'other channel')} is too large, most of all {name}",
+            f"the coupling error of {_counted(len(others), 'other channel')} is too large; largest: {name}",
             figure=f"{_percent(others[name])}; limit {LARGEST_ERROR:g} %",
             origin="coupling error per channel",
         )
@@ -181,7 +181,7 @@ def _local(result: Result) -> Iterator[Reason]:
     for bond, coupled in result.coupled.items():
         if not coupled.percent <= LARGEST_ERROR:
             yield LOCAL_ERROR.reason(
-                "what the ends of a bond assume of each other is wrong in every step",
+                "the values that the ends of a bond assume of each other are wrong in every step",
                 figure=f"{_percent(coupled.percent)} of the scale; limit {LARGEST_ERROR:g} %",
                 origin=f"bond {bond}",
             )
@@ -189,7 +189,7 @@ def _local(result: Result) -> Iterator[Reason]:
 
 def _not_stated(result: Result) -> Reason:
     if not result.energy and not result.coupled:
-        return COUPLING_NONE.reason("no component acts on another and back", figure="0 bonds", origin="the system")
+        return COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
     return COUPLING_UNKNOWN.reason(
         "the coupling error is not stated",
         figure=f"known for 0 of {len(result.series.names)} channels",
@@ -206,7 +206,7 @@ def _stated(result: Result, name: str, error: float) -> Reason:
     named = "tolerance" if result.tolerance else "good up to"
     figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
     if error > limit:
-        return COUPLING_TOLERANCE.reason("the coupling error is larger than asked for", figure=figure, origin=origin)
+        return COUPLING_TOLERANCE.reason("the coupling error is larger than requested", figure=figure, origin=origin)
     return COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
 
 
@@ -216,14 +216,14 @@ def _energy(result: Result) -> Iterator[Reason]:
     for bond, share in bad.items():
         rule = ENERGY_DOUBTFUL if share <= LIMIT else ENERGY_RESIDUAL
         yield rule.reason(
-            "energy is made or lost by the coupling",
-            figure=f"{share:.2%} of what goes through the bond; limit {LIMIT:.0%}",
+            "the coupling adds or loses energy",
+            figure=f"{share:.2%} of the energy transferred; limit {LIMIT:.0%}",
             origin=f"bond {bond}",
         )
     if shares and not bad:
         worst = max(shares, key=lambda bond: shares[bond])
         yield ENERGY_GOOD.reason(
-            "the coupling keeps the energy", figure=f"{shares[worst]:.2%}; limit {LIMIT:.0%}", origin=f"bond {worst}"
+            "the coupling conserves energy", figure=f"{shares[worst]:.2%}; limit {LIMIT:.0%}", origin=f"bond {worst}"
         )
 
 
@@ -235,7 +235,7 @@ def _convergence(result: Result) -> Iterator[Reason]:
         notes = result.notes[0] if result.notes else "no note"
         yield NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=result.algorithm)
     if result.converged and not result.partial:
-        yield CONVERGED.reason("the run came to its stop", figure=f"{result.steps} steps, {end}", origin="the run")
+        yield CONVERGED.reason("the run reached its stop time", figure=f"{result.steps} steps, {end}", origin="the run")
 
 
 def _fitted(result: Result) -> Iterator[Reason]:
@@ -243,7 +243,7 @@ def _fitted(result: Result) -> Iterator[Reason]:
         energy = _energy_beyond(result, shock)
         share = max(time, energy or 0.0)
         rule = WITHIN_FIT if share <= NOTABLE_SHARE else BEYOND_FIT if share <= LARGEST_SHARE else MOSTLY_BEYOND_FIT
-        within = "keeps to" if rule is WITHIN_FIT else "leaves"
+        within = "stays within" if rule is WITHIN_FIT else "leaves"
         dissipated = "" if energy is None else f", {energy:.1%} of its energy"
         yield rule.reason(
             f"the shock {within} the velocities that it was fitted on",
@@ -253,7 +253,7 @@ def _fitted(result: Result) -> Iterator[Reason]:
 
 
 def _energy_beyond(result: Result, shock: str) -> float | None:
-    """Return the share of a shock's dissipated energy outside its fitted velocities; None where not recorded."""
+    """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
     names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
     if not set(names) <= set(result.series.names):
         return None
@@ -271,7 +271,7 @@ def _tires(result: Result) -> Iterator[Reason]:
     for tire, off in result.share_tire_off.items():
         if off is None:
             yield STATIC_LOAD_UNKNOWN.reason(
-                "lift-off of tires cannot be told: no static tire force is given", figure="0 N", origin=tire
+                "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire
             )
         elif off > 0.0:
             rule = TIRE_OFF if off <= LARGEST_SHARE else MOSTLY_TIRE_OFF

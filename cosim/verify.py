@@ -1,4 +1,4 @@
-"""A run repeated more finely, to see how far its numbers hang on the coupling step."""
+"""Repetition of a run with a finer step, to show how far its numbers depend on the coupling step."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ class Verification:
     """A run and its repetition.
 
     Args:
-        finer: The repetition.
-        difference: Per channel: root mean square of the difference after settling, in percent of the finer one's
-            standard
-            deviation.
+        finer: Result of the repetition.
+        difference: Root mean square of the difference after settling per channel, in percent of the finer run's
+            standard deviation.
     """
 
     finer: Result
@@ -41,16 +40,15 @@ def verify(
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
 ) -> Verification:
-    """Repeat a run at half its coupling step, with the scheme that it had; an adaptive one at an eighth of its
-    tolerance.
+    """Repeat a run with the same scheme at half its coupling step; an adaptive run at an eighth of its tolerance.
 
     Args:
-        system: As it was run.
-        scenario: As it was run.
-        algorithm: As it was run; for the default, the scheme that it took is repeated.
-        result: The run.
-        progress: Called now and then with the share done, 0 to 1.
-        engine: As for `run`.
+        system: System of the run.
+        scenario: Scenario of the run.
+        algorithm: Algorithm of the run; for the default, the scheme that it chose is repeated.
+        result: Result of the run.
+        progress: Callback that receives the completed share, 0 to 1.
+        engine: Engine of the loop; see `run`.
 
     Raises:
         StepError: A component failed.

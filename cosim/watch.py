@@ -1,8 +1,8 @@
-"""Which FMU is being called, so that one that ends this process is named: by exit, by a signal, or at once (_exit).
+"""Record of the FMU that is being called, so that one that ends this process (exit, a signal, _exit) can be named.
 
-What is called stands in a file that a second process reads when this one has ended, and prints whom it names. Where an
-FMU calls exit() the C library tells this process first, which then ends with code 1. Only runs with FMUs that this
-project did not build, in this process, are watched.
+The name is in a file. A second process reads the file when this one has ended, and prints the name. If an FMU calls
+exit(), the C library notifies this process first, which then ends with code 1. Only runs with FMUs that this project
+did not build, in this process, are watched.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: The file: words of 64 bits, then names, one a line. The first word says who calls, the second whom.
+#: Layout of the file: words of 64 bits, then names, one per line. Word 0 is the kind of caller, word 1 the component.
 _SIZE, _NAMES = 1 << 16, 128
 _NOBODY, _PYTHON, _LOOP = 0, 1, 2
-#: The loop's own words (cosim.engine.plan.Memory.failure), of which the second is the part that it calls.
+#: Words of the loop (cosim.engine.plan.Memory.failure); the second is the number of the part that it calls.
 _FAILURE, _FAILURE_SIZE = 4, 4
 
 _MESSAGE = (
     "error: this process ended while component {} was called: the FMU crashed or called exit(), and there is no "
-    "result. Run it in a process of its own, where that is a failed step: --isolate, or IsolatedComponent "
+    "result. Run it in its own process, where this is a failed step: --isolate, or IsolatedComponent "
     "(docs/foreign_fmus.md)"
 )
 
@@ -52,7 +52,7 @@ if words[0]:
 
 
 class _Record:
-    """The file, the process that reads it, and what the C library calls on exit()."""
+    """The file, the process that reads it, and the function that the C library calls on exit()."""
 
     def __init__(self) -> None:
         number, name = tempfile.mkstemp(prefix="fmu_called_")
@@ -68,12 +68,12 @@ class _Record:
         atexit.register(self.close)
 
     def name(self, names: Sequence[str]) -> None:
-        """Write who may be called; places in `words` count from the first."""
+        """Write the names of the components; numbers in `words` are indices into them."""
         text = "\n".join(names).encode()[: _SIZE - _NAMES - 1] + b"\0"
         self._memory[_NAMES : _NAMES + len(text)] = text
 
     def called(self) -> str:
-        """Return who is being called; empty where nobody is."""
+        """Return the name of the component that is being called; empty if none is."""
         who = int(self.words[0])
         if who == _NOBODY:
             return ""
@@ -82,7 +82,7 @@ class _Record:
         return names[place] if 0 <= place < len(names) else "unknown"
 
     def close(self) -> None:
-        """Let the other process end, which removes the file; the interpreter ends in order."""
+        """End the other process, which removes the file; for a normal end of the interpreter."""
         if os.getpid() != self.owner:
             return
         self._exit.cancel()
@@ -93,10 +93,10 @@ class _Record:
 
 
 class _ExitNotice:
-    """A function that the C library calls on exit(), until it is cancelled: Python's own end must come first.
+    """Function that the C library calls on exit(), until it is cancelled before Python's own end.
 
-    Of the C++ ABI, by which a library that is unloaded takes back its own; elsewhere than in glibc and on macOS the
-    taking back is missing, and nothing is registered.
+    It uses the C++ ABI for libraries that are unloaded. Outside glibc and macOS the cancellation is not available, and
+    nothing is registered.
     """
 
     def __init__(self, record: _Record) -> None:
@@ -110,7 +110,7 @@ class _ExitNotice:
             getattr(self._library, "__cxa_atexit")(self._call, None, key)
 
     def cancel(self) -> None:
-        """Have the C library forget it."""
+        """Remove the function from the C library's list."""
         self._armed = False
         if self._library is not None:
             getattr(self._library, "__cxa_finalize")(ctypes.cast(self._key, ctypes.c_void_p))
@@ -127,7 +127,7 @@ class _ExitNotice:
 
 
 class _Watching:
-    """The run that is watched, if one is: one at a time."""
+    """State of the watched run; only one run is watched at a time."""
 
     def __init__(self) -> None:
         self.record: _Record | None = None
@@ -136,7 +136,7 @@ class _Watching:
 
     @property
     def is_here(self) -> bool:
-        """Whether this thread makes the run."""
+        """Whether this thread makes the watched run."""
         return bool(self.places) and self.thread == threading.get_ident()
 
 
@@ -149,7 +149,7 @@ def watching(names: Sequence[str], labels: Sequence[str]) -> Iterator[None]:
 
     Args:
         names: Names of the components, in the order of the loop's numbers.
-        labels: Name of each component for messages.
+        labels: Display name of each component.
     """
     if _current.record is None or _current.record.owner != os.getpid():
         _current.record, _current.places = _Record(), {}
@@ -165,7 +165,7 @@ def watching(names: Sequence[str], labels: Sequence[str]) -> Iterator[None]:
 
 
 def loop_words() -> NDArray[np.int64] | None:
-    """Return where the loop writes which part it calls; None where no run is watched."""
+    """Return the memory in which the loop records the part that it calls; None if no run is watched."""
     if _current.record is None or not _current.is_here:
         return None
     return _current.record.words[_FAILURE : _FAILURE + _FAILURE_SIZE]
@@ -187,7 +187,7 @@ def _written(who: int, place: int) -> Iterator[None]:
 
 @contextmanager
 def calling(name: str) -> Iterator[None]:
-    """Note that a component is being called."""
+    """Record that a component is being called."""
     if name not in _current.places:
         yield
         return
@@ -195,7 +195,7 @@ def calling(name: str) -> Iterator[None]:
         yield
 
 
-#: Note that the loop runs, which writes by itself whom it calls.
+#: Record that the loop runs; the loop itself records the part that it calls.
 calling_loop = partial(_written, _LOOP, 0)
 
 

@@ -1,4 +1,4 @@
-"""Blocks in numba's terms: an integer, the address of a table, with attributes that are read through it."""
+"""Types of blocks for numba: an integer, the address of a table, with attributes that are read through it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cosim.engine.blocks import WORDS, Kind, described
 
 
 class BlockType(types.Type):
-    """The type of a block: its fields' names and types."""
+    """Type of a block: names and types of its fields."""
 
     def __init__(self, name: str, fields: dict[str, Any]) -> None:
         self.fields = fields
@@ -33,13 +33,13 @@ class _BlockModel(models.PrimitiveModel):  # type: ignore[misc]
 
 @cache
 def block_type(kind: Kind) -> Any:
-    """Return numba's type of a block or of a field of one."""
+    """Return numba's type for a block or for a field of one."""
     if kind in (float, int):
         return types.float64 if kind is float else types.int64
     what, parts = kind
     if isinstance(what, str):
         return types.Array(from_dtype(np.dtype(what)), parts, "C")
-    # A short name: numba writes it into every symbol, and compares types by it.
+    # A short name, because numba writes it into every symbol and compares types by it.
     name = f"{what.__name__}_{hashlib.sha256(described(kind).encode()).hexdigest()[:8]}"
     return BlockType(name, dict(zip(what._fields, map(block_type, parts), strict=True)))
 
@@ -59,7 +59,7 @@ def _get(context: Any, builder: Any, kind: BlockType, address: Any, name: str) -
     table = builder.inttoptr(address, word.as_pointer())
 
     def load(k: int) -> Any:
-        """The table does not change while compiled code runs, so that a word need not be loaded again."""
+        """Load a word as invariant: the table does not change while compiled code runs."""
         value = builder.load(builder.gep(table, [word(WORDS * index + k)]))
         value.set_metadata("invariant.load", builder.module.add_metadata([]))
         return value

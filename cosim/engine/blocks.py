@@ -1,6 +1,6 @@
-"""A named tuple of arrays as compiled code sees it: one address of a table of addresses.
+"""Blocks: named tuples of arrays in the form that compiled code uses, one address of a table of addresses.
 
-Passing the tuples themselves would mean some hundred arguments to every function, which takes half a minute to compile.
+Passing the tuples themselves would give every function about a hundred arguments, which takes half a minute to compile.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-#: Words of the table for each field: an address or a number, and an array's shape.
+#: Number of words in the table for each field: an address or a number, and the shape of an array.
 WORDS = 3
 
 
 class Block:
-    """A named tuple with the table that compiled code reads; it keeps the arrays alive.
+    """Named tuple with the table that compiled code reads; it keeps the arrays alive.
 
     Args:
-        content: A named tuple of contiguous arrays of one or two dimensions, of integers, floats, and of such tuples.
+        content: Named tuple of contiguous arrays of one or two dimensions, of integers, floats, and of such tuples.
     """
 
     def __init__(self, content: Any) -> None:
@@ -29,14 +29,14 @@ class Block:
         self.kind: Kind = (type(content), tuple(map(_kind, self.parts)))
 
 
-#: What machine code depends on of a value: a type of named tuple with the kinds of its fields, an array's type code and
-#: number of dimensions, int or float.
+#: Properties of a value that machine code depends on: for a named tuple its type and the kinds of its fields, for an
+#: array its type code and number of dimensions, or int or float.
 Kind = Any
 
 
 @cache
 def described(kind: Kind) -> str:
-    """Write a kind out, with the names of its fields: machine code is kept under it."""
+    """Return the text of a kind, with the names of its fields; it is part of the key of stored machine code."""
     if kind in (float, int):
         return str(kind.__name__)
     what, parts = kind
@@ -52,7 +52,7 @@ def _kind(value: Any) -> Kind:
 
 
 def _address(array: Any) -> int:
-    """The same as array.ctypes.data, which takes much longer."""
+    """Return the address of an array; faster than array.ctypes.data."""
     address: int = array.__array_interface__["data"][0]
     return address
 

@@ -1,7 +1,7 @@
-"""FMI functions called by their addresses, from Python through ctypes and from compiled code directly.
+"""Calls of FMI functions by their addresses, from Python through ctypes and from compiled code directly.
 
-Every function returns the FMI status: 0 OK, 1 warning, 2 discard, 3 error, 4 fatal. Addresses are integers; at them are
-references as uint32, orders as int32, values as float64.
+Every function returns the FMI status: 0 OK, 1 warning, 2 discard, 3 error, 4 fatal. Addresses are integers; they point
+to references as uint32, orders as int32, values as float64.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ def set_slopes(address: int, instance: int, references: int, count: int, orders:
 
 
 def do_step(address: int, instance: int, time: float, step: float, final: int) -> int:
-    """Step from `time` by `step` [s]; `final` is 1 where no earlier state will be restored."""
+    """Step from `time` by `step` [s]; `final` is 1 if no earlier state will be restored."""
     status: int = _function(STEP, int(address))(int(instance), time, step, final)
     return status
 
 
 def save_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Save into states[index], a pointer that the FMU gives (0 at first)."""
+    """Save the state into states[index], a pointer that the FMU provides (0 at first)."""
     status: int = _function(SAVE, int(address))(int(instance), states.ctypes.data + 8 * int(index))
     return status
 
 
 def restore_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Restore what states[index] points to."""
+    """Restore the state that states[index] points to."""
     status: int = _function(RESTORE, int(address))(int(instance), int(states[index]))
     return status

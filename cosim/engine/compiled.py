@@ -1,7 +1,7 @@
-"""The same functions as machine code: lowered by numba once on a machine, kept on disk, called without the GIL.
+"""Machine code for functions of the loop: compiled by numba once per machine, stored on disk, called without the GIL.
 
-`shared` marks a function of the loop, which also stays what it is: plain Python, the same bits, slower. numba itself is
-loaded only where there is no machine code yet, because that takes longer than most runs.
+`shared` marks a function of the loop, which remains a plain Python function with equal results, only slower. numba
+itself is imported only if no machine code is stored yet, because the import takes longer than most runs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SHARED: list[Callable[..., Any]] = []
 
 
 def shared(function: Function) -> Function:
-    """Mark a function that compiled code calls too."""
+    """Mark a function that is also called by compiled code."""
     SHARED.append(function)
     return function
 
@@ -30,21 +30,21 @@ def can_compile() -> bool:
     """Return whether numba is installed."""
     try:
         return find_spec("numba") is not None
-    except ValueError:  # what stands in its place is no module
+    except ValueError:  # another object is registered under this name
         return False
 
 
 def bound(function: Callable[..., int]) -> Bind:
-    """Return what takes a function's named tuples and returns the function of the other arguments."""
+    """Return a function that takes the named tuples of `function` and returns a function of its other arguments."""
     return lambda *tuples: partial(function, *tuples)
 
 
 def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]] | None = None) -> Bind:
-    """The same as machine code; the named tuples become blocks, the other arguments are integers.
+    """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
 
     Args:
-        function: A function of the loop.
-        instead: By name of a function that is called, the one that takes its place.
+        function: Function of the loop.
+        instead: Replacements of called functions, by name.
     """
 
     def bind(*tuples: Any) -> Callable[..., int]:

@@ -1,10 +1,10 @@
-"""A step that is repeated until what parts assumed of each other is what they give: implicit coupling.
+"""Implicit coupling: a step is repeated until the assumed coupling values equal the computed ones.
 
 The unknowns g are the signals at the end of the step that are needed before their part has stepped (for a car and its
-shocks: the shock forces). A sweep from the same start gives G(g); the step is found where f(g) = g - G(g) = 0.
-    Broyden's method updates an inverse Jacobian of f, which is kept from step to step; it is made anew by differences
-    at the beginning and where the iteration fails (Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995,
-    chapter 7; for whole steps of a co-simulation: Sicklinger et al., Interface Jacobian-based co-simulation, 2014).
+shocks: the shock forces). A sweep from the same start gives G(g); the step is found when f(g) = g - G(g) = 0.
+Broyden's method updates an inverse Jacobian of f, which is kept from step to step. It is computed again by differences
+at the beginning and if the iteration fails (Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995,
+chapter 7; for whole steps of a co-simulation: Sicklinger et al., Interface Jacobian-based co-simulation, 2014).
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from cosim.engine.plan import (
 )
 from cosim.engine.sweep import failed, on_parabola, sweep
 
-#: What the last sweep of an implicit step was, besides its first one.
+#: Purpose of the last sweep of an implicit step, other than the first sweep.
 _MOVED, _DIFFERENCED = 1, 2
 
-#: Which of a part's two saved states an implicit step uses.
+#: Index of a part's two saved states that an implicit step uses.
 _OWN_STATE = 1
 
-#: Where a part's answer jumps by a little, there may be no better agreement than this many times the tolerance.
+#: Factor on the tolerance for parts whose output jumps slightly, so that no better agreement is possible.
 _JUMP = 100.0
 
-#: Change of an unknown for a difference, of its size.
+#: Change of an unknown for a difference, relative to its size.
 _DIFFERENCE = 1e-5
 
 
 @shared
 def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
-    """Save the states of the parts first to last - 1; 1 where one refused."""
+    """Save the states of the parts first to last - 1; return 1 if one refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         status = calls.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
@@ -54,7 +54,7 @@ def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
 
 @shared
 def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
-    """Restore the states that were saved; 1 where a part refused."""
+    """Restore the saved states; return 1 if a part refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         status = calls.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
@@ -73,7 +73,7 @@ def _disagreement(plan: Plan, m: Memory, g: int, f: Reals) -> None:
 
 @shared
 def _size(plan: Plan, m: Memory, u: int) -> float:
-    """How large an unknown is: its largest value so far."""
+    """Return the size of an unknown: its largest value so far."""
     s = plan.loops.signal[u]
     size: float = max(m.size[u], abs(m.now[s]), abs(m.ahead[s]))
     m.size[u] = size
@@ -90,7 +90,7 @@ def _agrees(plan: Plan, m: Memory, g: int, f: Reals, tolerance: float) -> bool:
 
 @shared
 def _invert(a: Reals, n: int, inverse: Reals) -> None:
-    """Gauss and Jordan with row pivots; a and inverse are (n*n,), row by row, a is destroyed."""
+    """Invert by Gauss-Jordan elimination with row pivots; a and inverse are (n*n,), row by row; a is overwritten."""
     for k in range(n * n):
         inverse[k] = 1.0 if k // n == k % n else 0.0
     for p in range(n):
@@ -125,7 +125,7 @@ def _disturb(plan: Plan, m: Memory, g: int, j: int) -> None:
 
 @shared
 def _take_difference(plan: Plan, m: Memory, g: int, j: int) -> None:
-    """Column j of the Jacobian from a sweep with unknown j disturbed; undo that."""
+    """Compute column j of the Jacobian from a sweep with unknown j disturbed; undo the disturbance."""
     first, last, at = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g]
     f, moved = m.missed[first:last], m.after[first:last]
     _disagreement(plan, m, g, moved)
@@ -155,7 +155,7 @@ def _broyden(plan: Plan, m: Memory, g: int) -> None:
 
 @shared
 def _move(plan: Plan, m: Memory, g: int) -> None:
-    """A quasi-Newton move of the guess."""
+    """Make a quasi-Newton move of the guess."""
     first, last, at = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g]
     f, move = m.missed[first:last], m.move[first:last]
     for i in range(f.size):
@@ -167,7 +167,7 @@ def _move(plan: Plan, m: Memory, g: int) -> None:
 
 @shared
 def _learn(plan: Plan, m: Memory, g: int) -> None:
-    """The disagreement after a move, and the inverse Jacobian brought up to date."""
+    """Compute the disagreement after a move, and update the inverse Jacobian."""
     first, last = plan.loops.unknowns[g], plan.loops.unknowns[g + 1]
     f, after, change = m.missed[first:last], m.after[first:last], m.change[first:last]
     _disagreement(plan, m, g, after)
@@ -179,7 +179,7 @@ def _learn(plan: Plan, m: Memory, g: int) -> None:
 
 @shared
 def _begin(plan: Plan, m: Memory, g: int, step: Step) -> int:
-    """Guess on along the last steps, and save the states; 1 where a part refused."""
+    """Predict the unknowns from the last steps, and save the states; return 1 if a part refused."""
     for u in range(plan.loops.unknowns[g], plan.loops.unknowns[g + 1]):
         s = plan.loops.signal[u]
         m.guess[s] = on_parabola(m, s, step)
@@ -188,10 +188,10 @@ def _begin(plan: Plan, m: Memory, g: int, step: Step) -> int:
 
 @shared
 def _next_guess(plan: Plan, m: Memory, g: int, tolerance: float, most: int) -> int:
-    """Look at a sweep; 1 with the guess for the next one, 0 where the step is found or given up.
+    """Evaluate a sweep; return 1 with the guess for the next one, 0 if the step has converged or is given up.
 
-    `m.turn`: what the sweep was (FIRST, DIFFERENCE, MOVED), its column, moves since the Jacobian was made, whether it
-    was made anew in this step.
+    `m.turn`: the kind of the sweep (FIRST, DIFFERENCE, MOVED), its column, the number of moves since the Jacobian was
+    computed, and whether it was computed again in this step.
     """
     first, last, at, turn = plan.loops.unknowns[g], plan.loops.unknowns[g + 1], plan.loops.matrix[g], m.turn
     f = m.missed[first:last]
@@ -227,9 +227,9 @@ def _next_guess(plan: Plan, m: Memory, g: int, tolerance: float, most: int) -> i
 
 @shared
 def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mode) -> int:
-    """Step group g: once, or, where the scheme is implicit, until its unknowns agree; 1 where a part refused.
+    """Step group g: once or, if the scheme is implicit, until its unknowns agree; return 1 if a part refused.
 
-    A step that did not converge is counted, and its last iterate kept.
+    A step that did not converge is counted, and its last iterate is kept.
     """
     first, last = plan.loops.parts[g], plan.loops.parts[g + 1]
     repeats = mode.kind == IMPLICIT and plan.loops.unknowns[g + 1] > plan.loops.unknowns[g]
@@ -251,5 +251,5 @@ def step_group(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mo
 
 @shared
 def step_once(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, mode: Mode) -> int:
-    """Do the same as step_group where the scheme is explicit: then the rest of this file need not be compiled."""
+    """Do the same as step_group for explicit schemes, so that the rest of this file need not be compiled."""
     return sweep(plan, m, g, drive, step, min(mode.kind, 1), mode.values, mode.final)

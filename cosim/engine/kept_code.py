@@ -1,4 +1,4 @@
-"""Machine code on disk, so that only the first run on a machine compiles."""
+"""Store of machine code on disk, so that only the first run on a machine compiles."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tempfile import NamedTemporaryFile
 
 import platformdirs
 
-#: Files that are kept; the ones not used for longest go first.
+#: Number of files to keep; those that were not used for the longest time are removed first.
 KEPT = 40
 
 _LOG = logging.getLogger(__name__)
 
 
 def recall(key: str) -> bytes | None:
-    """Return what was kept under a key; nothing where it is not there or damaged."""
+    """Return the machine code stored under a key; None if it is missing or damaged."""
     path = _folder() / key
     try:
         content = path.read_bytes()
@@ -33,7 +33,7 @@ def recall(key: str) -> bytes | None:
 
 
 def keep(key: str, content: bytes) -> None:
-    """Keep machine code under a key; where the folder cannot be written, nothing is kept."""
+    """Store machine code under a key; do nothing if the folder cannot be written."""
     folder = _folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)

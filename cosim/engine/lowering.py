@@ -1,8 +1,8 @@
-"""Machine code of a function of the loop: lowered by numba, optimised by LLVM for this processor.
+"""Machine code for a function of the loop: lowered by numba, optimised by LLVM for this processor.
 
-Run as a program: the request is pickled on standard input, the object file goes to standard output. It is a process of
-its own because numba is told, for all of a process, not to optimise: numba would optimise every function with all that
-it calls, and again in each of its callers, which takes three times as long as all the rest.
+The module runs as a program: the request is pickled on standard input, the object file goes to standard output. It runs
+in its own process because numba's optimisation must be switched off for the whole process: numba would optimise every
+function with all functions that it calls, and again in each of its callers, which triples the time.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from cosim.engine.blocks import Kind
 from cosim.engine.compiled import SHARED
 from cosim.engine.processor import optimised
 
-#: The packages' folder: the program must find the same ones, wherever it runs.
+#: Folder of the packages, so that the program imports the same ones from any working folder.
 _ROOT = Path(__file__).parents[2]
 
-#: It ends with this process. What the package imports by itself takes longer than all that is needed of it.
+#: Program that ends with this process. It skips the imports of the package `cosim`, which take longer than the rest.
 _PROGRAM = """
 import sys, types
 sys.path.insert(0, {root!r})
@@ -36,13 +36,13 @@ main()
 
 
 class Request(NamedTuple):
-    """What is to be machine code.
+    """Request for machine code.
 
     Args:
-        function: A function of the loop.
-        kinds: The kinds of its first arguments, which are blocks.
-        numbers: How many integers follow.
-        instead: By name of a function that is called, the one that takes its place.
+        function: Function of the loop.
+        kinds: Kinds of its first arguments, which are blocks.
+        numbers: Number of integer arguments that follow.
+        instead: Replacements of called functions, by name.
     """
 
     function: Callable[..., int]
@@ -52,7 +52,7 @@ class Request(NamedTuple):
 
 
 def object_file(request: Request) -> bytes:
-    """Return an object file with the function, in a process of its own.
+    """Return an object file with the function, compiled in a separate process.
 
     Raises:
         RuntimeError: numba or LLVM failed.
@@ -66,22 +66,22 @@ def object_file(request: Request) -> bytes:
         env=os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"},
     )
     if ran.returncode != 0:
-        said = ran.stderr.decode(errors="replace").strip()
+        fault = ran.stderr.decode(errors="replace").strip()
         raise RuntimeError(
-            f"{request.function.__name__} could not be compiled; engine='python' needs no compiler: {said}"
+            f"{request.function.__name__} could not be compiled; engine='python' needs no compiler: {fault}"
         )
     return ran.stdout
 
 
 def main() -> None:
-    """Answer one request."""
+    """Process one request."""
     request: Request = pickle.load(sys.stdin.buffer)
     sys.stdout.buffer.write(optimised(*_lowered(request)))
 
 
 def _lowered(request: Request) -> tuple[str, str]:
-    """Return intermediate code of a function with all that it calls, and the function's name in it."""
-    import numba  # noqa: PLC0415 -- only the program needs it
+    """Return the intermediate code of a function with all functions that it calls, and its name in the code."""
+    import numba  # noqa: PLC0415 -- needed by the program only
 
     from cosim.engine.block_types import block_type  # noqa: PLC0415
 
@@ -93,10 +93,10 @@ def _lowered(request: Request) -> tuple[str, str]:
 
 
 def _register(functions: Sequence[Callable[..., Any]], instead: dict[str, Callable[..., int]]) -> None:
-    """Let compiled code call the functions that are marked; nothing else calls their machine code."""
+    """Make the marked functions callable from compiled code."""
     from numba.extending import overload  # noqa: PLC0415
 
-    from cosim.engine import native_calls  # noqa: F401, PLC0415 -- numba then knows the calls of FMI functions
+    from cosim.engine import native_calls  # noqa: F401, PLC0415 -- registers the calls of FMI functions with numba
 
     options = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     for function in functions:

@@ -1,4 +1,4 @@
-"""Machine code of functions of the loop: made once on a machine, kept on disk, loaded once in a process."""
+"""Machine code for functions of the loop: compiled once per machine, stored on disk, loaded once per process."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _ONE_AT_A_TIME = threading.Lock()
 def machine_code(
     function: Callable[..., int], kinds: tuple[Kind, ...], instead: dict[str, Callable[..., int]]
 ) -> Callable[..., int]:
-    """Return a function of the blocks' addresses and of integers.
+    """Return a function that takes the addresses of the blocks, and integers.
 
     Args:
-        function: A function of the loop.
-        kinds: The kinds of its first arguments, which are blocks; the others are integers.
-        instead: By name of a function that is called, the one that takes its place.
+        function: Function of the loop.
+        kinds: Kinds of its first arguments, which are blocks; the others are integers.
+        instead: Replacements of called functions, by name.
 
     Raises:
-        RuntimeError: It could not be compiled.
+        RuntimeError: The function could not be compiled.
     """
     count = function.__code__.co_argcount
     key = _key(function.__name__, *map(described, kinds), *(f"{name}: {f.__name__}" for name, f in instead.items()))
@@ -46,7 +46,7 @@ def machine_code(
 
 
 def _callable(address: int, count: int) -> Callable[..., int]:
-    """A function of integers in numba's convention: what it returns and what it raises come through pointers."""
+    """Return a function of integers in numba's calling convention, with results and errors through pointers."""
     call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_int64] * count)(address)
 
     def function(*arguments: int) -> int:
@@ -59,14 +59,14 @@ def _callable(address: int, count: int) -> Callable[..., int]:
 
 
 def _key(*what: str) -> str:
-    """A digest of all that machine code depends on."""
+    """Return a digest of everything that machine code depends on."""
     parts = (*what, _sources(), version("numba"), version("llvmlite"), *description())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 @cache
 def _sources() -> str:
-    """A digest of all sources of the loop."""
+    """Return a digest of all sources of the loop."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())

@@ -1,4 +1,4 @@
-"""The loop over coupling steps: of one size, or chosen by an error estimate."""
+"""The loop over coupling steps: of one size, or controlled by an error estimate."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from cosim.engine.sweep import failed, step_from
 
 
 class Tape(NamedTuple):
-    """What is recorded: rows (R, M), times (R,), and per column its place in Memory.seen.
+    """Recording: rows (R, M), times (R,), and the position of each column in Memory.seen.
 
-    `position` (1,) is the next row.
+    `position` (1,) is the index of the next row.
     """
 
     rows: Reals
@@ -46,9 +46,9 @@ class Tape(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Coupling points (K+1,) [s], the steps between them (K,) [s], and which points are recorded (K+1,).
+    """Communication points (K+1,) [s], the steps between them (K,) [s], and flags of recorded points (K+1,).
 
-    `drive`: at these points and at its own between them; the first of a step is `begins` (K+1,).
+    `drive`: drive at these points and at its own points between them; `begins` (K+1,) are the indices of the former.
     """
 
     times: Reals
@@ -59,9 +59,9 @@ class Grid(NamedTuple):
 
 
 class Knots(NamedTuple):
-    """The drive's own points (Q,) [s] and values (Q, D), straight between them.
+    """The drive's own points (Q,) [s] and values (Q, D), linear between them.
 
-    Times to land on, and which are recorded.
+    `events` are the times at which steps must end, `recorded` flags those that are recorded.
     """
 
     times: Reals
@@ -71,7 +71,7 @@ class Knots(NamedTuple):
 
 
 class Control(NamedTuple):
-    """Of an adaptive run: per bond signal its tolerances, the scheme's order, the least and the largest step [s]."""
+    """Settings of an adaptive run: tolerances per signal, order of the scheme, smallest and largest step [s]."""
 
     signal: Integers
     absolute: Reals
@@ -82,9 +82,9 @@ class Control(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Of an adaptive run, (1,) each: time, step to try, last error, next event, the drive's interval, extreme steps.
+    """State of an adaptive run, (1,) each: time, step to try, last error, next event, drive interval, extreme steps.
 
-    `scale`: the largest value so far of each coupled signal; `once`: the signals after a whole step (S,); `drive`: at
+    `scale`: largest value so far of each coupled signal; `once`: signals after a whole step (S,); `drive`: drive at
     both ends of a step.
     """
 
@@ -102,7 +102,7 @@ class Progress(NamedTuple):
 
 @shared
 def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
-    """Read the extras and keep a row; 1 where a part refused."""
+    """Read the extras and record a row; return 1 if a part refused."""
     parts, at = plan.parts, m.at
     for c in range(parts.instance.size):
         if parts.extra_count[c] > 0:
@@ -122,7 +122,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
 
 @shared
 def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
-    """Step every part; 1 where one refused."""
+    """Step every part; return 1 if one refused."""
     for g in range(plan.loops.parts.size - 1):
         if step_group(plan, m, g, drive, step, mode):
             return 1
@@ -131,9 +131,9 @@ def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int
 
 @shared
 def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
-    """Add the step of `h` to `end` [s] to what is added up.
+    """Add the step of `h` that ends at `end` [s] to the measures.
 
-    Return the first signal that is no sensible number, or -1.
+    Return the first signal whose value is not plausible, or -1.
     """
     add_bonds(plan, m, h)
     if end > mode.settling:
@@ -143,7 +143,7 @@ def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
 
 
 def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int, last: int) -> int:
-    """Make the steps first to last - 1 of a grid; failure[3] is where it ended. Returns why it did."""
+    """Make the steps first to last - 1 of a grid; return the reason for the end, with its index in failure[3]."""
     for k in range(first, last):
         m.failure[3] = k
         if m.stop[0] != 0:
@@ -164,7 +164,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
 
 @shared
 def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
-    """The drive at a time within its interval k."""
+    """Compute the drive at a time within its interval k."""
     if knots.times.size < 2:
         for d in range(row.size):
             row[d] = knots.values[0, d] if knots.times.size == 1 else 0.0
@@ -176,7 +176,7 @@ def _drive_at(knots: Knots, k: int, time: float, row: Reals) -> None:
 
 @shared
 def _driven_step(plan: Plan, m: Memory, knots: Knots, p: Progress, time: float, h: float, mode: Mode) -> int:
-    """One step within an interval of the drive."""
+    """Make one step within an interval of the drive."""
     times, samples, starts, means = p.drive.times, p.drive.samples, p.drive.starts, p.drive.means
     times[0] = time
     times[1] = time + h
@@ -196,7 +196,7 @@ def _assign(to: Reals, values: Reals) -> None:
 
 @shared
 def _copy(m: Memory, kept: Memory) -> None:
-    """Copy what a step changes and a rejected one must leave as it was."""
+    """Copy everything that a step changes and that must be restored if it is rejected."""
     _assign(kept.now, m.now)
     _assign(kept.past, m.past)
     _assign(kept.older, m.older)
@@ -216,27 +216,27 @@ def _copy(m: Memory, kept: Memory) -> None:
 
 @shared
 def _difference(m: Memory, once: Reals, control: Control, scale: Reals) -> float:
-    """How far one step ended from two halves, of what is allowed."""
+    """Return the difference of one step and two halves, relative to the allowed error."""
     worst = 0.0
     for i in range(control.signal.size):
         s = control.signal[i]
         allowed = control.absolute[i] + control.relative * max(scale[i], abs(m.now[s]))
         error = abs(m.now[s] - once[s]) / ((2.0**control.order - 1.0) * allowed)
-        # What is not a number stays: it is no agreement.
+        # A value that is not a number must be kept, because it means disagreement.
         worst = error if error > worst or isnan(error) else worst
     return worst
 
 
 @shared
 def _grow(m: Memory, control: Control, scale: Reals) -> None:
-    """The largest values so far, of steps that stay."""
+    """Update the largest values so far after an accepted step."""
     for i in range(control.signal.size):
         scale[i] = max(scale[i], abs(m.now[control.signal[i]]))
 
 
 @shared
 def _next_step(control: Control, h: float, error: float, before: float) -> float:
-    """A proportional-integral controller (Gustafsson, 1991): smoother than the error of the last step alone."""
+    """Return the next step by a proportional-integral controller (Gustafsson, 1991), which varies the step smoothly."""
     exponent = 1.0 / (control.order + 1.0)
     factor = 0.9 * max(error, 1e-8) ** (-0.7 * exponent) * max(before, 1e-8) ** (0.4 * exponent)
     chosen: float = min(max(h * min(max(factor, 0.2), 4.0), control.least), control.largest)
@@ -247,7 +247,7 @@ def _next_step(control: Control, h: float, error: float, before: float) -> float
 def _try_step(
     plan: Plan, m: Memory, kept: Memory, knots: Knots, mode: Mode, control: Control, p: Progress, time: float, h: float
 ) -> float:
-    """Make one step, then the same as two halves, which stay; return the error, -1 where a part refused."""
+    """Make one step, then the same as two halves, which are kept; return the error, -1 if a part refused."""
     count = plan.parts.instance.size
     _copy(m, kept)
     if save_parts(plan, m, 0, count, 0):
@@ -268,9 +268,9 @@ def _try_step(
 def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
     plan: Plan, m: Memory, kept: Memory, tape: Tape, knots: Knots, mode: Mode, control: Control, p: Progress, last: int
 ) -> int:
-    """Make at most `last` accepted steps, landing on every event; failure[3] is 1 at the end.
+    """Make at most `last` accepted steps, ending steps at every event; failure[3] is 1 at the end of the run.
 
-    Returns why it stopped.
+    Return the reason why it stopped.
     """
     m.failure[3] = 0
     for _ in range(last):
@@ -284,7 +284,7 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             p.knot[0] += 1
         wanted, left = p.step[0], event - time
         lands = left <= 1.1 * wanted
-        h = left if lands else min(wanted, 0.5 * left)  # no sliver is left before the event
+        h = left if lands else min(wanted, 0.5 * left)  # avoids a very short step before the event
         error = _try_step(plan, m, kept, knots, mode, control, p, time, h)
         if error < 0.0 and not (m.failure[0] == DISCARD and m.failure[2] == STEP and h > control.least):
             return REFUSED
@@ -295,7 +295,7 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             _copy(kept, m)
             if h <= control.least * 1.0000001:
                 return STUCK
-            known = 0.0 < error < 1e9  # else a part asked for a smaller step, or the result is no number
+            known = 0.0 < error < 1e9  # else a part asked for a smaller step, or the result is not a number
             shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if known else 0.2
             p.step[0] = max(control.least, h * shrink)
             continue

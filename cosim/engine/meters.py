@@ -1,4 +1,4 @@
-"""What is added up over a run, step by step: energy per bond, defects of what it couples, time beyond limits."""
+"""Measures summed over a run, step by step: energy per bond, coupling defects, time beyond limits."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _DIVERGED = 1e15
 
 @shared
 def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
-    """Add the squares of what term k had assumed for the end of the step less what came, and the term's own.
+    """Add the squared difference of the assumed and the actual end value of term k, and the sums of the term itself.
 
-    Return twice the mean of its source.
+    Return twice the mean of the term's source.
     """
     terms = plan.terms
     now, end = m.now[terms.source[k]], m.ahead[terms.source[k]]
@@ -28,7 +28,7 @@ def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
 
 @shared
 def add_bonds(plan: Plan, m: Memory, h: float) -> None:
-    """Add what both terms of every bond missed, and the energy given at one end less that taken at the other [J]."""
+    """Add the defects of both terms of every bond, and the energy given at one end minus that received at the other."""
     bonds = plan.bonds
     m.duration[0] += h
     for b in range(bonds.velocity.size):
@@ -60,9 +60,9 @@ def _first_senseless(m: Memory) -> int:
 
 @shared
 def accept(m: Memory, h: float) -> int:
-    """Take the end of the step for the start of the next one.
+    """Make the end of the step the start of the next one.
 
-    Return the first signal that is no sensible number, or -1.
+    Return the first signal whose value is not plausible, or -1.
     """
     pace = pace_of(m, h)
     m.last[1], m.pace[1] = m.last[0], m.pace[0]

@@ -1,4 +1,4 @@
-"""The FMI functions of `calls` as numba is to compile them: calls of the functions at their addresses."""
+"""Implementations of the functions of `calls` for numba: calls of the FMI functions at their addresses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT}
 
 
 def _call(kinds: tuple[str, ...]) -> Any:
-    """A code generator for a call of the function at the first argument with the others."""
+    """Return a code generator for a call of the function at the first argument with the other arguments."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_INT, [_LLVM[k] for k in kinds])

@@ -1,8 +1,8 @@
-"""A resolved system as flat arrays: what the loop reads (Plan) and what it writes (Memory).
+"""A resolved system as flat arrays: input of the loop (Plan) and data that it changes (Memory).
 
-Parts (components) are numbered in the order in which they are stepped. Everything that belongs to one is contiguous:
-`inputs[c]` to `inputs[c + 1]` are the inputs of part c. A *term* is a share of an input, `weight * signal + offset`; a
-*signal* is an output that is read after every step, an *extra* one that is read at recorded points only.
+Parts (components) are numbered in the order in which they are stepped. All elements of one part are contiguous:
+`inputs[c]` to `inputs[c + 1]` are the inputs of part c. A *term* is a contribution to an input, `weight * signal +
+offset`; a *signal* is an output that is read after every step, an *extra* one that is read at recorded points only.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ from numpy.typing import NDArray
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
-#: Unsigned, so that compiled code need not look whether an index counts from the end.
+#: Unsigned, so that compiled code need not check for negative indices.
 Indices = NDArray[np.uint32]
 References = NDArray[np.uint32]
 
-#: What coupling values do over a step where the end is not known yet.
+#: Coupling values over a step whose end values are not known yet.
 HELD, INTERPOLATED, EXTRAPOLATED, PARABOLIC, GUESSED = 0, 1, 2, 3, 4
 
 #: Kinds of schemes.
 JACOBI, GAUSS_SEIDEL, IMPLICIT = 0, 1, 2
 
-#: Why the loop stopped.
+#: Reasons why the loop stopped.
 DONE, STOPPED, REFUSED, DIVERGED, STUCK = 0, 1, 2, 3, 4
 
-#: The FMI status of a step that a component asks to be made smaller.
+#: FMI status with which a component asks for a smaller step.
 DISCARD = 2
 
-#: Which call was refused.
+#: Calls that can be refused.
 SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
 
 
 class Mode(NamedTuple):
-    """How a step is made.
+    """Settings of the scheme for a step.
 
     Args:
         kind: JACOBI, GAUSS_SEIDEL or IMPLICIT.
-        values: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end is not known yet.
-        tolerance: Implicit: largest disagreement, of an unknown's size.
-        most: Implicit: iterations with one Jacobian.
-        settling: Limits are watched after this time [s].
-        final: 1 where no earlier state will be restored.
+        values: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end value is not known yet.
+        tolerance: Largest disagreement of an implicit step, relative to an unknown's size.
+        most: Maximum number of iterations of an implicit step with one Jacobian.
+        settling: Time after which limits are watched [s].
+        final: 1 if no earlier state will be restored.
     """
 
     kind: int
@@ -55,10 +55,10 @@ class Mode(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Per part: addresses of its functions, its instance, where its rows are in the other tables, (C,) or (C+1,).
+    """Parts: addresses of their functions, their instances, and start indices in the other tables, (C,) or (C+1,).
 
-    `inputs`, `terms`, `driven`, `signals`, `extras`: where each part's begin. `ramps`: its inputs may change over a
-    step; `follows`: it is stepped from each point of the drive to the next.
+    `inputs`, `terms`, `driven`, `signals`, `extras`: start index of each part. `ramps`: 1 if its inputs may change over
+    a step; `follows`: 1 if it is stepped from each point of the drive to the next.
     """
 
     set_real: Integers
@@ -81,7 +81,7 @@ class Parts(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Per input, (N,): its reference, the order of its derivative that is set, what does not change."""
+    """Inputs, (N,): reference, order of the derivative that is set, and the constant part of the value."""
 
     reference: References
     order: NDArray[np.int32]
@@ -89,10 +89,10 @@ class Inputs(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Per term, (T,): the signal, the input; `early`: 1 where the source's part comes before the input's in the order.
+    """Terms, (T,): the signal and the input; `early`: 1 if the source's part comes before the input's in the order.
 
-    `start`, `end`: what each end gives to a part that cannot ramp and holds a value: a half each, the mean; but the end
-    alone where a coupled output follows the input without delay.
+    `start`, `end`: weights of both ends for a part that holds its inputs: a half each, for the mean; only the end if a
+    coupled output follows the input without delay.
     """
 
     source: Indices
@@ -105,7 +105,7 @@ class Terms(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """Per input that the drive moves, (F,): the input, the drive's channel, and how it is converted."""
+    """Inputs that the drive moves, (F,): the input, the drive's channel, and the conversion."""
 
     target: Indices
     channel: Indices
@@ -121,7 +121,7 @@ class Signals(NamedTuple):
 
 
 class Bonds(NamedTuple):
-    """Per bond, (B,): its terms, and what twice the mean of the sent times the mean of the received is in joules."""
+    """Bonds, (B,): their terms, and factors to joules for twice the mean sent value times the mean received value."""
 
     velocity: Indices
     force: Indices
@@ -138,11 +138,11 @@ class Watch(NamedTuple):
 
 
 class Loops(NamedTuple):
-    """What an implicit step solves for: signals that are needed before their part has stepped.
+    """Unknowns of implicit steps: signals that are needed before their part has stepped.
 
-    Groups are parts that are connected with each other: `parts[g]` to `parts[g + 1]`, and `unknowns[g]` to
-    `unknowns[g + 1]` of `signal` (G+1,); `matrix[g]` is where the group's inverse Jacobian begins; `least` is the size
-    below which an unknown counts as this large.
+    Groups are parts that are connected with each other: `parts[g]` to `parts[g + 1]`, with the unknowns `unknowns[g]`
+    to `unknowns[g + 1]` of `signal` (G+1,); `matrix[g]` is the start of the group's inverse Jacobian; `least` is the
+    minimum size of each unknown.
     """
 
     parts: Indices
@@ -153,7 +153,7 @@ class Loops(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Parts that follow each other and take nothing from each other are one level: `parts[l]` to `parts[l + 1]` (L+1,).
+    """Levels of consecutive parts that take nothing from each other: `parts[l]` to `parts[l + 1]` (L+1,).
 
     `groups[g]` to `groups[g + 1]` are the levels of group g (G+1,).
     """
@@ -163,9 +163,9 @@ class Levels(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What comes from outside: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D).
+    """Drive: times (T+1,) [s] of points, its values (T+1, D), its means between them (T, D).
 
-    `starts` (T+1, D): where the straight line begins that stands for a coupling step from this point.
+    `starts` (T+1, D): start value of the straight line that replaces the drive over a coupling step from this point.
     """
 
     times: Reals
@@ -175,10 +175,10 @@ class Drive(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`.
+    """Coupling step of `size` [s] from `time` [s]; the drive's points at its ends are `first` and `last`.
 
     `per_second` is 1 / `size`. A signal that changed by `x` over the last step, and by `y` over the one before, changes
-    by `line` x over this one on a straight line, by `newer` x - `older` y on a parabola; `sag` is what _start asks for.
+    by `line` x over this one on a straight line, by `newer` x - `older` y on a parabola; `sag` is a factor for _start.
     """
 
     time: float
@@ -207,7 +207,7 @@ class Plan(NamedTuple):
 
 
 class Addresses(NamedTuple):
-    """Per part, (C,): where in memory its references and its values are, for calls."""
+    """Memory addresses of each part's references and values, (C,), for calls."""
 
     input_references: Integers
     orders: Integers
@@ -222,14 +222,14 @@ class Addresses(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a run changes.
+    """Data that a run changes.
 
     `ahead`, `now`, `past`, `older`: signals at the end of the step, at its start, and at the starts of the two before
-    it; `last`: how long those two were [s], `pace`: 1 / `last`. `seen`: `now`, and after it `extra`. `start`, `rate`:
-    inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of it. `fed`: the mean
-    over the step of what each term gave; `assumed`: its end. `defect`: what a bond's term had assumed for the end less
-    what came, squared and summed; `total`, `squares`: the term itself. `states`: two saved states of each part. From
-    `size` to `turn`: of an implicit step.
+    it; `last`: durations of those two [s], `pace`: 1 / `last`. `seen`: `now`, followed by `extra`. `start`, `rate`:
+    inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of it. `fed`: mean of each
+    term over the step; `assumed`: its end value. `defect`: squared difference of the assumed and the actual end value
+    of a bond's term, summed; `total`, `squares`: sums of the term itself. `states`: two saved states of each part.
+    `size` to `turn`: data of an implicit step.
     """
 
     seen: Reals
@@ -273,7 +273,7 @@ class Memory(NamedTuple):
     at: Addresses
 
 
-#: Memory.counts: iterations, Jacobians, steps that did not converge, rejected steps, steps done.
+#: Indices of Memory.counts: iterations, Jacobians, steps that did not converge, rejected steps, steps made.
 ITERATIONS, JACOBIANS, LOOSE, REJECTED, STEPS = 0, 1, 2, 3, 4
 
 
@@ -347,5 +347,5 @@ def _addresses(
 
 
 def _places(array: NDArray[np.generic], begins: Indices) -> Integers:
-    """Where the first of each part's elements is."""
+    """Return the address of the first element of each part."""
     return array.ctypes.data + array.itemsize * begins[:-1].astype(np.int64)

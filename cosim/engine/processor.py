@@ -1,4 +1,4 @@
-"""This processor's machine code: made of LLVM's intermediate code, and loaded."""
+"""Machine code for this processor: made from LLVM's intermediate code, and loaded."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-#: Every function is found under this name.
+#: Name of the function in every object file.
 _ENTRY = "cosim_engine_entry"
 
-#: LLVM's engines, which own the code that they loaded.
+#: LLVM's engines, which own the loaded code.
 _LOADED: list[Any] = []
 
 
 def optimised(code: str, name: str) -> bytes:
-    """Optimise intermediate code as a whole, and make an object file of it.
+    """Optimise intermediate code as a whole, and return an object file.
 
     Args:
         code: LLVM's intermediate code.
-        name: The function in it that is to be called.
+        name: Name of the entry function in the code.
     """
     module, machine = llvm.parse_assembly(code), _machine()
     for function in module.functions:
@@ -46,7 +46,7 @@ def loaded(content: bytes) -> int:
 
 @cache
 def description() -> tuple[str, str, str]:
-    """Return the system, the processor and what it can."""
+    """Return the system, the processor and its features."""
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 

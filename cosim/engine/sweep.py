@@ -24,15 +24,15 @@ from cosim.engine.plan import (
 
 @shared
 def pace_of(m: Memory, h: float) -> float:
-    """1 / h [1/s], which is known where the last step was as long."""
+    """Return 1 / h [1/s], which is stored if the last step had the same size."""
     pace: float = m.pace[0] if h == m.last[0] else 1.0 / h
     return pace
 
 
 @shared
 def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
-    """A coupling step of `h` from `time` [s], with what all signals' lines and parabolas over it share."""
-    again = h == m.last[0]  # most steps: then nothing is divided
+    """Return a coupling step of `h` from `time` [s], with the factors of straight lines and parabolas over it."""
+    again = h == m.last[0]  # true for most steps, which then need no division
     bend = h if again and h == m.last[1] else h * (h + m.last[0]) / (m.last[0] + m.last[1])
     return Step(
         time=time,
@@ -49,16 +49,16 @@ def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
 
 @shared
 def on_parabola(m: Memory, s: int, step: Step) -> float:
-    """A signal at the end of the step, on with the last two steps' slopes and their change."""
+    """Return a signal at the end of the step, extrapolated with the last two steps' slopes and their change."""
     end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
     return end
 
 
 @shared
 def _start(m: Memory, s: int, end: float, step: Step) -> float:
-    """Where a straight line to `end` starts that has the mean of a parabola through the last step's start, too.
+    """Return the start value of a straight line to `end` with the mean of a parabola through the last step's start.
 
-    What a signal does over a step is then wrong in the third order only, without an exchange in between.
+    The signal over a step is then wrong in the third order only, without additional communication.
     """
     now = m.now[s]
     start: float = now - (end - now - (now - m.past[s]) * step.line) * step.sag
@@ -67,14 +67,14 @@ def _start(m: Memory, s: int, end: float, step: Step) -> float:
 
 @shared
 def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
-    """A signal at both ends of the step, of a part that has made it."""
+    """Return a signal at both ends of the step, for a part that has made the step."""
     end = m.ahead[s]
     return (_start(m, s, end, step) if mode > EXTRAPOLATED else m.now[s]), end
 
 
 @shared
 def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
-    """A signal at both ends of the step, of a part that has not made it."""
+    """Return a signal at both ends of the step, for a part that has not made the step."""
     if mode > EXTRAPOLATED:
         end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
         return _start(m, s, end, step), end
@@ -86,7 +86,7 @@ def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
 
 @shared
 def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
-    """What is guessed would be assumed on a parabola: the measure of an implicit step's error."""
+    """Store the parabolic prediction as the assumption of guessed terms: it measures an implicit step's error."""
     terms = plan.terms
     for k in range(plan.parts.terms[first], plan.parts.terms[last]):
         if terms.early[k] == 0:
@@ -95,7 +95,7 @@ def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
 
 @shared
 def _take_values(plan: Plan, m: Memory, first: int, last: int, sequential: int) -> None:
-    """What the inputs take from other parts where that is held: no line to find, half the work of _take_lines."""
+    """Compute the inputs from other parts if they are held: no slopes, half the work of _take_lines."""
     parts, terms = plan.parts, plan.terms
     for k in range(parts.terms[first], parts.terms[last]):
         s = terms.source[k]
@@ -108,7 +108,7 @@ def _take_values(plan: Plan, m: Memory, first: int, last: int, sequential: int) 
 
 @shared
 def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequential: int, mode: int) -> None:
-    """What the inputs take from other parts where that moves over the step."""
+    """Compute the inputs from other parts if they change over the step."""
     parts, terms = plan.parts, plan.terms
     for k in range(parts.terms[first], parts.terms[last]):
         s, i, is_known = terms.source[k], terms.target[k], sequential == 1 and terms.early[k] == 1
@@ -123,11 +123,11 @@ def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequen
 
 @shared
 def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
-    """Find what the inputs of the parts `first` to `last` - 1 are at the start of the step and how they go on, and what
-    each term gives on average.
+    """Compute the inputs of the parts `first` to `last` - 1 at the start of the step, their slopes, and the mean of
+    each term.
 
-    `sequential`: values of parts that have stepped are known at the end. `mode`: what others do; GUESSED takes them
-    from `guess`.
+    `sequential`: outputs of parts that have stepped are known at the end of the step. `mode`: values of the other
+    parts; GUESSED takes them from `guess`.
     """
     parts, inputs, driven = plan.parts, plan.inputs, plan.driven
     for i in range(parts.inputs[first], parts.inputs[last]):
@@ -147,14 +147,14 @@ def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step,
 
 @shared
 def _share_at(drive: Drive, step: Step, j: int) -> float:
-    """The share of the step that has gone by at the drive's point j."""
+    """Return the share of the step that has elapsed at the drive's point j."""
     share: float = (drive.times[j] - drive.times[step.first]) / (drive.times[step.last] - drive.times[step.first])
     return share
 
 
 @shared
 def _value_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int, to: Reals) -> None:
-    """The inputs of part c at the drive's point j: on their straight lines, the drive as it is there."""
+    """Compute the inputs of part c at the drive's point j: on their straight lines, with the drive's value there."""
     driven, first, last, share = plan.driven, step.first, step.last, _share_at(drive, step, j)
     for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
         to[i] = m.start[i] + m.rate[i] * (step.size * share)
@@ -166,7 +166,7 @@ def _value_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: i
 
 @shared
 def failed(m: Memory, status: int, c: int, function: int) -> int:
-    """Keep who refused what; 1 where a status is an error."""
+    """Record a refused call; return 1 if the status is an error."""
     if status > 1 or status < 0:
         m.failure[0] = status
         m.failure[1] = c
@@ -177,7 +177,7 @@ def failed(m: Memory, status: int, c: int, function: int) -> int:
 
 @shared
 def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
-    """Give part c its inputs, which are at the address `values`."""
+    """Set the inputs of part c, which are at the address `values`."""
     parts, at = plan.parts, m.at
     status = calls.exchange(parts.set_real[c], parts.instance[c], at.input_references[c], parts.input_count[c], values)
     return failed(m, status, c, SET)
@@ -185,7 +185,7 @@ def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
 
 @shared
 def _ramp(plan: Plan, m: Memory, c: int, values: int, slopes: int) -> int:
-    """The same, and how they go on over its step, which is at the address `slopes`."""
+    """Set the inputs of part c, and their slopes over the step, which are at the address `slopes`."""
     if _set(plan, m, c, values):
         return 1
     parts, at = plan.parts, m.at
@@ -197,7 +197,7 @@ def _ramp(plan: Plan, m: Memory, c: int, values: int, slopes: int) -> int:
 
 @shared
 def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: int) -> int:
-    """Give part c its inputs at the drive's point j, and their slopes to the next."""
+    """Set the inputs of part c at the drive's point j, and their slopes to the next point."""
     per_second = 1.0 / (drive.times[j + 1] - drive.times[j])
     _value_between(plan, m, c, drive, step, j, m.value)
     _value_between(plan, m, c, drive, step, j + 1, m.slope)
@@ -208,7 +208,7 @@ def _ramp_between(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, j: in
 
 @shared
 def _mean_of_drive(drive: Drive, first: int, last: int, d: int) -> float:
-    """The exact mean from one of the drive's points to another."""
+    """Return the exact mean from one of the drive's points to another."""
     total = 0.0
     for k in range(first, last):
         total += drive.means[k, d] * (drive.times[k + 1] - drive.times[k])
@@ -218,7 +218,7 @@ def _mean_of_drive(drive: Drive, first: int, last: int, d: int) -> float:
 
 @shared
 def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) -> int:
-    """Give part c, which cannot ramp, what it holds between two of the drive's points: the exact mean of the drive."""
+    """Set the held inputs of part c, which cannot ramp, between two of the drive's points: the drive's exact mean."""
     parts, driven = plan.parts, plan.driven
     for i in range(parts.inputs[c], parts.inputs[c + 1]):
         m.value[i] = plan.inputs.constant[i]
@@ -239,14 +239,14 @@ def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int
 
 @shared
 def _stands_still(plan: Plan, c: int, mode: int) -> bool:
-    """Whether no input of part c moves over any step of the run: then no slope is ever set, as none is at first."""
+    """Return whether no input of part c changes over any step of the run, so that no slope needs to be set."""
     stands: bool = mode == HELD and plan.parts.driven[c] == plan.parts.driven[c + 1]
     return stands
 
 
 @shared
 def _go(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
-    """Step part c at once."""
+    """Step part c in one step."""
     if plan.parts.input_count[c] > 0:
         if _stands_still(plan, c, mode):
             if _set(plan, m, c, m.at.starts[c]):
@@ -284,7 +284,7 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
 
 @shared
 def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
-    """Step part c and read its signals; 1 where it refused. Its number is written first: a call may never return."""
+    """Step part c and read its signals; return 1 if it refused. Record its number first: a call may not return."""
     m.failure[1] = c
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
         if _follow(plan, m, c, drive, step, final):
@@ -296,7 +296,7 @@ def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, fi
 
 @shared
 def sweep(plan: Plan, m: Memory, g: int, drive: Drive, step: Step, sequential: int, mode: int, final: int) -> int:
-    """Step the parts of group g, level by level; 1 where one refused."""
+    """Step the parts of group g, level by level; return 1 if one refused."""
     levels = plan.levels
     for level in range(levels.groups[g], levels.groups[g + 1]):
         first, last = levels.parts[level], levels.parts[level + 1]

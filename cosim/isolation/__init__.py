@@ -1,1 +1,1 @@
-"""A component in a process of its own, so that what ends that process does not end ours."""
+"""Components in separate processes, so that a failure that ends such a process does not end this one."""

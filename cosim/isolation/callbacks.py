@@ -1,4 +1,4 @@
-"""Callbacks from the loop to a Python component that can save and restore its state, too."""
+"""Callbacks from the loop to a Python component that can save and restore its state."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from eightpost.errors import EightpostError
 
 
 class Restorable(Component, Protocol):
-    """A component that goes back to earlier states."""
+    """Component that can return to earlier states."""
 
     def save(self) -> object:
-        """Return its state now.
+        """Return the current state.
 
         Raises:
-            StepError: It fails to.
+            StepError: The component cannot save it.
         """
 
     def restore(self, state: object) -> None:
-        """Go back to a state that `save` returned; it stays good for more.
+        """Restore a state that `save` returned; the state remains valid.
 
         Raises:
-            StepError: The state is not one of this run, or it fails to.
+            StepError: The state is not one of this run, or cannot be restored.
         """
 
     def free(self, state: object) -> None:
-        """Give back a state that is needed no more."""
+        """Free a state that is no longer needed."""
 
 
 class StateCallbacks(Callbacks):
-    """Callbacks, and those for states: the loop knows a state by a number, as it knows an FMU's by an address.
+    """Callbacks including those for states: the loop identifies a state by a number, as an FMU's by an address.
 
     Args:
-        component: What is called; it must have begun before the loop calls.
+        component: Component to call; it must have begun before the loop calls.
     """
 
     def __init__(self, component: Restorable) -> None:
@@ -65,7 +65,7 @@ class StateCallbacks(Callbacks):
         self._restorable.restore(self._states[number])
 
     def _free_quietly(self, _instance: Any, slot: int) -> int:
-        """Free at the end of a run: what failed has been told, and with a component that ended its states did."""
+        """Free a state at the end of a run; errors are ignored, because a failure has been reported already."""
         state = self._states.pop(ctypes.c_int64.from_address(slot).value, None)
         if state is not None:
             with suppress(EightpostError):

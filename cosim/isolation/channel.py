@@ -1,4 +1,4 @@
-"""The two ends of what parent and child say to each other, and how a child gets hold of its own."""
+"""Channel between the parent and a child process, and its inheritance by the child."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def open_channel() -> tuple[Any, Any]:
 
 
 def inheritance(end: Any) -> dict[str, Any]:
-    """Return what `subprocess.Popen` needs so that the child, in a group of its own, gets the end and nothing else.
+    """Return the arguments of `subprocess.Popen` with which the child, in its own process group, inherits only the end.
 
-    In a group of its own it does not see Ctrl-C, and can be ended with all that the FMU started.
+    In its own group it does not receive Ctrl-C, and can be ended together with all processes that the FMU started.
     """
     if sys.platform == "win32":
         handle = end.fileno()
@@ -34,17 +34,17 @@ def inheritance(end: Any) -> dict[str, Any]:
 
 
 def waiter(end: Any) -> Callable[[float], bool]:
-    """Return a function that waits so many seconds at most for something to read and says whether there is."""
+    """Return a function that waits up to a number of seconds for data to read, and returns whether there is any."""
     if sys.platform == "win32":
         return lambda seconds: bool(end.poll(seconds))
-    # Connection.poll builds a selector at each call, which takes longer than the answer of a fast FMU.
+    # Connection.poll creates a selector at each call, which takes longer than the reply of a fast FMU.
     poll = select.poll()
     poll.register(end.fileno(), select.POLLIN)
     return lambda seconds: bool(poll.poll(seconds * 1e3))
 
 
 def take_channel(number: int) -> Any:
-    """Return the end of which the parent gave `fileno()`."""
+    """Return the channel end for the number that the parent obtained from `fileno()`."""
     if sys.platform == "win32":
         from multiprocessing.connection import PipeConnection  # noqa: PLC0415
 
@@ -53,9 +53,9 @@ def take_channel(number: int) -> Any:
 
 
 def child_command(arguments: Mapping[str, Any]) -> list[str]:
-    """Return the command of a child; what it imports is found where this process finds it.
+    """Return the command of a child process; it imports modules from the same folders as this process.
 
-    A child needs little of `cosim`, so it does not run the package's own imports, which take seconds (scipy, pint).
+    A child needs little of `cosim`, so it skips the package's own imports, which take seconds (scipy, pint).
     """
     package = __package__.partition(".")[0]
     folder = str(Path(__file__).parents[1])

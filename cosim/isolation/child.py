@@ -1,4 +1,4 @@
-"""The child's side: an FMU, the calls that come for it, and its end with the parent's."""
+"""Child side of isolation: runs an FMU and the calls sent by the parent, and ends with the parent."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from cosim.isolation.channel import take_channel
 from eightpost.errors import EightpostError
 
 _LINE_BUFFERED = 1  # glibc's _IOLBF
-_PATIENCE = 1.0  # s that an FMU has to end in when the parent has ended
+_PATIENCE = 1.0  # s: time for an FMU to end after the parent has ended
 
 
 def serve(*, channel: int, path: str, name: str, folder: str) -> None:
-    """Run an FMU for the parent until that closes the channel or ends.
+    """Run an FMU for the parent until the parent closes the channel or ends.
 
     Args:
-        channel: The channel's number.
-        path: The .fmu file.
-        name: The component's.
-        folder: Holds the FMU unpacked in `fmu`, the working folder `work` and the counter of calls `call`.
+        channel: Number of the channel.
+        path: FMU file (.fmu).
+        name: Name of the component.
+        folder: Folder with the unpacked FMU in `fmu`, the working folder `work` and the counter of calls `call`.
     """
     lifeline = _take_standard_streams()
     connection = take_channel(channel)
@@ -49,7 +49,7 @@ def serve(*, channel: int, path: str, name: str, folder: str) -> None:
 
 
 class _Service:
-    """Answers batches of calls in order; each state that is saved has the number that the parent gave it."""
+    """Server for batches of calls; each saved state has the number that the parent gave it."""
 
     def __init__(self, connection: Any, component: FmuComponent, name: str, counter: Any) -> None:
         self._connection, self._component = connection, component
@@ -61,7 +61,7 @@ class _Service:
         logger.addHandler(_Forward(connection))
 
     def run(self) -> None:
-        """Answer until the parent closes the channel."""
+        """Serve calls until the parent closes the channel."""
         while True:
             try:
                 batch = pickle.loads(self._connection.recv_bytes())
@@ -73,7 +73,7 @@ class _Service:
     def _answer(self, batch: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
         results = []
         for index, (what, *arguments) in enumerate(batch):
-            self._counter[0] = min(index, 255)  # a crash leaves it as it is
+            self._counter[0] = min(index, 255)  # the counter keeps this value after a crash
             try:
                 results.append(self._call(what, arguments))
             except EightpostError as error:
@@ -98,7 +98,7 @@ class _Service:
 
 
 class _Forward(logging.Handler):
-    """Sends what the FMU says at once: the last words before a crash must arrive."""
+    """Log handler that sends messages at once, so that the last messages before a crash arrive."""
 
     def __init__(self, connection: Any) -> None:
         super().__init__()
@@ -114,12 +114,12 @@ def _send(connection: Any, message: tuple[Any, ...]) -> None:
 
 
 def _take_standard_streams() -> int:
-    """Take stdin, which ends with the parent, for ourselves: the FMU reads nothing. What it prints is kept by lines."""
+    """Replace stdin, which signals the parent's end, so that the FMU reads nothing; set line buffering of stdout."""
     lifeline = os.dup(0)
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.close(null)
-    with suppress(Exception):  # glibc's; elsewhere the last lines before a crash may stay in the library's buffer
+    with suppress(Exception):  # works with glibc; elsewhere the last lines before a crash may be lost in the buffer
         library = ctypes.CDLL(None)
         library.setvbuf(ctypes.c_void_p.in_dll(library, "stdout"), None, _LINE_BUFFERED, 0)
     if sys.platform != "win32":
@@ -128,13 +128,13 @@ def _take_standard_streams() -> int:
 
 
 def _flush() -> None:
-    """Write what the C library still holds of what the FMU printed, where this process shares that library."""
+    """Flush the FMU's output from the C library's buffer, if this process shares that library."""
     with suppress(Exception):
         ctypes.CDLL(None).fflush(None)
 
 
 def _end_with_parent(lifeline: int, ended: threading.Event, folder: str) -> None:
-    """Wait for the parent's end, then remove the folder and end, with all that the FMU started."""
+    """Wait for the parent's end, then remove the folder and end this process group, with all that the FMU started."""
     while os.read(lifeline, 1):
         pass
     ended.wait(_PATIENCE)

@@ -1,4 +1,4 @@
-"""The parent's side: a child started, asked, timed and ended."""
+"""Parent side of isolation: starts, calls, times and ends a child process."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from eightpost.errors import EightpostError, FmuError, StepError, TerminatedErro
 
 Call = tuple[Any, ...]
 
-_STARTING = 60.0  # s: python and fmpy, not the FMU
+_STARTING = 60.0  # s: for Python and fmpy, without the FMU
 _CLOSING = 3.0  # s
-_PRINTED = 65536  # bytes of what it printed in a run that are passed on
+_PRINTED = 65536  # bytes of the FMU's output per run that are passed on
 _ERRORS: dict[str, type[EightpostError]] = {kind.__name__: kind for kind in (StepError, TerminatedError, FmuError)}
 
 
 class EndedError(Exception):
-    """The child crashed or hung.
+    """Error for a child that crashed or hung.
 
     Args:
-        how: "crashed (SIGABRT)", "gave no answer within 1 s and was ended".
-        index: Of the call in the batch.
+        how: Description: "crashed (SIGABRT)", "did not respond within 1 s and was ended".
+        index: Index of the call in the batch.
         hung: Whether it hung.
     """
 
@@ -41,22 +41,22 @@ class EndedError(Exception):
 
 
 class Process:
-    """A child with one FMU. It starts at once and is waited for with the first question.
+    """Child process with one FMU. It starts at once; the first request waits for it.
 
     Args:
-        path: The .fmu file.
-        name: The component's.
-        folder: Holds the FMU unpacked in `fmu`; it stays.
-        log: Takes level and text of what the FMU says.
+        path: FMU file (.fmu).
+        name: Name of the component.
+        folder: Folder with the unpacked FMU in `fmu`; it is not removed.
+        log: Function that takes the level and the text of the FMU's messages.
     """
 
     def __init__(self, path: Path, name: str, folder: Path, log: Callable[[int, str], None]) -> None:
         self._folder, self._log = folder, log
-        shutil.rmtree(folder / "work", ignore_errors=True)  # what another process left there is not to be found
+        shutil.rmtree(folder / "work", ignore_errors=True)  # remove the files of an earlier process
         (folder / "work").mkdir(exist_ok=True)
         (folder / "call").write_bytes(b"\0")
-        self._connection, theirs = open_channel()
-        arguments = {"channel": theirs.fileno(), "path": str(path), "name": name, "folder": str(folder)}
+        self._connection, child_end = open_channel()
+        arguments = {"channel": child_end.fileno(), "path": str(path), "name": name, "folder": str(folder)}
         with (folder / "printed").open("wb") as printed:
             self._process = subprocess.Popen(
                 child_command(arguments),
@@ -64,19 +64,19 @@ class Process:
                 stdout=printed,
                 stderr=subprocess.STDOUT,
                 cwd=folder,
-                **inheritance(theirs),
+                **inheritance(child_end),
             )
-        theirs.close()
+        child_end.close()
         self._wait = waiter(self._connection)
         self._first, self._read = True, 0
         self.close = weakref.finalize(self, _close, self._process, self._connection, os.getpid())
 
     def ask(self, calls: Sequence[Call], timeout: float) -> list[Any]:
-        """Have calls done in order; return what each returned.
+        """Make calls in order; return the result of each.
 
         Raises:
-            EndedError: The child crashed, or did not answer within `timeout` [s] and was killed.
-            StepError: A call failed; the message is the component's own.
+            EndedError: The child crashed, or did not respond within `timeout` [s] and was killed.
+            StepError: A call failed; the message is that of the component.
         """
         deadline = time.monotonic() + timeout + (_STARTING if self._first else 0.0)
         try:
@@ -84,7 +84,7 @@ class Process:
             answer = self._answer(deadline)
         except (EOFError, OSError):
             raise self._ended() from None
-        except BaseException:  # Ctrl-C: the answer would be taken for that to the next question
+        except BaseException:  # Ctrl-C: the reply would be taken for the reply to the next request
             self.kill()
             raise
         if answer is None:
@@ -98,7 +98,7 @@ class Process:
         raise _ERRORS.get(kind, StepError)(message)
 
     def printed(self) -> list[str]:
-        """Return the lines that it printed since the last time, the last ones of many."""
+        """Return the lines printed since the last call; only the last ones if there are many."""
         with (self._folder / "printed").open("rb") as file:
             file.seek(max(self._read, file.seek(0, os.SEEK_END) - _PRINTED))
             text = file.read()
@@ -107,16 +107,16 @@ class Process:
 
     @property
     def alive(self) -> bool:
-        """Whether it can be asked."""
+        """Whether the child can be called."""
         return bool(self.close.alive)
 
     def kill(self) -> None:
-        """End it without asking."""
+        """End the child without a request."""
         _kill(self._process)
         self.close()
 
     def _answer(self, deadline: float) -> tuple[Any, ...] | None:
-        """Return the next answer, passing on what the FMU says before it; None if the time is over."""
+        """Return the next reply, passing on the FMU's messages before it; None after the time limit."""
         while self._wait(max(0.0, deadline - time.monotonic())):
             answer: tuple[Any, ...] = pickle.loads(self._connection.recv_bytes())
             if answer[0] != "log":
@@ -130,14 +130,14 @@ class Process:
                 self._process.wait(_CLOSING)
             how = f"crashed ({_how(self._process.poll())})"
         else:
-            how = f"gave no answer within {hung:g} s and was ended"
+            how = f"did not respond within {hung:g} s and was ended"
         self.kill()
         counter = (self._folder / "call").read_bytes()[:1]
         return EndedError(how, int.from_bytes(counter, "little"), hung=hung is not None)
 
 
 def _close(process: subprocess.Popen[bytes], connection: Any, owner: int) -> None:
-    """Let a child end, then make it end; not in a process forked off its owner."""
+    """Let a child end, then force it to; do nothing in a process forked off its owner."""
     if os.getpid() != owner:
         return
     connection.close()
@@ -154,7 +154,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         process.kill()
     else:
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)  # a session of its own: with all that the FMU started
+            os.killpg(process.pid, signal.SIGKILL)  # the child's own session, with all that the FMU started
     process.wait()
 
 

@@ -1,4 +1,4 @@
-"""The recorded channels as a reader meets them: in display units, sorted into panels by what they are."""
+"""Recorded channels for display: in display units, sorted into panels by quantity and unit."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from cosim.study.measures import DISPLAY
 from eightpost import units
 from eightpost.signals import TimeSeries
 
-#: Okabe and Ito's colours without the yellow, which is lost on white; told apart by everyone.
+#: Okabe and Ito's colours, which colour-blind readers can distinguish, without the yellow, which is too light on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f")
 
-#: How lines are dashed, so that as many lines of each colour can be told apart.
+#: Dash styles, which distinguish lines of the same colour.
 DASHES = ("solid", "dash", "dot", "dashdot")
 
-#: Panels that are open at first, and lines that each of them draws at first: as many as there are colours.
+#: Number of panels that are open at first, and of lines that each of them draws at first: one per colour.
 _OPEN, _DRAWN = 5, len(COLORS)
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """From SI to the unit on the axis: `shown = factor * value + offset`."""
+    """Conversion from SI to the unit on the axis: `shown = factor * value + offset`."""
 
     si: str
     unit: str
@@ -31,7 +31,7 @@ class Scale:
 
     @property
     def squared(self) -> tuple[str, str]:
-        """Square of the unit on the axis, and of the SI unit, as a power spectral density has them."""
+        """Square of the unit on the axis, and of the SI unit, for power spectral densities."""
         return _squared(self.unit), _squared(self.si)
 
     @classmethod
@@ -47,16 +47,16 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What a channel did in the settled part, in its SI unit.
+    """Statistics of a channel after settling, in its SI unit.
 
     Args:
-        name: Of the channel.
-        scale: Of its values.
+        name: Name of the channel.
+        scale: Conversion to the display unit.
         mean: Mean.
         rms: Root mean square about the mean.
-        least: Least value.
-        greatest: Greatest value.
-        error: Stated error of the coupling in percent of `rms`; None where it is not known.
+        least: Minimum.
+        greatest: Maximum.
+        error: Stated coupling error in percent of `rms`; None if it is not known.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Statistics:
 
     @property
     def deviation(self) -> float:
-        """The stated error in the SI unit, root mean square; 0 where it is not known."""
+        """Stated error in the SI unit, root mean square; 0 if it is not known."""
         return 0.01 * (self.error or 0.0) * self.rms
 
 
@@ -106,7 +106,7 @@ def panels(series: TimeSeries) -> tuple[Panel, ...]:
 
 
 def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statistics, ...]:
-    """Return what each channel did, with the error that the run states for it [%]."""
+    """Return the statistics of each channel, with the error that the run states for it [%]."""
     return tuple(
         Statistics(
             name,

@@ -1,10 +1,10 @@
-"""Numbers and lists as a reader meets them."""
+"""Formatting of numbers and lists for display."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-#: Names of a list that are written in full; the others are counted.
+#: Number of names of a list that are written in full.
 _NAMED = 8
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -22,11 +22,11 @@ def figure(value: float, digits: int = 4) -> str:
 
 
 def percent(value: float) -> str:
-    """Return a share that is given in percent, to two digits."""
+    """Return a value given in percent, with two digits."""
     return f"{figure(value, 2 if abs(value) < 100.0 else 3)}\N{NO-BREAK SPACE}%"
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names in a row; of many, the first ones and how many more there are."""
+    """Return names separated by commas; of a long list, the first ones and the number of the others."""
     more = len(names) - _NAMED
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:_NAMED])} and {more} more"

@@ -1,4 +1,4 @@
-"""The system as a drawing (SVG): one component in the middle, the others right of it, drive and constants left."""
+"""Drawing of the system (SVG): one component in the middle, the others to its right, drive and constants left."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from cosim.report.groups import Group
 from cosim.report.svg import Drawing, width
 from cosim.report.wiring import Arrow, middle, order
 
-#: Lengths in pixels: one arrow's lane, a box's heading, what lies between boxes, one below and one beside the other.
+#: Lengths in pixels: lane of one arrow, heading of a box, vertical and horizontal distance of boxes, margin.
 _LANE, _HEADING, _SPACE, _GAP, _EDGE = 24.0, 46.0, 18.0, 150.0, 12.0
 
-#: Width of a heading's letters against those of the ports.
+#: Width of letters in a heading relative to those of the ports.
 _TITLE = 1.08
 
-#: How far the first arc between two components on the right reaches, and each further one beyond it [px].
+#: Width of the first arc between two components on the right, and increment for each further one [px].
 _ARC, _ARC_STEP = 70.0, 16.0
 
-#: Components that are drawn beside the middle one.
+#: Maximum number of components drawn next to the middle one.
 _SHOWN = 24
 
-#: What stands in a drawing for the component in the middle where it feeds itself.
+#: Label for the component in the middle if it feeds itself.
 _ITSELF = "its own outputs"
 
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """A rectangle with a heading."""
+    """Rectangle with a heading."""
 
     name: str
     x: float
@@ -40,7 +40,7 @@ class _Box:
         return self.x + self.width
 
     def lane(self, index: int) -> float:
-        """Return the height of a lane's middle, counted from the heading."""
+        """Return the height of the middle of a lane, counted from the heading."""
         return self.y + _HEADING + _LANE * (index + 0.5)
 
 
@@ -59,7 +59,7 @@ def graph(group: Group, sources: Mapping[str, str]) -> str:
 
 
 class _Sheet:
-    """Where everything is; drawn from left to right."""
+    """Layout of a drawing, from left to right."""
 
     def __init__(self, joined: Sequence[Arrow], center: str, others: Sequence[str], sources: Mapping[str, str]) -> None:
         self._sources = sources
@@ -75,7 +75,7 @@ class _Sheet:
         self._drawing = Drawing()
 
     def drawn(self, *, hidden: int) -> str:
-        """Return the drawing; `hidden` is how many components it leaves out."""
+        """Return the drawing; `hidden` is the number of components that it omits."""
         for name, box in self._right.items():
             self._bonds(name, box)
         self._boxes()
@@ -136,7 +136,7 @@ class _Sheet:
         self._drawing.text(box.x + 12.0, box.y + 31.0, self._sources.get(box.name, ""), style="below")
 
     def _bonds(self, name: str, box: _Box) -> None:
-        """Shade what belongs to a bond, and write its name above."""
+        """Shade each bond, and write its name above."""
         lanes: dict[str, list[int]] = {}
         for k, arrow in _numbered(self._inner[name]):
             lanes.setdefault(arrow.bond, []).append(k)
@@ -146,7 +146,7 @@ class _Sheet:
             self._drawing.text(box.x - 0.5 * self._gap, top - 14.0, bond, style="bondname", anchor="middle")
 
     def _flow(self, arrow: Arrow, boxes: tuple[_Box, _Box], y: float, *, note: str = "") -> None:
-        """Draw an arrow between a box and the one right of it."""
+        """Draw an arrow between a box and the one to its right."""
         left, right = boxes
         forward = bool(note) or arrow.source.component == left.name
         ends = (left.right, right.x) if forward else (right.x, left.right)
@@ -158,11 +158,11 @@ class _Sheet:
         self._sign(arrow, (ends[1], y), -1.0 if forward else 1.0)
 
     def _sign(self, arrow: Arrow, tip: tuple[float, float], side: float) -> None:
-        """Write an arrow's sign beside its tip: right of it for side 1, left for -1."""
+        """Write an arrow's sign next to its tip: to the right for side 1, to the left for -1."""
         self._drawing.badge(tip, side, _sign(arrow), style="minus" if arrow.gain < 0.0 else "plus")
 
     def _stubs(self, name: str, box: _Box) -> None:
-        """Draw what comes to a component on the right from outside, and the names where arcs meet it."""
+        """Draw the external inputs of a component on the right, and the port names at which arcs end."""
         for k, (arrow, text, _) in enumerate(self._outer[name]):
             y = box.lane(k)
             self._drawing.text(box.right - 8.0, y, text, style="port", anchor="end")
@@ -186,7 +186,7 @@ class _Sheet:
 
 
 def _outer(joined: Iterable[Arrow], name: str, center: str) -> list[tuple[Arrow, str, str]]:
-    """Return what meets the right side of a component: each arrow, its text there, and its way."""
+    """Return the arrows at the right side of a component: each arrow, its text there, and its direction."""
     found = []
     for arrow in joined:
         if arrow.joins(center):
@@ -199,7 +199,7 @@ def _outer(joined: Iterable[Arrow], name: str, center: str) -> list[tuple[Arrow,
 
 
 def _left_boxes(feeding: Sequence[Arrow]) -> dict[str, tuple[_Box, list[Arrow]]]:
-    """Place what feeds the component in the middle from outside: the drive, constants."""
+    """Place the boxes that feed the component in the middle from outside: the drive, constants."""
     groups: dict[str, list[Arrow]] = {}
     for arrow in feeding:
         groups.setdefault(_ITSELF if arrow.source.component else arrow.kind, []).append(arrow)
@@ -214,7 +214,7 @@ def _left_boxes(feeding: Sequence[Arrow]) -> dict[str, tuple[_Box, list[Arrow]]]
 
 
 def _numbered(lanes: Sequence[Arrow]) -> list[tuple[int, Arrow]]:
-    """Return each arrow with its lane; a lane stays free above a second bond, for its name."""
+    """Return each arrow with its lane; a lane above each further bond is left free for its name."""
     numbered: list[tuple[int, Arrow]] = []
     for arrow in lanes:
         last = numbered[-1] if numbered else None
@@ -228,7 +228,7 @@ def _at(arrow: Arrow, component: str) -> str:
 
 
 def _sign(arrow: Arrow) -> str:
-    """Return the sign of an arrow, its factor where it is not one, and a sum sign where its target adds up."""
+    """Return the sign of an arrow, its factor if it is not one, and a sum sign if its target adds up sources."""
     sign = "+" if arrow.gain > 0.0 else "−"
     factor = "" if abs(arrow.gain) == 1.0 else f"{abs(arrow.gain):.4g}"
     return f"{'Σ ' if arrow.summed else ''}{sign}{factor}"

@@ -1,4 +1,4 @@
-"""The parts of a system that have nothing to do with each other; parts that are alike are one drawing."""
+"""Unconnected parts of a system; parts that are alike share one drawing."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 
 from cosim.report.wiring import DRIVE, Arrow, neighbours_of
 
-#: What two parts must have in common to be alike.
+#: Properties that two parts must have in common to be alike.
 _Likeness = tuple[tuple[str, ...], tuple[tuple[object, ...], ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Components that are connected with each other.
+    """Group of components that are connected with each other.
 
     Args:
-        components: Their names, in the order of the system.
-        arrows: What connects and feeds them.
-        alike: Components of every other group of the same files and connections.
+        components: Names of the components, in the order of the system.
+        arrows: Connections, drive and constants of the components.
+        alike: Components of every other group with the same files and connections.
     """
 
     components: tuple[str, ...]
@@ -27,10 +27,10 @@ class Group:
 
 
 def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, str]) -> tuple[Group, ...]:
-    """Sort components and their connections into groups, each with those that are alike.
+    """Sort components and their connections into groups, and merge groups that are alike.
 
     Args:
-        names: Components.
+        names: Names of the components.
         joined: All connections.
         sources: File of each component.
     """
@@ -64,7 +64,7 @@ def _connected(names: Sequence[str], joined: Sequence[Arrow]) -> Iterator[Group]
 
 
 def _likeness(group: Group, sources: Mapping[str, str]) -> _Likeness:
-    """Files and connections without the names that components, bonds and drive channels have."""
+    """Return files and connections without the names of components, bonds and drive channels."""
     numbers = {name: k for k, name in enumerate(group.components)} | {"": -1}
     return (
         tuple(sources.get(name, "") for name in group.components),

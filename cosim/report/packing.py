@@ -1,4 +1,4 @@
-"""Arrays and scripts as text in a page: numbers as bytes, compressed, in base 64."""
+"""Encoding of arrays and scripts as text in a page: numbers as bytes, compressed, in base 64."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from eightpost.page import compressed
 
 Array = NDArray[np.float64]
 
-#: Steps between the least and the greatest value of a channel: 16 bits are 100 times finer than a screen.
+#: Number of levels between the minimum and the maximum of a channel: 16 bits are 100 times finer than a screen.
 LEVELS = 65535
 
 
 @dataclass
 class Store:
-    """Arrays one after the other in one block of bytes, each known by where it begins."""
+    """Arrays in one block of bytes, each identified by its start position."""
 
     _content: bytearray = field(default_factory=bytearray)
 
     def add(self, values: Array) -> int:
-        """Add numbers as they are (little-endian, 64 bits) and return where they begin."""
+        """Add numbers in full (little-endian, 64 bits) and return their start position."""
         return self._append(values.astype("<f8").tobytes())
 
     def add_single(self, values: Array) -> int:
-        """Add numbers to seven digits (little-endian, 32 bits) and return where they begin."""
+        """Add numbers to seven digits (little-endian, 32 bits) and return their start position."""
         return self._append(values.astype("<f4").tobytes())
 
     def add_levels(self, values: Array) -> int:
-        """Add (M,) values as 16-bit levels between their least and greatest, and return where they begin.
+        """Add (M,) values as 16-bit levels between their minimum and maximum, and return their start position.
 
         Each level is stored as its difference from the one before, modulo 2^16: a smooth signal compresses well.
         """
@@ -41,7 +41,7 @@ class Store:
 
     @property
     def text(self) -> str:
-        """All of it, for a page."""
+        """Contents as text for a page."""
         return compressed(bytes(self._content))
 
     def _append(self, content: bytes) -> int:

@@ -1,7 +1,7 @@
 "use strict";
 (async () => {
   const LEVELS = 65535;
-  const COLUMNS = 900; // pairs of points that a plot draws in its window: about one per pixel
+  const COLUMNS = 900; // pairs of points per plot: about one per pixel
   const SETTINGS = { displaylogo: false, responsive: true, doubleClick: false,
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "toImage"] };
   const AXIS = { gridcolor: "#e6e9ee", zeroline: false, linecolor: "#b9c1cb", ticks: "outside", tickcolor: "#b9c1cb" };
@@ -37,7 +37,7 @@
     return (channel.samples = values);
   }
 
-  function firstAt(moment) { // the index of the first sample at or after a time
+  function firstAt(moment) { // return the index of the first sample at or after a time
     let low = 0, high = time.length;
     while (low < high) {
       const half = (low + high) >> 1;
@@ -85,7 +85,7 @@
       line: { color: entry.color, dash: entry.dash, width: 1.3 }, hovertemplate: template };
   }
 
-  const nothing = { text: "no channel is chosen", xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false };
+  const nothing = { text: "no channel is selected", xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false };
 
   function drawTraces(panel) {
     const place = panel.querySelector(".time-plot"), margin = 0.5 * (state.to - state.from);
@@ -143,7 +143,7 @@
     }
   }
 
-  function decades(lines, top) { // what the visible frequencies need, six decades at most
+  function decades(lines, top) { // return the range for the visible frequencies, at most six decades
     let least = Infinity, greatest = 0;
     for (const { y } of lines) for (let k = 0; k < y.length && Math.log10(frequency[k]) <= top; k++) {
       if (y[k] > 0) least = Math.min(least, y[k]);
@@ -235,9 +235,9 @@
     }));
   }
 
-  // The tables follow the units even where the plots cannot be drawn.
+  // Switch the units of the tables even if the plots cannot be drawn.
   for (const box of document.querySelectorAll("input[name=units]")) {
-    box.checked = box.value === "us"; // a browser that reloads keeps what was chosen
+    box.checked = box.value === "us"; // a browser keeps the choice when it reloads the page
     box.addEventListener("change", switchUnits);
   }
   if (!panels.length) return;

@@ -1,4 +1,4 @@
-"""out/report.html: one run in one file that loads nothing."""
+"""Report page out/report.html: one run in one file that loads nothing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from eightpost.signals import TimeSeries
 
 _PACKAGE = "cosim.report"
 
-#: Drawings on a page: of a system that falls into more parts, unlike each other, the others are in the tables only.
+#: Maximum number of drawings on a page; further unconnected parts of a system are listed in the tables only.
 _DRAWINGS = 12
 
 
@@ -43,18 +43,18 @@ def write_report(
     title: str = "Co-simulation run",
     files: Mapping[str, Path] | None = None,
 ) -> Path:
-    """Write a run as an interactive page; it replaces an old one only when it is whole.
+    """Write a run as an interactive page; an old file is replaced only by a complete one.
 
     Args:
-        path: The file, such as out/report.html.
-        result: The run.
-        system: What was run.
-        scenario: What was done to it.
+        path: Output file, such as out/report.html.
+        result: Result of the run.
+        system: System of the run.
+        scenario: Scenario of the run.
         title: Heading of the page.
-        files: FMU files by component, for their digests and the tools that made them; left out where not given.
+        files: FMU files by component, for their digests and the tools that made them; omitted if not given.
 
     Returns:
-        The file.
+        Path of the file.
     """
     path = Path(path)
     content = page(result, system, scenario, title=title, files=files)
@@ -93,7 +93,7 @@ def page(
 
 
 def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
-    """Return what the page says of the run as a whole."""
+    """Return the page's data about the run as a whole."""
     return {
         "verdict": result.verdict,
         "tiles": tiles(result),
@@ -109,12 +109,12 @@ def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
 
 
 def _signals(result: Result, settled: TimeSeries) -> dict[str, Any]:
-    """Return what the page says of each channel."""
-    found = statistics(settled, result.stated_error)
+    """Return the page's data about each channel."""
+    rows = statistics(settled, result.stated_error)
     return {
         "panels": panels(result.series),
-        "statistics": found,
-        "largest": max((row.error for row in found if row.error is not None), default=None),
+        "statistics": rows,
+        "largest": max((row.error for row in rows if row.error is not None), default=None),
         "span": f"{settled.time[0]:g} to {settled.time[-1]:g} s",
         "velocity": Scale.of("m/s"),
         "force": Scale.of("N"),
@@ -127,12 +127,12 @@ def _drawings(result: Result, system: System, scenario: Scenario) -> list[tuple[
 
 
 def _settled(result: Result) -> TimeSeries:
-    """Return the series without the settling time; all of it where the run ended before it had settled."""
+    """Return the series without the settling time; the whole series if the run ended before the settling time."""
     return result.settled() if result.series.time[-1] > result.settling else result.series
 
 
 def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
-    """Return where the page's script finds its numbers, and the numbers."""
+    """Return the positions of the numbers for the page's script, and the numbers."""
     store, series = Store(), result.series
     channels = [
         {

@@ -1,4 +1,4 @@
-"""From what a run was made: files and their digests, the tools that made them, the drive, the versions."""
+"""Origin of a run: files and their digests, the tools that made them, the drive, the versions."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _PACKAGES = ("numpy", "scipy", "numba", "fmpy")
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a component came from.
+    """Origin of a component.
 
     Args:
         name: Name of the component.
-        file: Its file's name.
-        identity: Its GUID.
-        made_by: The tool and the model's version that its description states; empty where not known.
-        digest: SHA-256 of the file; empty where not known.
-        parameters: Values that differ from its own, in its own units.
+        file: Name of its file.
+        identity: GUID.
+        made_by: Tool and model version stated in its description; empty if not known.
+        digest: SHA-256 of the file; empty if not known.
+        parameters: Values that differ from its defaults, in its own units.
     """
 
     name: str
@@ -45,8 +45,8 @@ def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
     """Return the origin of every component.
 
     Args:
-        result: The run.
-        files: FMU files by component, where they are known; each is read once.
+        result: Result of the run.
+        files: FMU files by component, if known; each is read once.
     """
     known = {path: (_made_by(path), _digest(path)) for path in set(files.values())}
     return tuple(
@@ -62,10 +62,10 @@ def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
 
 
 def drive_digest(drive: Drivefile) -> str:
-    """Return the SHA-256 of what a drive says, whatever file it came in.
+    """Return the SHA-256 of the contents of a drive, independent of its file format.
 
-    Of one line `name [unit]` per channel in UTF-8, then the times and the values, channel after channel, in SI, as
-    little-endian 64-bit numbers.
+    It is computed from one line `name [unit]` per channel in UTF-8, then the times and the values, channel
+    after channel, in SI as little-endian 64-bit numbers.
     """
     digest = hashlib.sha256()
     for name, unit in zip(drive.names, drive.units, strict=True):
@@ -76,7 +76,7 @@ def drive_digest(drive: Drivefile) -> str:
 
 
 def versions() -> str:
-    """Return the versions of what computed the run, as of now."""
+    """Return the versions of the current installation."""
     return ", ".join((f"eightpost {__version__}", f"Python {platform.python_version()}", *_packages(), _machine()))
 
 
@@ -97,7 +97,7 @@ def _digest(path: Path) -> str:
 
 
 def _made_by(path: Path) -> str:
-    """Return what modelDescription.xml says of the tool and the model's version; a file that is gone says nothing."""
+    """Return the tool and the model's version from modelDescription.xml; empty if the file cannot be read."""
     try:
         with open_archive(path) as archive:
             content = archive.read("modelDescription.xml")

@@ -1,4 +1,4 @@
-"""Power spectral densities of the settled part of a run."""
+"""Power spectral densities of a run after settling."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 #: Length of a block [s]: a resolution of 0.25 Hz, and 14 blocks, half overlapping, in 30 s.
 BLOCK = 4.0
 
-#: Values that a page holds over all channels; blocks are shorter where there would be more.
+#: Maximum number of values over all channels of a page; blocks are shortened to stay below it.
 CAPACITY = 1_000_000
 
-#: Fewest samples that a spectrum is made from.
+#: Minimum number of samples for a spectrum.
 _FEWEST = 16
 
 
@@ -27,10 +27,10 @@ class Spectra:
     """One-sided power spectral densities.
 
     Args:
-        frequency: (K,) above zero [Hz].
-        density: (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
+        frequency: Frequencies (K,) above zero [Hz].
+        density: Densities (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
         block: Length of a block [s].
-        duration: Length of what they were made from [s].
+        duration: Length of the series [s].
     """
 
     frequency: Array
@@ -42,11 +42,11 @@ class Spectra:
 def spectra(series: TimeSeries) -> Spectra | None:
     """Estimate densities by Welch's method: Hann blocks of 4 s, half overlapping, each without its mean.
 
-    Blocks are shorter in a shorter series, and for so many channels that a page could not hold their densities. A
-    series whose steps are uneven is interpolated to its median rate first.
+    Blocks are shorter in a shorter series, and if there are so many channels that a page could not hold their
+    densities. A series with uneven steps is interpolated to its median rate first.
 
     Returns:
-        None where there are too few samples, or no channels.
+        Densities; None if there are too few samples or no channels.
     """
     if len(series) < _FEWEST or not series.names:
         return None

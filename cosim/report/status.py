@@ -1,4 +1,4 @@
-"""What a reader should know of a run beside its verdict: figures, notes, how it went."""
+"""Information about a run other than its verdict: figures, notes, status."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cosim.result import Coupled, Result
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One figure of the page's head: what, how much, and of what or against what."""
+    """Figure in the page's head: its name, its value, and a detail such as the channel or the limit."""
 
     what: str
     value: str
@@ -22,7 +22,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """The largest stated error of some channels, in percent of that channel's standard deviation."""
+    """Largest stated error of several channels, in percent of that channel's scale."""
 
     channel: str
     percent: float
@@ -30,15 +30,15 @@ class Worst:
 
 @dataclass(frozen=True, slots=True)
 class BondRow:
-    """One bond's accounts.
+    """Energy and local errors of one bond.
 
     Args:
-        name: Of the bond.
+        name: Name of the bond.
         transferred: Energy through it [J].
-        residual: Energy that the coupling made (+) or lost [J].
-        percent: The residual in percent of the energy transferred.
+        residual: Energy that the coupling added (+) or lost (-) [J].
+        percent: Residual in percent of the energy transferred.
         acceptable: Whether the residual is small enough.
-        coupled: Local errors of what its ends assumed of each other; None where the run has none.
+        coupled: Local errors of the values that its ends assumed of each other; None if not estimated.
     """
 
     name: str
@@ -50,7 +50,7 @@ class BondRow:
 
 
 def bond_rows(result: Result) -> tuple[BondRow, ...]:
-    """Return the accounts of every bond."""
+    """Return energy and local errors of every bond."""
     return tuple(
         BondRow(name, e.transferred, e.residual, 100.0 * e.relative, e.acceptable, result.coupled.get(name))
         for name, e in result.energy.items()
@@ -58,7 +58,7 @@ def bond_rows(result: Result) -> tuple[BondRow, ...]:
 
 
 def worst(stated: Mapping[str, float], among: Iterable[str] | None = None) -> Worst | None:
-    """Return the largest error that is known, among some channels; None where there is none."""
+    """Return the largest known error among some channels; None if no error is known."""
     chosen = stated if among is None else stated.keys() & set(among)
     known = {name: stated[name] for name in chosen if isfinite(stated[name])}
     return max(
@@ -87,13 +87,13 @@ def _tiles(result: Result, ports: Worst | None, any_channel: Worst | None) -> It
 
 
 def notes(result: Result) -> tuple[str, ...]:
-    """Return what else the reader should know; the run's own notes first."""
+    """Return all notes for the reader; the run's own notes first."""
     return tuple(note.replace(" %", "\N{NO-BREAK SPACE}%") for note in (*result.notes, *_notes(result)))
 
 
 def _notes(result: Result) -> Iterator[str]:
     if result.settling and result.series.time[-1] <= result.settling:
-        yield f"the run ended within its settling time ({result.settling:g} s): statistics and spectra are of all of it"
+        yield f"the run ended within its settling time ({result.settling:g} s): statistics and spectra use all of it"
     if result.held_direct:
         yield (
             "outputs that follow, without delay, an input that was held over each step: "
@@ -102,21 +102,21 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
-    """Return how the run went, as pairs of what and how much."""
+    """Return facts about the run, as pairs of name and value."""
     return tuple(_facts(result))
 
 
 def _facts(result: Result) -> Iterator[tuple[str, str]]:
     first, last = float(result.series.time[0]), float(result.series.time[-1])
     yield "Time", f"{first:g} to {last:g} s{', ended early (partial)' if result.partial else ''}"
-    yield "Settling, left out of statistics and spectra", f"{result.settling:g} s"
-    yield "Algorithm", f"{result.algorithm}, which took {result.scheme}" if result.scheme else result.algorithm
+    yield "Settling, excluded from statistics and spectra", f"{result.settling:g} s"
+    yield "Algorithm", f"{result.algorithm}, which used {result.scheme}" if result.scheme else result.algorithm
     yield "Order of the components", listed(result.order)
     yield "Converged", "yes" if result.converged else "no"
     yield "Coupling step", f"{_step(result)}; the largest was {1e3 * (result.largest_step or result.step):g} ms"
     yield "Steps", f"{result.steps}, {result.rejected_steps} more rejected"
     yield "Iterations of implicit steps", f"{result.iterations}"
-    yield "Evaluations until the coupled start agreed", f"{result.equilibrium_sweeps}"
+    yield "Evaluations until the equilibrium start converged", f"{result.equilibrium_sweeps}"
     yield "Recorded", f"{len(result.series.names)} channels, {len(result.series)} samples each"
     yield "Computed in", f"{figure(result.seconds, 3)} s, of which {figure(result.stepping_seconds, 3)} s in steps"
 

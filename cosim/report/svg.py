@@ -1,4 +1,4 @@
-"""The few shapes that the drawing of a system is made of, as SVG elements; colours are classes of page.css."""
+"""Shapes for the drawing of a system, as SVG elements; colours are classes of page.css."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from xml.etree import ElementTree
 #: Width of a letter of the drawing's monospaced text [px].
 LETTER = 7.3
 
-#: Longest name that is written in full; a longer one shows its ends, and all of it under the pointer.
+#: Maximum length of a name that is written in full; a longer one shows its ends, and the whole name as a tooltip.
 _LONGEST = 30
 
 
-#: A drawing shrinks to this share of its size and no further: its letters must stay readable.
+#: Minimum scale of a drawing on the page, at which its letters remain readable.
 _LEAST_SCALE = 0.8
 
 
 class Drawing:
-    """An SVG element under construction; lengths in pixels, y downwards."""
+    """SVG element under construction; lengths in pixels, y downwards."""
 
     def __init__(self) -> None:
         self._root = ElementTree.Element("svg", {"role": "img", "class": "graph"})
@@ -29,7 +29,7 @@ class Drawing:
         self._add("rect", style, {name: f"{value:.1f}" for name, value in sizes.items()})
 
     def text(self, x: float, y: float, content: str, *, style: str, anchor: str = "start") -> None:
-        """Write a text; `y` is its middle, `anchor` says which of its ends is at `x`: start, middle or end."""
+        """Write a text; `y` is its middle, `anchor` is the part of it at `x`: start, middle or end."""
         element = self._add("text", style, {"x": f"{x:.1f}", "y": f"{y:.1f}", "text-anchor": anchor, "dy": "0.35em"})
         element.text = shortened(content)
         if element.text != content:
@@ -44,7 +44,7 @@ class Drawing:
         self._head(end, sign, style)
 
     def arc(self, start: tuple[float, float], end: tuple[float, float], bulge: float, *, style: str) -> None:
-        """Draw an arrow that leaves to the right and comes back from the right."""
+        """Draw an arrow that leaves to the right and returns from the right."""
         (x, above), (_, below), far = start, end, start[0] + bulge
         curve = f"M{x:.1f} {above:.1f}C{far:.1f} {above:.1f} {far:.1f} {below:.1f} {x + 6.0:.1f} {below:.1f}"
         self._add("path", f"line {style}", {"d": curve})
@@ -52,14 +52,14 @@ class Drawing:
         self._reach(far, max(above, below))
 
     def badge(self, tip: tuple[float, float], side: float, content: str, *, style: str) -> None:
-        """Write a sign or a factor on a pill beside the tip of an arrow: right of it for side 1, left for -1."""
+        """Write a sign or a factor in a badge next to the tip of an arrow: right of it for side 1, left for -1."""
         half = max(7.5, 0.5 * LETTER * len(content) + 4.0)
         x, y = tip[0] + side * (half + 13.0), tip[1]
         self.rectangle(x - half, y - 7.5, 2.0 * half, 15.0, style=f"badge {style}")
         self.text(x, y, content, style=f"sign {style}", anchor="middle")
 
     def finished(self, label: str, margin: float) -> str:
-        """Return the SVG as text; `label` says what it shows to those who cannot see it."""
+        """Return the SVG as text; `label` describes it for screen readers."""
         size = (self._right + margin, self._bottom + margin)
         self._root.set("aria-label", label)
         self._root.set("viewBox", f"0 0 {size[0]:.0f} {size[1]:.0f}")
@@ -82,11 +82,11 @@ class Drawing:
 
 
 def shortened(content: str) -> str:
-    """Return a text with its middle left out where it is too long for a drawing."""
+    """Return a text with its middle omitted if it is too long for a drawing."""
     half = (_LONGEST - 1) // 2
     return content if len(content) <= _LONGEST else f"{content[:half]}…{content[-half:]}"
 
 
 def width(content: str) -> float:
-    """Return how wide a text is as it is drawn [px]."""
+    """Return the width of a text in the drawing [px]."""
     return LETTER * len(shortened(content))

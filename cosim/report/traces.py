@@ -1,4 +1,4 @@
-"""Time traces small enough for a page, without loss of peaks."""
+"""Decimation of time traces for a page, without loss of peaks."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
-#: Values that a page holds over all channels: 40 channels of 60 s at 2 ms fit, in about 3 MB.
+#: Maximum number of values over all channels of a page: 40 channels of 60 s at 2 ms fit, in about 3 MB.
 CAPACITY = 1_250_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """What the page draws.
+    """Traces that the page draws.
 
     Args:
-        time: (M,) [s].
-        values: (C, M) in SI.
-        samples: Recorded samples that each pair of values stands for; 1 where all are kept.
-        interval: Time that those samples take [s].
+        time: Times (M,) [s].
+        values: Values (C, M) in SI.
+        samples: Number of recorded samples per pair of values; 1 if all are kept.
+        interval: Time span of these samples [s].
     """
 
     time: Array
@@ -33,14 +33,14 @@ class Traces:
 
 
 def traces(series: TimeSeries, *, capacity: int = CAPACITY) -> Traces:
-    """Keep all samples where they fit, else the least and the greatest of every few, in their order.
+    """Keep all samples if they fit, else the minimum and the maximum of every few, in their order.
 
-    With n samples to a pair, each pair stands at the first and the middle one of the n: no value is farther than n
-    samples from its time.
+    With n samples per pair, the times of each pair are those of the first and the middle of the n samples, so the time
+    of a value is wrong by less than n samples.
 
     Args:
-        series: What was recorded, C channels.
-        capacity: Most values to keep, over all channels; at least two per channel are kept.
+        series: Recorded series with C channels.
+        capacity: Maximum number of values to keep, over all channels; at least two per channel are kept.
     """
     length, channels = len(series), max(1, len(series.names))
     pairs = max(1, capacity // (2 * channels))
@@ -54,7 +54,7 @@ def traces(series: TimeSeries, *, capacity: int = CAPACITY) -> Traces:
 
 
 def _pairs(values: Array, samples: int) -> Array:
-    """Return (C, 2 K): least and greatest of every `samples` values, the one that came first first."""
+    """Return (C, 2 K): minimum and maximum of every `samples` values, in the order in which they occurred."""
     channels, length = values.shape
     missing = -length % samples
     bins = np.pad(values, ((0, 0), (0, missing)), mode="edge").reshape(channels, -1, samples)

@@ -1,4 +1,4 @@
-"""Who feeds whom, as a drawing needs it: one component in the middle, others beside it, what comes from outside."""
+"""Connections of a system for a drawing: one component in the middle, others next to it, inputs from outside."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cosim.scenario import Scenario
 from cosim.system import Bond, Connection, System
 from eightpost.errors import UnknownUnitError
 
-#: What feeds inputs from outside, in place of a component's name.
+#: Kinds of arrows from outside, used in place of a component's name.
 DRIVE, CONSTANT = "drive", "constant"
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """One end of an arrow: a component (empty for what comes from outside) and what stands there."""
+    """One end of an arrow: a component (empty for outside) and the text there."""
 
     component: str
     text: str
@@ -28,12 +28,12 @@ class Arrow:
     """One connection.
 
     Args:
-        source: Where it starts.
-        target: Where it ends.
-        unit: Of what flows, as its source has it; both where its target has another.
-        gain: On the way; its sign is drawn.
+        source: Start of the arrow.
+        target: End of the arrow.
+        unit: Unit of the source; both units if the target has another one.
+        gain: Gain of the connection; its sign is drawn.
         kind: velocity, displacement or force of a bond, drive, constant, or connection.
-        bond: Its bond's name; empty without one.
+        bond: Name of its bond; empty without one.
         summed: Whether its target adds up several sources.
     """
 
@@ -46,7 +46,7 @@ class Arrow:
     summed: bool = False
 
     def joins(self, component: str) -> bool:
-        """Whether it starts or ends at a component."""
+        """Return whether it starts or ends at a component."""
         return component in (self.source.component, self.target.component)
 
 
@@ -58,7 +58,7 @@ def arrows(system: System, scenario: Scenario) -> tuple[Arrow, ...]:
 
 
 def middle(names: Iterable[str], joined: Iterable[Arrow]) -> str:
-    """Return the component that meets the most others; the first of equals."""
+    """Return the component that is connected with the most others; the first one in case of a tie."""
     others: dict[str, Counter[str]] = {name: Counter() for name in names}
     for arrow in joined:
         ends = (arrow.source.component, arrow.target.component)
@@ -69,7 +69,7 @@ def middle(names: Iterable[str], joined: Iterable[Arrow]) -> str:
 
 
 def neighbours_of(names: Iterable[str], joined: Iterable[Arrow]) -> dict[str, list[str]]:
-    """Return per component those that it is connected with, once per connection."""
+    """Return, for each component, the components that it is connected with, once per connection."""
     neighbours: dict[str, list[str]] = {name: [] for name in names}
     for arrow in joined:
         ends = (arrow.source.component, arrow.target.component)
@@ -80,7 +80,7 @@ def neighbours_of(names: Iterable[str], joined: Iterable[Arrow]) -> dict[str, li
 
 
 def order(names: Iterable[str], joined: Iterable[Arrow], center: str) -> tuple[str, ...]:
-    """Return the components but the middle one: in the order given, each followed by those that hang on it."""
+    """Return the components except the middle one: in the given order, each followed by those connected through it."""
     neighbours = neighbours_of(names, joined)
     near = set(neighbours.get(center, ()))
     placed: dict[str, None] = {center: None}
@@ -130,7 +130,7 @@ def _driven(system: System, scenario: Scenario) -> Iterator[Arrow]:
 
 
 def _by_name(system: System, channels: Iterable[str]) -> Mapping[str, str]:
-    """Return which input each channel goes to where the scenario does not say: the one of its name."""
+    """Return the input of each channel if the scenario gives no targets: the one of the same name."""
     return {
         channel: f"{name}.{channel}"
         for channel in channels

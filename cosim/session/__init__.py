@@ -1,4 +1,4 @@
-"""One run of a system with one algorithm, from what it is made of to its result."""
+"""One run of a system with one algorithm, from its setup to its result."""
 
 from cosim.session.session import RunInterrupted, Session
 

@@ -1,4 +1,4 @@
-"""Stepping with coupling steps that an error estimate chooses."""
+"""Stepping with coupling steps that an error estimate controls."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cosim.session.setup import Setup
 from cosim.session.times import among, merged
 from eightpost.errors import WiringError
 
-#: Local error that is allowed from the start on, by SI unit: far below what a sensor tells.
+#: Absolute part of the allowed local error by SI unit: far below the resolution of sensors.
 _LEAST_ERROR = {"m/s": 1e-5, "m": 1e-6, "N": 1e-2}
 
 
 def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm: Adaptive) -> Ending:
-    """Step from one recorded time to the next, until the stop, an interrupt, or a step that would be too small.
+    """Step from one recorded time to the next, until the stop, an interrupt, or a step that is too small.
 
     Raises:
-        WiringError: A tolerance is given for what is no coupled signal.
+        WiringError: A tolerance is given for a name that is not a coupled signal.
         StepError: A component failed, or the coupling diverged.
     """
     knots, control = _knots(setup), _control(setup, algorithm)
@@ -48,7 +48,7 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
 
 
 def _knots(setup: Setup) -> Knots:
-    """The drive's own points within the run, and every time to land on."""
+    """Return the drive's own points within the run, and all times at which a step must end."""
     scenario, recorded = setup.scenario, setup.times[setup.recorded == 1][1:]
     drive = scenario.drive
     if drive is None:
@@ -63,7 +63,7 @@ def _knots(setup: Setup) -> Knots:
 def _control(setup: Setup, algorithm: Adaptive) -> Control:
     coupled = sorted({source for source, _ in setup.layout.terms})
     if unknown := sorted(set(algorithm.absolute) - set(coupled)):
-        raise WiringError(f"adaptive: {unknown[0]} is no coupled signal; those are {', '.join(coupled)}")
+        raise WiringError(f"adaptive: {unknown[0]} is not a coupled signal; those are {', '.join(coupled)}")
     return Control(
         np.array([setup.layout.signals.index(name) for name in coupled], dtype=np.int64),
         np.array([algorithm.absolute.get(name, _least_error(setup, name)) for name in coupled]),
@@ -75,13 +75,13 @@ def _control(setup: Setup, algorithm: Adaptive) -> Control:
 
 
 def _least_error(setup: Setup, name: str) -> float:
-    """What is allowed of a signal in every step, in its own unit."""
+    """Return the default absolute error of a signal, in its own unit."""
     conversion, unit = to_si(setup.system.output(name))
     return _LEAST_ERROR.get(unit, 1e-9) / abs(conversion.factor)
 
 
 def _first_progress(step: float, control: Control, signals: int, channels: int) -> Progress:
-    """Where a run begins that tries `step` [s] first."""
+    """Return the initial state of a run that tries `step` [s] first."""
     first = min(max(step, control.least), control.largest)
     return Progress(
         time=np.zeros(1),

@@ -1,4 +1,4 @@
-"""Whether the components can do what an algorithm asks of them, before any of them begins."""
+"""Checks, before a run, that the components have the abilities that an algorithm needs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from eightpost.errors import WiringError
 
 
 def check_variable_step(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
-    """Refuse steps of several sizes for a component that takes one only.
+    """Refuse steps of several sizes for a component that accepts only one size.
 
     Args:
-        system: Its components.
-        algorithm: How they are stepped.
-        times: Coupling points (K+1,) [s].
+        system: System with its components.
+        algorithm: Algorithm of the run.
+        times: Communication points (K+1,) [s].
         step: Coupling step [s].
 
     Raises:
@@ -25,10 +25,10 @@ def check_variable_step(system: System, algorithm: Algorithm, times: Times, step
     for name, component in system.components.items():
         if not component.capabilities.variable_step:
             raise WiringError(
-                f"{name} takes steps of one size only, and the stop time is not a whole number of coupling steps of "
+                f"{name} accepts steps of one size only, and the stop time is not a whole number of coupling steps of "
                 f"{step} s; change one of them"
                 if not isinstance(algorithm, Adaptive)
-                else f"{name} takes steps of one size only: adaptive cannot step it"
+                else f"{name} accepts steps of one size only: adaptive cannot step it"
             )
 
 

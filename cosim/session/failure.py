@@ -1,4 +1,4 @@
-"""Why the loop gave up: a component that refused a call, or a coupling that diverged."""
+"""Errors for a loop that ended early: a component that refused a call, or a coupling that diverged."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from cosim.session.running import Running
 from cosim.session.setup import Setup
 from eightpost.errors import DivergedError, StepError, TerminatedError
 
-#: By the loop's numbers of calls.
+#: Descriptions of the loop's calls, by their numbers.
 _CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
 
-#: What else may be stable where a scheme is not.
+#: Schemes that may be stable if a scheme diverged.
 _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
 
 
 def failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
-    """Return the error for a loop that ended so: a component's own where it raised one.
+    """Return the error for the loop's ending; if a component raised an exception, that one.
 
     Args:
-        setup: What was run.
-        running: As the loop left it.
-        end: Why it ended, of cosim.engine.plan.
-        time: At which it did [s].
+        setup: Setup of the run.
+        running: State in which the loop left the run.
+        end: Reason why it ended, a constant of cosim.engine.plan.
+        time: Time at which it ended [s].
     """
     if end == DIVERGED:
         return _divergence(setup, running, time)
@@ -37,10 +37,10 @@ def failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcept
 
 
 def ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
-    """Return the name of the component that ended the simulation; arguments as of `failure`.
+    """Return the name of the component that ended the simulation; for arguments see `failure`.
 
     Raises:
-        StepError: The loop ended for another reason, or before response measures begin.
+        StepError: The loop ended for another reason, or before the settling time.
     """
     error = failure(setup, running, end, time)
     if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
@@ -49,10 +49,10 @@ def ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> st
 
 
 def terminated_at(setup: Setup, running: Running, time: float, step: float) -> str:
-    """Return the name of the component that wants no more steps, of which the loop saw that it discards them all.
+    """Return the name of the component that ended the simulation, if the last step was discarded; else an empty string.
 
-    An adaptive run takes its components back to `time` [s] before it gives up, and what they said of their end is then
-    gone: the smallest `step` [s] is asked for once more.
+    An adaptive run restores its components to `time` [s] before it gives up, which clears their status. Therefore the
+    smallest `step` [s] is tried once more.
     """
     status, part, call, _ = (int(number) for number in running.memory.failure)
     if (status, call) != (DISCARD, STEP) or time <= setup.scenario.settling:
@@ -71,18 +71,18 @@ def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
     signal = int(running.memory.failure[1])
     return DivergedError(
         f"the coupling diverged: {setup.layout.signals[signal]} is {running.memory.ahead[signal]:g} after {time:g} s; "
-        f"take a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
+        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
     )
 
 
 def _raised(table: FunctionTable) -> BaseException | None:
-    """What a Python component raised in a callback."""
+    """Return the exception that a Python component raised in a callback."""
     keep = table.keep
     return keep[0].error if isinstance(keep, tuple) and isinstance(keep[0], Callbacks) else None
 
 
 def _inputs(setup: Setup, running: Running, part: int) -> dict[str, float]:
-    """The values that a part was given last, in its own units."""
+    """Return the last values given to a part, in its own units."""
     rows = running.plan.parts.inputs
     feeds = setup.coupling.feeds[setup.layout.parts[part]]
     moving = [feed.target for feed in feeds if feed.terms or feed.drive is not None]

@@ -18,7 +18,7 @@ from eightpost.signals import Drivefile
 
 
 def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
-    """Step from the first coupling point to the last, or until it is interrupted.
+    """Step from the first communication point to the last, or until an interrupt.
 
     Raises:
         StepError: A component failed, or the coupling diverged.
@@ -43,37 +43,37 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
 
 
 def _chunk(setup: Setup, marching: Marching) -> int:
-    """How many steps the loop makes at once: what is discrete is exchanged between steps and read where recorded."""
+    """Return the number of steps per call of the loop: discrete variables are exchanged or read between calls."""
     if not setup.discrete.is_needed:
         return marching.chunk
     return 1 if setup.discrete.is_coupled else int(np.argmax(setup.recorded[1:])) + 1
 
 
 def _reached(setup: Setup, running: Running) -> float:
-    """The coupling point at which the loop ended [s]."""
+    """Return the communication point at which the loop ended [s]."""
     return float(setup.times[int(running.memory.failure[3])])
 
 
 def _grid(setup: Setup) -> Grid:
-    """Coupling points, and with them the drive's own points between them."""
+    """Return the communication points, and the drive at these and at its own points between them."""
     scenario, times = setup.scenario, setup.times
     steps = step_sizes(times, setup.step)
     if scenario.drive is None:
         return Grid(times, steps, setup.recorded, np.arange(times.size), _without_drive(times))
-    asked = _Asked(scenario.stop, setup.step, scenario.drive_start, bool(setup.following), setup.system.ramps)
-    begins, drive = _driven(scenario.drive, asked)
+    request = _DriveRequest(scenario.stop, setup.step, scenario.drive_start, bool(setup.following), setup.system.ramps)
+    begins, drive = _driven(scenario.drive, request)
     return Grid(times, steps, setup.recorded, begins, drive)
 
 
-class _Asked(NamedTuple):
-    """What is asked of a drive.
+class _DriveRequest(NamedTuple):
+    """Parameters by which a drive is sampled for a run.
 
     Args:
         stop: Duration of the run [s].
         step: Coupling step [s].
         start: Time in the drive at which the run starts [s].
-        follows: Whether a component goes from each of the drive's points to the next.
-        ramps: Whether all components ramp their inputs, so that none asks for means.
+        follows: Whether a component is stepped from each of the drive's points to the next.
+        ramps: Whether all components ramp their inputs, so that no means are needed.
     """
 
     stop: float
@@ -89,21 +89,21 @@ def _without_drive(times: Times) -> Drive:
 
 
 @lru_cache(maxsize=4)
-def _driven(drive: Drivefile, asked: _Asked) -> tuple[Integers, Drive]:
-    """Which of the drive's rows each step begins with (K+1,), and the rows. Kept: runs of a study ask for the same."""
-    coupling = coupling_times(asked.stop, asked.step)
-    own = drive.series.time - asked.start
-    own = own[(own > 0.0) & (own < asked.stop)]
-    times = joined(coupling, own) if asked.follows else coupling
+def _driven(drive: Drivefile, request: _DriveRequest) -> tuple[Integers, Drive]:
+    """Return the row of the drive at which each step begins (K+1,), and the rows; cached for the runs of a study."""
+    coupling = coupling_times(request.stop, request.step)
+    own = drive.series.time - request.start
+    own = own[(own > 0.0) & (own < request.stop)]
+    times = joined(coupling, own) if request.follows else coupling
     begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
-    samples = _rows(drive.sample(times + asked.start))
-    starts = samples if asked.follows else _starts(drive, times + asked.start, samples)
-    means = _rows(drive.means(times + asked.start)) if not asked.ramps else np.zeros((times.size - 1, 0))
+    samples = _rows(drive.sample(times + request.start))
+    starts = samples if request.follows else _starts(drive, times + request.start, samples)
+    means = _rows(drive.means(times + request.start)) if not request.ramps else np.zeros((times.size - 1, 0))
     return begins, Drive(times, samples, starts, means)
 
 
 def _starts(drive: Drivefile, times: Times, samples: Times) -> Times:
-    """Where each step's straight line begins (T+1, D): it has the drive's mean, to the drive's value at the end."""
+    """Return the start (T+1, D) of each step's straight line, which ends at the drive and has the drive's mean."""
     starts, own, near = samples.copy(), drive.series.time, ROUNDING * times[-1]
     bent = np.searchsorted(own, times[:-1] + near) < np.searchsorted(own, times[1:] - near)
     starts[:-1][bent] = (2.0 * _rows(drive.means(times)) - samples[1:])[bent]

@@ -1,4 +1,4 @@
-"""A run's guard: FMUs that this project did not build are named if they end the process or change what all share."""
+"""Guard of a run: names FMUs that this project did not build if they end the process or change shared state."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from cosim.session.setup import Setup
 from cosim.surroundings import Surroundings
 from cosim.watch import watching
 
-#: After so many steps of the compiled loop it is looked at what an FMU may have changed.
+#: Number of steps of the compiled loop between checks of shared state.
 CHUNK = 1000
 
 
 def guarded(setup: Setup) -> dict[str, FmuComponent]:
-    """Return the components of a run that are watched."""
+    """Return the components of a run that are checked."""
     parts = setup.system.components.items()
     return {name: part for name, part in parts if isinstance(part, FmuComponent) and part.is_guarded}
 
 
 def watched(setup: Setup) -> AbstractContextManager[None]:
-    """Watch a run, where there is what to watch."""
+    """Return a context that watches the run if it has components to check."""
     if not guarded(setup):
         return nullcontext()
     parts = setup.layout.parts
@@ -29,16 +29,16 @@ def watched(setup: Setup) -> AbstractContextManager[None]:
 
 
 def undoing(setup: Setup, progress: Callable[[float], None]) -> Callable[[float], None]:
-    """Return `progress`, which then also undoes what FMUs have changed while the loop ran, and notes it with them."""
+    """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes."""
     parts, before = guarded(setup), Surroundings.now()
     if not parts:
         return progress
 
-    def look(share: float) -> None:
+    def check(share: float) -> None:
         for changed in before.restore():
             for name, part in parts.items():
                 others = [f"{other!r}" for other in parts if other != name]
                 part.blame(f"{changed} while stepping" + (f", or {' or '.join(others)} did" if others else ""))
         progress(share)
 
-    return look
+    return check

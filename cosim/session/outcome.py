@@ -1,4 +1,4 @@
-"""What a run leaves as its result: series, status and statistics from the loop's arrays."""
+"""Result of a run: series, status and statistics from the loop's arrays."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from cosim.session.setup import Setup
 from cosim.system import Connection
 from cosim.validity import models_of
 
-#: The two ways of a bond.
+#: Directions of a bond.
 _WAYS = ("velocity", "force")
 
 
 class _End(NamedTuple):
-    """What one way of a bond gives: root mean square of its local error, standard deviation, SI unit of both."""
+    """Values for one direction of a bond: root mean square of its local error, standard deviation, SI unit of both."""
 
     error: float
     spread: float
@@ -35,13 +35,13 @@ class _End(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run that ended.
+    """A run that has ended.
 
     Args:
-        setup: What was run.
-        running: As the loop left it.
-        equilibrium: How it started.
-        ending: How it ended.
+        setup: Setup of the run.
+        running: State in which the loop left the run.
+        equilibrium: Status of the equilibrium start.
+        ending: Ending of the loop.
         seconds: Wall time before the steps and of the steps [s].
     """
 
@@ -52,10 +52,10 @@ class Outcome:
     seconds: tuple[float, float]
 
     def result(self) -> Result:
-        """Return its result.
+        """Return the result.
 
         Raises:
-            StepError: What was recorded is not a number.
+            StepError: A recorded value is not a number.
         """
         setup, counts, watched = self.setup, self.running.memory.counts, self.running.memory.watched.tolist()
         components, energy, coupled = setup.system.components, self._energy(), self._coupled()
@@ -99,7 +99,7 @@ class Outcome:
         }
 
     def _coupled(self) -> dict[str, Coupled]:
-        """What the ends of each bond assumed of each other, over the whole run, in SI."""
+        """Return the local errors of each bond over the whole run, in SI."""
         ends = {(bond.name, way): self._end(k, way) for k, bond in enumerate(self.setup.system.bonds) for way in _WAYS}
         scale = judged_by({key: end.spread for key, end in ends.items()}, {key: end.unit for key, end in ends.items()})
         return {
@@ -110,7 +110,7 @@ class Outcome:
         }
 
     def _end(self, number: int, way: str) -> _End:
-        """Local error and spread of what one way of a bond gives."""
+        """Return the local error and the spread of one direction of a bond."""
         connection: Connection = getattr(self.setup.system.bonds[number], way)
         m, term = self.running.memory, int(getattr(self.running.plan.bonds, way)[number])
         conversion, unit = to_si(self.setup.system.output(connection.target))
@@ -127,12 +127,12 @@ class Outcome:
         counts, ending = self.running.memory.counts, self.ending
         if counts[LOOSE]:
             yield (
-                f"{counts[LOOSE]} of {counts[STEPS]} steps did not converge: take a smaller coupling step, and do "
+                f"{counts[LOOSE]} of {counts[STEPS]} steps did not converge: use a smaller coupling step, and do "
                 "not use this result"
             )
         if ending.why == STUCK:
             yield (
-                f"the coupling step went down to its least at {ending.time:g} s without meeting the "
+                f"the coupling step reached its minimum at {ending.time:g} s without meeting the "
                 "tolerance: the run ends there; allow a smaller step or a larger tolerance"
             )
         if name := ending.ended_by:
@@ -142,4 +142,4 @@ class Outcome:
                 "(fmi2Terminated): the result ends there"
             )
         if ending.why == STOPPED:
-            yield "the run was interrupted: this is what was computed until then"
+            yield "the run was interrupted: the result contains what was computed until then"

@@ -1,7 +1,7 @@
-"""A run that is made again must give the same bits: checked for systems with FMUs that this project did not build.
+"""Check that a repeated run gives the same bits, for systems with FMUs that this project did not build.
 
-A foreign FMU may keep something from one run to the next where no new instance can reach it: in memory that the loader
-does not give back, in a file, in a server of licences. Its later runs are then silently other ones.
+A foreign FMU may keep a state from one run to the next that a new instance does not clear: in memory that the loader
+does not free, in a file, on a licence server. Its later runs then silently differ.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from cosim.system import System
 from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
 
-#: How many different runs of one system are remembered.
+#: Number of different runs of one system that are remembered.
 _RUNS = 16
 
-#: An odd number, 2^64 divided by the golden ratio: a channel times an odd multiple of it keeps all of its bits.
+#: Odd number, 2^64 divided by the golden ratio: multiplying a channel by an odd multiple of it keeps all of its bits.
 _SPREAD = 0x9E3779B97F4A7C15
 
 
 class _Run(NamedTuple):
-    """The bits of a run, hashed.
+    """Hashes of the bits of a run.
 
     Args:
         times: Hash per row (R,).
-        components: Hash of what was recorded of each component, per row (R,).
+        components: Hash of the recorded variables of each component, per row (R,).
     """
 
     times: NDArray[np.uint64]
@@ -43,14 +43,14 @@ _known: dict[int, dict[object, _Run]] = {}
 
 
 def check_repeat(setup: Setup, series: TimeSeries) -> None:
-    """Compare a run with the first one of the same system, scenario, algorithm and step, where there was one.
+    """Compare a run with the first one of the same system, scenario, algorithm and step, if there is one.
 
     Args:
         setup: Setup of the run.
         series: Recorded series.
 
     Raises:
-        StepError: The bits differ; the message names the foreign FMUs that gave other values first.
+        StepError: The bits differ; the message names the foreign FMUs whose values differ first.
     """
     if all(map(_is_known, setup.system.components.values())):
         return
@@ -63,12 +63,12 @@ def check_repeat(setup: Setup, series: TimeSeries) -> None:
 
 
 def _is_known(component: Component) -> bool:
-    """Whether a component needs no check: FMUs of ours are tested, Python components are the caller's own."""
+    """Return whether a component needs no check: FMUs of eightpost and Python components need none."""
     return not isinstance(component, OpenedFmu) or component.is_ours
 
 
 def _runs_of(system: System) -> dict[object, _Run]:
-    """What is known of a system's runs, as long as the system lives."""
+    """Return the runs of a system that are remembered, as long as the system exists."""
     if id(system) not in _known:
         _known[id(system)] = {}
         weakref.finalize(system, _known.pop, id(system), None)
@@ -106,8 +106,8 @@ def _text(setup: Setup, changed: list[str], time: float) -> str:
     named = [name for name in foreign if name in changed] or foreign
     files = ", ".join(f"{name!r} ({setup.system.components[name].source})" for name in named)
     return (
-        f"this run gives other bits than the last one of the same system, from {time:g} s on: component {files} keeps "
-        "something from run to run, or depends on chance or the clock, so none of its results can be trusted; run it "
-        "in a process of its own, which is new for each run: --isolate, IsolatedComponent. Where that does not help, "
+        f"this run differs from the last one of the same system, from {time:g} s on: component {files} keeps a state "
+        "from run to run, or depends on random numbers or the clock, so none of its results can be trusted; run it "
+        "in its own process, which is new for each run: --isolate, IsolatedComponent. If that does not help, "
         "ask its maker"
     )

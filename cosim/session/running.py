@@ -1,4 +1,4 @@
-"""What exists while components step: the loop's arrays, what it records, and the functions that it calls."""
+"""State of a run while its components step: the loop's arrays, the recording, and the function addresses."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cosim.watch import loop_words
 
 @dataclass(frozen=True)
 class Running:
-    """Components that have begun, as the loop sees them.
+    """Components that have begun, in the form that the loop uses.
 
     Args:
-        plan: What stays as it is.
-        memory: What a run changes.
-        tape: What is recorded.
+        plan: Arrays that do not change.
+        memory: Arrays that the run changes.
+        tape: Recorded values.
         tables: Functions by component.
     """
 
@@ -33,7 +33,7 @@ class Running:
     tables: Mapping[str, FunctionTable]
 
     def stop(self) -> None:
-        """Have the loop stop before its next step."""
+        """Make the loop stop before its next step."""
         self.memory.stop.fill(1)
 
     def free_states(self, setup: Setup) -> None:
@@ -43,13 +43,13 @@ class Running:
 
 @dataclass(frozen=True)
 class Marching:
-    """The loop, and how it is called.
+    """The loop and the parameters of its calls.
 
     Args:
-        bind: Takes the loop's named tuples and returns the loop.
-        chunk: How many steps it makes at once.
-        mode: How it makes a step.
-        progress: Told after each call of the loop which share of the run is done, 0 to 1.
+        bind: Function that takes the loop's named tuples and returns the loop.
+        chunk: Number of steps per call.
+        mode: Settings of the scheme for a step.
+        progress: Callback that receives the completed share, 0 to 1, after each call of the loop.
     """
 
     bind: Bind
@@ -60,15 +60,15 @@ class Marching:
 
 @dataclass(frozen=True)
 class Ending:
-    """How the loop ended.
+    """Ending of the loop.
 
     Args:
-        why: DONE, STOPPED or STUCK of cosim.engine.plan.
-        time: Until which it came [s].
-        least: Smallest step that was made [s].
-        largest: Largest step that was made [s].
-        began: What the clock (time.perf_counter) said before the first step [s].
-        ended_by: The component that ended the simulation before the stop; empty where none did.
+        why: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
+        time: Time that was reached [s].
+        least: Smallest step [s].
+        largest: Largest step [s].
+        began: Value of the clock (time.perf_counter) before the first step [s].
+        ended_by: Component that ended the simulation before the stop time; empty if none did.
     """
 
     why: int
@@ -80,7 +80,7 @@ class Ending:
 
 
 def begin(setup: Setup) -> Equilibrium:
-    """Begin every component, find the coupled start and leave initialization.
+    """Begin every component, find the equilibrium start and leave initialization.
 
     Raises:
         StepError: A component failed.
@@ -89,22 +89,22 @@ def begin(setup: Setup) -> Equilibrium:
     setup.discrete.begin()
     for name, component in components.items():
         component.begin(0.0, setup.scenario.stop, setup.system.start_values(name))
-    equilibrium = _coupled_start(setup)
+    equilibrium = _equilibrium_start(setup)
     for name in setup.layout.parts:
         components[name].end_initialization()
         coupling.now.update(coupling.read(name))
     return equilibrium
 
 
-def _coupled_start(setup: Setup) -> Equilibrium:
-    """Find where inputs and outputs agree; discrete ones, which may jump, after the others."""
-    found: list[Equilibrium] = []
-    agrees = setup.discrete.settle(lambda: found.append(solve_equilibrium(setup.coupling, setup.layout.parts)))
-    return replace(found[-1], converged=found[-1].converged and agrees)
+def _equilibrium_start(setup: Setup) -> Equilibrium:
+    """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between."""
+    solutions: list[Equilibrium] = []
+    agrees = setup.discrete.settle(lambda: solutions.append(solve_equilibrium(setup.coupling, setup.layout.parts)))
+    return replace(solutions[-1], converged=solutions[-1].converged and agrees)
 
 
 def prepare(setup: Setup) -> Running:
-    """Return the loop's arrays for components that are at the coupled start."""
+    """Return the loop's arrays for components that are at the equilibrium start."""
     tables = {name: function_table(component) for name, component in setup.system.components.items()}
     plan = make_plan(
         setup.system,

@@ -27,7 +27,7 @@ from eightpost.errors import InputError
 
 
 class RunInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a run; `result` holds what was computed."""
+    """Ctrl-C during a run; `result` holds the result so far."""
 
     def __init__(self, result: Result) -> None:
         super().__init__("the run was interrupted")
@@ -35,13 +35,13 @@ class RunInterrupted(KeyboardInterrupt):
 
 
 class Session:
-    """A system, a scenario, an algorithm and a step, ready to run once.
+    """A system, a scenario, an algorithm and a step, ready to run.
 
     Args:
         system: Components and connections.
-        scenario: What is done to them.
-        algorithm: How they are stepped.
-        step: Coupling step [s]; of an adaptive run the first one to try.
+        scenario: Drive, duration and recording.
+        algorithm: Algorithm of the run.
+        step: Coupling step [s]; for an adaptive run the first step to try.
 
     Raises:
         WiringError: System, scenario and algorithm do not fit together.
@@ -52,16 +52,16 @@ class Session:
         self._setup = Setup.of(system, scenario, algorithm, step)
 
     def run(self, engine: str = "auto", progress: Callable[[float], None] | None = None) -> Result:
-        """Begin, find the coupled start, step to the end. The components are finished whatever happens.
+        """Begin, find the equilibrium start and step to the end. The components are finished in any case.
 
         Args:
-            engine: `compiled`, `python`, or `auto`: compiled where numba is installed and a component is native.
-            progress: Called now and then with the share done, 0 to 1.
+            engine: `compiled`, `python`, or `auto`: compiled if numba is installed and a component is native.
+            progress: Callback that receives the completed share, 0 to 1.
 
         Raises:
-            InputError: The compiled loop is asked for, and numba is not installed.
+            InputError: The compiled loop is requested, but numba is not installed.
             StepError: A component failed, or the coupling diverged.
-            RunInterrupted: Ctrl-C; it holds the result so far.
+            RunInterrupted: Ctrl-C was pressed; the exception holds the result so far.
         """
         with watched(self._setup):
             return self._run(engine, progress or (lambda _: None))
@@ -103,7 +103,7 @@ class Session:
         return ending
 
     def _marching(self, engine: str, progress: Callable[[float], None]) -> Marching:
-        """The loop that is asked for; compiling one gains nothing where every component is Python."""
+        """Return the requested loop; interpreted if every component is Python, where compiling gains nothing."""
         setup = self._setup
         native = any(isinstance(component, Native) for component in setup.system.components.values())
         mode = setup.algorithm.mode(setup.scenario.settling)

@@ -1,4 +1,4 @@
-"""What a run is made of: everything resolved and checked before the first component begins."""
+"""Setup of a run: everything resolved and checked before the first component begins."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Setup:
 
     Args:
         system: Components and connections.
-        scenario: What is done to them.
-        algorithm: How they are stepped.
-        step: Coupling step [s]; of an adaptive run the first one to try.
-        names: What is recorded, as `component.variable`.
-        limits: What is watched at every step.
-        coupling: What feeds every input.
-        layout: Where everything is in the loop's arrays.
-        times: Coupling points (K+1,) [s]; of an adaptive run those that may be recorded.
-        recorded: 1 for each of them that is recorded (K+1,).
+        scenario: Drive, duration and recording.
+        algorithm: Algorithm of the run.
+        step: Coupling step [s]; for an adaptive run the first step to try.
+        names: Recorded variables, as `component.variable`.
+        limits: Signals that are watched at every step.
+        coupling: Sources of every input.
+        layout: Numbering of everything in the loop's arrays.
+        times: Communication points (K+1,) [s]; for an adaptive run those that may be recorded.
+        recorded: 1 for each communication point that is recorded (K+1,).
         discrete: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
     """
 
@@ -51,7 +51,7 @@ class Setup:
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> Setup:
-        """Resolve and check everything; `step` in s.
+        """Return the setup with everything resolved and checked; `step` in s.
 
         Raises:
             WiringError: System, scenario and algorithm do not fit together.
@@ -71,19 +71,19 @@ class Setup:
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)
 
     def accuracy_of(self, target: str) -> Accuracy:
-        """Return what is known of the error of what an input `component.variable` is given.
+        """Return the accuracy of the values given to an input `component.variable`.
 
-        A component that holds its inputs lowers the order of what it is given, and of nothing else.
+        A component that holds its inputs lowers the order of its own inputs only.
         """
         component = self.system.components[target.partition(".")[0]]
         return self.algorithm.accuracy if component.capabilities.interpolates_inputs else HELD_INPUTS
 
     @property
     def following(self) -> frozenset[str]:
-        """Components that go from each of the drive's points to the next: which it moves, and which take any step.
+        """Components that are stepped from each of the drive's points to the next: driven ones that accept any step.
 
-        None do where a step is no longer than the drive's intervals and all that it moves is coupled: the drive's
-        straight line over a step, with its mean, is then right to the order of the coupling.
+        The set is empty if a step is no longer than the drive's intervals and all driven components are coupled: a
+        straight line over a step with the drive's mean is then accurate to the order of the coupling.
         """
         feeds = self.coupling.feeds
         driven = {name for name, into in feeds.items() if any(feed.drive is not None for feed in into)}
@@ -99,7 +99,7 @@ class Setup:
 
 
 def _can_follow(capabilities: Capabilities) -> bool:
-    """Whether a component gains by being stepped from point to point of the drive.
+    """Return whether a component gains accuracy by being stepped from point to point of the drive.
 
     One that holds its inputs does not: its error would depend on the drive's interval and not on the step, so that runs
     at two steps would agree on a wrong result.

@@ -1,4 +1,4 @@
-"""Times that a run lands on [s], alike where they differ by rounding only."""
+"""Times at which steps of a run end [s]; times that differ by rounding only are treated as equal."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from eightpost.errors import InputError
 
 Times = NDArray[np.float64]
 
-#: Times that differ by less than this share of the run are one.
+#: Times that differ by less than this share of the run are treated as equal.
 ROUNDING = 1e-9
 
 
 def coupling_times(stop: float, step: float) -> Times:
-    """Return the coupling points (K+1,) [s]: whole multiples of the step, so that they do not drift, and the stop.
+    """Return the communication points (K+1,) [s]: whole multiples of the step, which do not drift, and the stop time.
 
     Args:
         stop: Duration of the run [s].
@@ -32,13 +32,13 @@ def coupling_times(stop: float, step: float) -> Times:
 
 
 def step_sizes(times: Times, step: float) -> Times:
-    """Return the steps between coupling points (K,) [s]: `step` to the bit, but a last one that is shorter.
+    """Return the steps between communication points (K,) [s]: `step` to the bit, except a shorter last one.
 
-    Differences of times are off by their rounding, which changes from step to step: components that keep what belongs
-    to a step size, as exponentials, would compute it anew.
+    Differences of times contain rounding errors that change from step to step. Components that cache values for a step
+    size, such as exponentials, would compute them again in every step.
 
     Args:
-        times: Coupling points (K+1,) [s].
+        times: Communication points (K+1,) [s].
         step: Coupling step [s].
     """
     steps: Times = np.full(times.size - 1, step)
@@ -49,11 +49,11 @@ def step_sizes(times: Times, step: float) -> Times:
 
 
 def joined(times: Times, others: Times) -> Times:
-    """Return all times in order; of those that differ by rounding only, the first array's, to the bit.
+    """Return all times in order; of times that differ by rounding only, those of the first array, to the bit.
 
     Args:
-        times: In order (T,) [s], from the run's start to its end.
-        others: Within them (N,) [s].
+        times: Times in order (T,) [s], from the run's start to its end.
+        others: Times within them (N,) [s].
     """
     place = np.searchsorted(times, others)
     near = np.minimum(np.abs(others - times[np.maximum(place - 1, 0)]), np.abs(others - times[place]))
@@ -62,18 +62,18 @@ def joined(times: Times, others: Times) -> Times:
 
 
 def merged(times: Times) -> Times:
-    """Return times (T,) [s] sorted, without those that differ by rounding only."""
+    """Return times (T,) [s] sorted, without repetitions that differ by rounding only."""
     times = np.sort(times)
     kept: Times = times[np.append(np.diff(times) > ROUNDING * times[-1], True)]
     return kept
 
 
 def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
-    """Return which times (T,) [s] differ from one of the chosen ones (R,) [s] by rounding only.
+    """Return whether each time (T,) [s] equals one of the chosen ones (R,) [s], except for rounding.
 
     Args:
-        times: To look at.
-        chosen: In order.
+        times: Times to check.
+        chosen: Chosen times, in order.
         stop: Duration of the run [s].
     """
     place = np.searchsorted(chosen, times)

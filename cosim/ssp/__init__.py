@@ -1,4 +1,4 @@
-"""SSP 1.0 packages of any maker as systems: read, flattened, checked (docs/ssp.md)."""
+"""Reading of SSP packages from any tool: parsed, flattened and checked (docs/ssp.md)."""
 
 from cosim.ssp.read import SUFFIXES, Given, SspCase, read_ssp
 

@@ -1,4 +1,4 @@
-"""SystemStructure.ssd as a structure, with the descriptions and packages that it refers to in their places."""
+"""SystemStructure.ssd as a structure, with the descriptions and packages that it refers to inserted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FMU, _SSD, _SSP = "application/x-fmu-sharedlibrary", "application/x-ssp-definit
 _SUFFIXES = {".ssd": _SSD, ".ssp": _SSP}
 _KINDS = ("input", "output", "parameter", "calculatedParameter", "inout")
 _KINDS_2 = ("structuralParameter", "constant", "local", "unspecified")
-#: The step of a master in other tools' annotations: OMSimulator's, and the Open Simulation Platform's.
+#: Step of a master in other tools' annotations: OMSimulator's and the Open Simulation Platform's.
 _STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
 
 
@@ -29,7 +29,7 @@ def read_structure(place: Place) -> Structure:
 
     Raises:
         InputError: A file is missing or wrong.
-        WiringError: It holds what cannot be run; the message names the element.
+        WiringError: The description contains something that is not supported; the message names the element.
     """
     reader = _Reader.open(place, (f"{place.description}#",))
     name = reader.root.get("name") or reader.top.get("name") or place.description.stem
@@ -38,12 +38,12 @@ def read_structure(place: Place) -> Structure:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reads one description.
+    """Reader of one description.
 
     Args:
-        place: Its file.
-        root: Its root element.
-        stack: The descriptions that led here, to tell one that holds itself.
+        place: File of the description.
+        root: Root element.
+        stack: Descriptions that led to this one, to detect one that contains itself.
     """
 
     place: Place
@@ -63,7 +63,7 @@ class _Reader:
     def top(self) -> ET.Element:
         system = self.root.find(tag("ssd:System"))
         if system is None:
-            raise InputError(f"{self.place.label}: there is no System in it; export the package again")
+            raise InputError(f"{self.place.label}: it contains no System; export the package again")
         return system
 
     def system(self, element: ET.Element) -> SystemElement:
@@ -74,7 +74,7 @@ class _Reader:
         elements = tuple(self._elements(element))
         names = [child.name for child in elements]
         if doubled := sorted({n for n in names if names.count(n) > 1}):
-            raise WiringError(f"{where}: two elements are called {doubled[0]!r}; rename one")
+            raise WiringError(f"{where}: two elements are named {doubled[0]!r}; rename one")
         links = element.iterfind(f"{tag('ssd:Connections')}/{tag('ssd:Connection')}")
         return SystemElement(
             name=name,
@@ -99,31 +99,33 @@ class _Reader:
         if source.startswith("#"):
             return self._same_document(element, source)
         path, fragment = self.place.resolve(source, what)
-        # Some tools leave out the type of a nested package, which makes it by default an FMU.
+        # Some tools omit the type of a nested package, although it is then an FMU by default.
         kind = _SUFFIXES.get(path.suffix.lower(), _FMU) if element.get("type", _FMU) == _FMU else element.get("type")
         if kind == _FMU:
             return self._fmu(element, name, path, source)
         if kind not in _SUFFIXES.values():
-            raise WiringError(f"{self.place.label}: {what}: the type {kind!r} cannot be run; export it as an FMU")
+            raise WiringError(f"{self.place.label}: {what}: the type {kind!r} is not supported; export it as an FMU")
         return self._nested(element, path, fragment)
 
     def _fmu(self, element: ET.Element, name: str, path: Path, source: str) -> FmuElement:
         what = f"component {name!r}"
         where = f"{self.place.label}: {what}"
         if element.get("implementation") == "ModelExchange":
-            raise WiringError(f"{where}: asks for model exchange; export the FMU for co-simulation and say so here")
+            raise WiringError(
+                f"{where}: requires model exchange; export the FMU for co-simulation and set implementation accordingly"
+            )
         with named(path, f"{self.place.package}: {source}"):
             values = self._values(element, what, path)
         connectors = self._connectors(element, where)
         return FmuElement(name, connectors, values, path, f"{where} ({source})", self.place.unpacked)
 
     def _nested(self, element: ET.Element, path: Path, fragment: str) -> SystemElement:
-        """Take the top system of another description in the component's place."""
+        """Return the top system of another description in place of the component."""
         label = f"{self.place.package}: {element.get('source')}"
         key = f"{path}#{fragment}"
         if key in self.stack:
             raise WiringError(
-                f"{self.place.label}: component {element.get('name')!r}: {label} holds itself; remove one of the two"
+                f"{self.place.label}: component {element.get('name')!r}: {label} contains itself; remove one of the two"
             )
         bare = path.suffix.lower() == ".ssd"
         place = self.place.inner(path, label) if bare else open_package(path, label, fragment)
@@ -137,12 +139,12 @@ class _Reader:
             raise InputError(f"{where}: there is no system with the id {source[1:]!r} in this file; correct the source")
         key = f"{self.place.description}{source}"
         if key in self.stack:
-            raise WiringError(f"{where}: the system {source!r} holds itself; remove one of the two")
+            raise WiringError(f"{where}: the system {source!r} contains itself; remove one of the two")
         reader = replace(self, stack=(*self.stack, key))
         return self._in_place_of(element, reader.system(found[0]), None)
 
     def _in_place_of(self, element: ET.Element, system: SystemElement, path: Path | None) -> SystemElement:
-        """Give a system the component's name; the component's values come after the system's own, so they win."""
+        """Give a system the component's name; the component's values come last and take precedence."""
         name = attribute(element, "name", self.place.label)
         return replace(system, name=name, values=system.values + self._values(element, f"component {name!r}", path))
 
@@ -155,14 +157,14 @@ class _Reader:
             name, kind = attribute(connector, "name", where), attribute(connector, "kind", where)
             if kind not in _KINDS + _KINDS_2:
                 known = ", ".join(_KINDS + _KINDS_2)
-                raise InputError(f"{where}: connector {name!r} has the kind {kind!r}; SSP has {known}")
+                raise InputError(f"{where}: connector {name!r} has the kind {kind!r}; SSP defines {known}")
             types = [child for child in connector if child.tag.startswith(tag("ssc:"))]
             unit = document.unit_of(types[0], self.definitions.units) if types else None
             found[name] = Connector(name, kind, document.type_of(types[0]) if types else None, unit)
         return found
 
     def experiment(self) -> Experiment:
-        """Read the times; the step is that of a master that OMSimulator's or OSP's annotations tell."""
+        """Read the times, and the step from the annotations of OMSimulator or the Open Simulation Platform."""
         where = f"{self.place.label}: DefaultExperiment"
         found = self.root.find(tag("ssd:DefaultExperiment"))
         step = self._step()
@@ -184,7 +186,7 @@ class _Reader:
         step = number(element, name, self.place.label)
         if not (isfinite(step) and step > 0.0):
             raise InputError(
-                f"{self.place.label}: {local_name(element)} has {name} = {step!r}, which is no step [s]; correct it"
+                f"{self.place.label}: {local_name(element)} has {name} = {step!r}, which is not a step [s]; correct it"
             )
         return step
 
@@ -199,8 +201,8 @@ def _link(link: ET.Element, where: str) -> Link:
     for kind in ("Boolean", "Integer", "Enumeration"):
         if link.find(tag(f"ssc:{kind}MappingTransformation")) is not None:
             raise WiringError(
-                f"{where}: connection {found}: {kind} tables cannot be run, linear transformations of Real values can; "
-                "replace it"
+                f"{where}: connection {found}: {kind} tables are not supported, only linear transformations of Real "
+                "values; replace it"
             )
     return found
 
@@ -209,6 +211,6 @@ def _refuse_dictionaries(system: ET.Element, where: str) -> None:
     reference = system.find(f"{tag('ssd:Elements')}/{tag('ssd:SignalDictionaryReference')}")
     if reference is not None:
         raise WiringError(
-            f"{where}: {reference.get('name')!r} is a signal dictionary, which cannot be run; connect the components "
-            "directly and export again"
+            f"{where}: {reference.get('name')!r} is a signal dictionary, which is not supported; connect the "
+            "components directly and export again"
         )

@@ -1,4 +1,4 @@
-"""The XML of SSP files: read without entities, looked at without doubt about what is meant."""
+"""XML of SSP files: read without entities and checked strictly."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _NAMESPACES = {
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
 }
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-#: The types of SSP 2.0 that FMI 2.0 has under other names.
+#: Types of SSP 2.0 that FMI 2.0 has under other names.
 _TYPES = {"Float64": "Real", "Float32": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
 
 
 class _DoctypeError(Exception):
-    """A document type: where entities that expand without end, or that read other files, are declared."""
+    """Error for a document type, which can declare entities that expand without limit or read other files."""
 
 
 class _Builder(ET.TreeBuilder):
@@ -40,17 +40,19 @@ def read_document(content: bytes, where: str, root: str) -> ET.Element:
     """Read an XML file of SSP 1.x or 2.x, which share their namespaces.
 
     Args:
-        content: The file.
-        where: Its name for messages.
-        root: The element that it must hold: `ssd:SystemStructureDescription`.
+        content: Contents of the file.
+        where: Name of the file for messages.
+        root: Required root element: `ssd:SystemStructureDescription`.
 
     Raises:
-        InputError: It is no XML, declares a document type, holds another element, or another version of SSP.
+        InputError: The file is not XML, declares a document type, or has another root element or SSP version.
     """
     try:
         element = ET.fromstring(content, parser=ET.XMLParser(target=_Builder()))
     except _DoctypeError:
-        raise InputError(f"{where}: declares a document type (DOCTYPE), which SSP has no use for; remove it") from None
+        raise InputError(
+            f"{where}: declares a document type (DOCTYPE), which is not allowed in SSP; remove it"
+        ) from None
     except (ET.ParseError, LookupError, ValueError) as error:
         raise InputError(f"{where}: is not a readable XML file ({error}); export it again") from error
     if element.tag != tag(root):
@@ -60,14 +62,14 @@ def read_document(content: bytes, where: str, root: str) -> ET.Element:
 
 
 def check_version(element: ET.Element, where: str) -> None:
-    """Refuse what is neither SSP 1.x nor 2.x."""
+    """Refuse versions other than SSP 1.x and 2.x."""
     version = element.get("version", "1.0")
     if not version.startswith(("1.", "2.")):
-        raise InputError(f"{where}: is SSP {version}, SSP 1.0 and 2.0 are read here; export it as one of these")
+        raise InputError(f"{where}: is SSP {version}; only SSP 1.0 and 2.0 are supported; export it as one of these")
 
 
 def attribute(element: ET.Element, name: str, where: str) -> str:
-    """Return an attribute that must be there."""
+    """Return a required attribute."""
     value = element.get(name)
     if value is None:
         raise InputError(f"{where}: a {local_name(element)} has no attribute {name!r}; export the package again")
@@ -78,7 +80,7 @@ def number(element: ET.Element, name: str, where: str, default: float | None = N
     """Return an attribute as a number.
 
     Raises:
-        InputError: It is no number, or missing without a default.
+        InputError: It is not a number, or is missing without a default.
     """
     if default is not None and element.get(name) is None:
         return default
@@ -93,7 +95,7 @@ def integer(element: ET.Element, name: str, where: str) -> int:
     """Return an attribute as a whole number.
 
     Raises:
-        InputError: It is none, or missing.
+        InputError: It is not a whole number, or is missing.
     """
     text = attribute(element, name, where)
     try:
@@ -103,10 +105,10 @@ def integer(element: ET.Element, name: str, where: str) -> int:
 
 
 def flag(element: ET.Element, name: str, where: str, default: str | None = "false") -> bool:
-    """Return an attribute as true or false.
+    """Return an attribute as a Boolean.
 
     Raises:
-        InputError: It is neither, or missing without a default.
+        InputError: It is neither true nor false, or is missing without a default.
     """
     text = attribute(element, name, where) if default is None else element.get(name, default)
     known = {"true": True, "1": True, "false": False, "0": False}
@@ -121,17 +123,17 @@ def local_name(element: ET.Element) -> str:
 
 
 def type_of(element: ET.Element) -> str:
-    """Return the type that an element stands for by FMI 2.0's name."""
+    """Return the type of an element by its name in FMI 2.0."""
     return _TYPES.get(local_name(element), local_name(element))
 
 
 def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefinition]:
-    """Return the units that a file defines; a unit without its base units is left to be known by its name.
+    """Return the units that a file defines; a unit without base units is looked up by its name later.
 
     Args:
-        root: The file's root element.
-        units: Its element of units: `ssd:Units`.
-        where: The file, for messages.
+        root: Root element of the file.
+        units: Name of the element with the units: `ssd:Units`.
+        where: Name of the file for messages.
     """
     found = {}
     for unit in root.iterfind(f"{tag(units)}/{tag('ssc:Unit')}"):
@@ -150,7 +152,7 @@ def _definition(name: str, base: ET.Element, where: str) -> UnitDefinition:
 
 
 def unit_of(element: ET.Element | None, units: Mapping[str, UnitDefinition]) -> UnitDefinition | None:
-    """Return the unit that a Real element names; None where it names none."""
+    """Return the unit that a Real element names; None if it names none."""
     name = None if element is None else element.get("unit")
     return None if not name else units.get(name, UnitDefinition(name, {"?": 1}))
 

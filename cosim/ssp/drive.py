@@ -1,4 +1,4 @@
-"""What is given beside a package for its open inputs: a drivefile and constants, by variable or by connector."""
+"""Data for the open inputs of a package: a drive file and constants, by variable or by connector."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OpenInputs:
-    """The inputs for numbers that no other FMU feeds.
+    """Inputs for numbers that no other FMU feeds.
 
     Args:
-        network: Of the package.
+        network: Network of the package.
         names: Component names by path.
     """
 
@@ -34,7 +34,7 @@ class OpenInputs:
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:
-        """The inputs in the order of the components."""
+        """Open inputs in the order of the components."""
         numbers = ("Real", *DISCRETE)
         return tuple(
             port for port in self.network.inputs() if self._variable(port).type in numbers and not self._is_fed(port)
@@ -45,16 +45,16 @@ class OpenInputs:
         return f"{self.names[port.path]}.{port.name}"
 
     def drive(self, given: Drivefile) -> Drivefile:
-        """Return a drivefile with one channel for each input, under its full name.
+        """Return a drive file with one channel for each input, under its full name.
 
         Raises:
             WiringError: A channel has no input, or two have the same.
         """
         channels: dict[str, tuple[str, Array]] = {}
         for name, unit in zip(given.names, given.units, strict=True):
-            for port, start in self._reached(name, f"drivefile channel {name!r}"):
+            for port, start in self._reached(name, f"drive file channel {name!r}"):
                 if self.full_name(port) in channels:
-                    raise WiringError(f"two channels of the drivefile go to {port}; keep one")
+                    raise WiringError(f"two channels of the drive file feed {port}; keep one")
                 channels[self.full_name(port)] = self._channel(given, (name, unit), (port, start))
         return Drivefile(TimeSeries.from_channels(given.series.time, channels))
 
@@ -62,33 +62,34 @@ class OpenInputs:
         """Return the constant values of inputs by full name.
 
         Args:
-            known: Values that the package gives; the drivefile goes before them.
-            given: Texts by name: a number in the unit of what is named, or a value with its unit; before the package's.
-            driven: Full names of what the drivefile feeds.
+            known: Values from the package; the drive file takes precedence over them.
+            given: Texts by name: a number in the unit of the named port, or a value with its unit; they take
+                precedence over the package.
+            driven: Full names of the inputs that the drive file feeds.
 
         Raises:
-            WiringError: There is no such open input, the drivefile feeds it too, or the text is no value.
+            WiringError: There is no such open input, the drive file feeds it too, or the text is not a value.
         """
         found = {self.full_name(port): value for port, value in known.items()}
         found = {name: value for name, value in found.items() if name not in driven}
         for name, text in given.items():
             for port, start in self._reached(name, f"input {name!r}"):
                 if self.full_name(port) in driven:
-                    raise WiringError(f"input {name!r}: the drivefile feeds {port} too; leave one of the two out")
+                    raise WiringError(f"input {name!r}: the drive file feeds {port} too; remove one of the two")
                 found[self.full_name(port)] = self._constant(name, text, (port, start))
         return found
 
     def idle(self, fed: Collection[str]) -> dict[str, float]:
-        """Return the start values of the Real inputs that nothing feeds; others keep theirs by themselves.
+        """Return the start values of the Real inputs without a source; other types keep them anyway.
 
         Raises:
-            WiringError: One has no start value.
+            WiringError: An input has no start value.
         """
         left = {self.full_name(port): self._variable(port).start for port in self.ports if self._is_real(port)}
         left = {name: start for name, start in left.items() if name not in fed}
         if empty := [name for name, start in left.items() if start is None]:
             raise WiringError(
-                f"{len(empty)} inputs have no source and no start value: {', '.join(empty)}; give a drivefile with "
+                f"{len(empty)} inputs have no source and no start value: {', '.join(empty)}; give a drive file with "
                 "channels of these names (--drive), a constant (--input NAME=VALUE), or a value in a parameter set"
             )
         return {name: float(start) for name, start in left.items() if start is not None}
@@ -107,16 +108,16 @@ class OpenInputs:
         return bool(hops) and isinstance(self.network.elements[origin.path], FmuElement)
 
     def _reached(self, name: str, what: str) -> Iterator[tuple[Port, Port]]:
-        """Yield the open inputs that a name means, each with the port that the value comes in at."""
+        """Yield the open inputs that a name refers to, each with the port at which the value enters."""
         start = self._port(name)
         found = [] if start is None else [port for port in self.ports if start in self._line(port)]
         if not found:
             found = [port for port in self.ports if port.name == name]
             start = None
         if not found or (start is None and len(found) > 1):
-            which = " and ".join(map(str, found)) or "none"
+            which = " and ".join(map(str, found)) or "no open input"
             raise WiringError(
-                f"{what}: {which} takes it; call it by a connector of the package or by component and input; open are: "
+                f"{what} matches {which}; name a connector of the package, or component and input; open inputs: "
                 f"{', '.join(map(str, self.ports)) or 'none'}"
             )
         yield from ((port, start or port) for port in found)
@@ -133,7 +134,7 @@ class OpenInputs:
         return [origin, *(hop.target for hop in hops)]
 
     def _carried(self, unit: str | None, what: str, way: tuple[Port, Port]) -> Conversion:
-        """Return the conversion from a value at the port where it comes in to the input's own unit."""
+        """Return the conversion from a value at the port where it enters to the input's own unit."""
         port, start = way
         line = self._line(port)
         at = self.network.unit(start)
@@ -143,9 +144,9 @@ class OpenInputs:
         return self.network.carry(at or given, hops, first)[0]
 
     def _channel(self, given: Drivefile, channel: tuple[str, str], way: tuple[Port, Port]) -> tuple[str, Array]:
-        """Return unit and samples of a channel as they go into the master, which converts to the input's unit."""
+        """Return unit and samples of a channel for the master, which converts to the input's unit."""
         name, unit = channel
-        what, values = f"drivefile channel {name!r}", given.series[name]
+        what, values = f"drive file channel {name!r}", given.series[name]
         total = self._carried(unit, what, way)
         variable = self._variable(way[0])
         if way[0] == way[1] and variable.unit is not None:
@@ -169,12 +170,12 @@ def _discrete(text: str, kind: str, what: str) -> int:
     try:
         return int(text) if kind != "Boolean" else bool(("0", "1").index(text))
     except ValueError:
-        wanted = "true or false" if kind == "Boolean" else "a whole number"
-        raise WiringError(f"{what}: the input is a {kind}; give {wanted}") from None
+        expected = "true or false" if kind == "Boolean" else "a whole number"
+        raise WiringError(f"{what}: the input is a {kind}; give {expected}") from None
 
 
 def _quantity(text: str, what: str) -> tuple[float, str | None]:
-    """Return a number and its unit; None where the text is a bare number."""
+    """Return a number and its unit; None if the text is only a number."""
     try:
         return float(text), None
     except ValueError:

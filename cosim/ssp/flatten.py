@@ -1,4 +1,4 @@
-"""Nested systems as one flat network of ports: who feeds whom, and through which conversions."""
+"""Nested systems as one flat network of ports, with the conversions of its links."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from cosim.conversion import Conversion, convert_between
 from cosim.ssp.structure import Connector, FmuElement, Link, SystemElement
 from eightpost.errors import InputError, WiringError
 
-#: The names of the elements from the top system's down; () is the top system.
+#: Names of the elements from the top system down; () is the top system.
 Path = tuple[str, ...]
 
-#: Kinds that give values, and kinds that take them; SSP 2.0 lets a local connector be connected as an output is.
+#: Kinds that provide values, and kinds that receive them; in SSP 2.0 a local connector can be used as an output.
 _OUTWARD = ("output", "calculatedParameter", "local")
 _INWARD = ("input", "parameter")
 
 
 @dataclass(frozen=True)
 class Port:
-    """A connector, or a variable of an FMU, of the element at `path`."""
+    """Connector, or variable of an FMU, of the element at `path`."""
 
     path: Path
     name: str
@@ -33,7 +33,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Hop:
-    """One link of a chain: it ends at `target`."""
+    """One link of a chain, which ends at `target`."""
 
     link: Link
     target: Port
@@ -50,7 +50,7 @@ def components(system: SystemElement, path: Path = ()) -> Iterator[tuple[Path, F
 
 
 def flat_names(paths: Sequence[Path]) -> dict[Path, str]:
-    """Return a component name without dots for each path: `inner.lf` is `inner_lf`, numbered where that is taken."""
+    """Return a component name without dots for each path: `inner.lf` is `inner_lf`, with a number if it is taken."""
     names: dict[Path, str] = {}
     for path in sorted(paths, key=len):  # a component of the top system keeps its name
         base = re.sub(r"[.\s]+", "_", "_".join(path))
@@ -63,19 +63,19 @@ def flat_names(paths: Sequence[Path]) -> dict[Path, str]:
 
 
 def compose(first: Conversion, then: Conversion) -> Conversion:
-    """Return what two conversions one after the other do."""
+    """Return the conversion that applies two conversions one after the other."""
     return Conversion(then.factor * first.factor, then.factor * first.offset + then.offset)
 
 
 class Network:
-    """The links of all systems of a description, each with its direction.
+    """Links of all systems of a description, each with its direction.
 
     Args:
-        top: The top system.
-        variables: Of each FMU, by path.
+        top: Top system.
+        variables: Variables of each FMU, by path.
 
     Raises:
-        WiringError: A link joins no output and input, an input has two sources, a name is unknown.
+        WiringError: A link does not connect an output and an input, an input has two sources, or a name is unknown.
     """
 
     def __init__(self, top: SystemElement, variables: Mapping[Path, Mapping[str, Variable]]) -> None:
@@ -94,26 +94,26 @@ class Network:
             source, target = self._directed(link, path)
             if target in self._sources:
                 raise WiringError(
-                    f"{link.where}: {target} has two sources ({self._sources[target][0]} and {source}): SSP knows one "
+                    f"{link.where}: {target} has two sources ({self._sources[target][0]} and {source}): SSP allows one "
                     "source per input and no sums; remove one connection, or put a summing component between"
                 )
             self._sources[target] = source, link
 
     def _directed(self, link: Link, path: Path) -> tuple[Port, Port]:
-        """Return a link's source and target: what connectors are tells the direction, not which end comes first."""
+        """Return a link's source and target; the direction follows from the kinds of the connectors."""
         ends = [self._end(end, path, link) for end in link.ends]
         sources = [port for port, gives in ends if gives]
         targets = [port for port, gives in ends if not gives]
         if len(sources) != 1:
             kinds = " and ".join(f"{port} ({self.kind(port)})" for port, _ in ends)
             raise WiringError(
-                f"{link.where}: connection {link} joins {kinds}, which is no output and input; connect an output to an "
+                f"{link.where}: connection {link} joins {kinds}, not an output and an input; connect an output to an "
                 "input, or a system's connector to one of the same kind inside it"
             )
         return sources[0], targets[0]
 
     def _end(self, end: tuple[str | None, str], path: Path, link: Link) -> tuple[Port, bool]:
-        """Return the port of a link's end, and whether it gives values (seen from inside the system at `path`)."""
+        """Return the port of a link's end, and whether it provides values (seen from inside the system at `path`)."""
         element, name = end
         port = Port(path if element is None else (*path, element), name)
         if port.path not in self.elements:
@@ -125,11 +125,11 @@ class Network:
         if kind is None:
             raise WiringError(f"{link.where}: connection {link}: there is no connector {port}; correct its name")
         if kind not in _OUTWARD + _INWARD:
-            raise WiringError(f"{link.where}: connection {link}: {port} is of the kind {kind!r}, which cannot be run")
+            raise WiringError(f"{link.where}: connection {link}: {port} has the unsupported kind {kind!r}")
         return port, kind in (_INWARD if element is None else _OUTWARD)
 
     def connector(self, port: Port) -> Connector | None:
-        """Return what the description says of a port; None where it does not list it."""
+        """Return the connector of a port; None if the description does not list it."""
         return self.elements[port.path].connectors.get(port.name)
 
     def variable(self, port: Port) -> Variable | None:
@@ -137,7 +137,7 @@ class Network:
         return self._variables.get(port.path, {}).get(port.name)
 
     def kind(self, port: Port) -> str | None:
-        """Return a port's kind: the connector's, or where none is listed the causality of the FMU's variable."""
+        """Return a port's kind: that of the connector or, if none is listed, the causality of the FMU's variable."""
         if (connector := self.connector(port)) is not None:
             return connector.kind
         variable = self.variable(port)
@@ -162,9 +162,9 @@ class Network:
         return own
 
     def chain(self, target: Port) -> tuple[Port, list[Hop]]:
-        """Return where the values of a port come from, and the links from there to it.
+        """Return the origin of the values of a port, and the links from there to it.
 
-        The origin is an FMU's output, or a system's connector that nothing feeds, or the port itself.
+        The origin is an FMU's output, a system's connector without a source, or the port itself.
         """
         hops: list[Hop] = []
         here, seen = target, {target}
@@ -180,12 +180,12 @@ class Network:
     def carry(
         self, unit: UnitDefinition | None, hops: Sequence[Hop], first: Conversion | None = None
     ) -> tuple[Conversion, UnitDefinition | None]:
-        """Return what the links of a chain do to a value that comes in `unit`, and its unit at the end.
+        """Return the conversion by the links of a chain for a value with a unit, and the unit at the end.
 
         Args:
-            unit: Of the values that come; None where it is not known.
-            hops: The links in order.
-            first: What was done before.
+            unit: Unit of the values at the start; None if it is not known.
+            hops: Links in order.
+            first: Conversion to apply before.
         """
         total = first or Conversion()
         for hop in hops:
@@ -202,11 +202,11 @@ class Network:
             yield from (Port(path, v.name) for v in variables.values() if v.causality == "input")
 
     def fed(self) -> Iterator[Port]:
-        """Yield every FMU's variables that a link ends at."""
+        """Yield all variables of FMUs at which a link ends."""
         yield from (port for port in self._sources if port.path in self._variables)
 
     def find(self, name: str, path: Path) -> Port | None:
-        """Return the port of a hierarchical name, relative to the element at `path`; None where there is none."""
+        """Return the port with a hierarchical name relative to the element at `path`; None if it does not exist."""
         element, port = self.elements[path], Port(path, name)
         if isinstance(element, FmuElement):
             return port if self.variable(port) is not None else None

@@ -1,4 +1,4 @@
-"""Where the files of a package are: an archive is unpacked, a bare description is read in its folder."""
+"""Files of a package: an archive is unpacked, a bare description is read in its folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT = "SystemStructure.ssd"
 
 
 class Unpacked:
-    """The folder of an unpacked archive; it is removed with the last of what refers to it."""
+    """Folder of an unpacked archive; it is removed with the last object that refers to it."""
 
     def __init__(self, archive: Path) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ssp_"))
@@ -31,15 +31,15 @@ class Unpacked:
 
 @dataclass(frozen=True)
 class Place:
-    """A description and its surroundings.
+    """Description and the location of its files.
 
     Args:
-        description: The .ssd file; sources are relative to its folder.
-        root: The folder that relative sources must not leave; None for a bare description, which may stand beside its
-            files' folder.
-        label: The file in words for messages: `car.ssp: SystemStructure.ssd`.
-        package: The archive alone, or the same as `label` for a bare description.
-        unpacked: What must outlive the files' use; none for a bare description.
+        description: Description file (.ssd); sources are relative to its folder.
+        root: Folder that relative sources must not leave; None for a bare description, whose files may be in other
+            folders.
+        label: Display name of the file for messages: `car.ssp: SystemStructure.ssd`.
+        package: Name of the archive alone; equal to `label` for a bare description.
+        unpacked: Folder that must exist as long as the files are used; None for a bare description.
     """
 
     description: Path
@@ -52,11 +52,11 @@ class Place:
         """Return the file of a source (a URI) and its fragment.
 
         Args:
-            source: As the description writes it: relative to the description, or file:///...; both percent-encoded.
-            what: The element, for messages.
+            source: Source as written in the description: relative to it, or file:///...; both percent-encoded.
+            what: Element, for messages.
 
         Raises:
-            InputError: It is no such URI, leaves the package, or there is no such file.
+            InputError: The source is not such a URI, is outside the package, or the file does not exist.
         """
         what = f"{self.label}: {what}: "
         parts = _split(source)
@@ -72,17 +72,15 @@ class Place:
         for path, fragment in found.items():
             if is_file(path):
                 return path, fragment
-        raise InputError(
-            f"{what}there is no file {source!r}; add it, or correct the source (upper and lower case count)"
-        )
+        raise InputError(f"{what}there is no file {source!r}; add it, or correct the source (names are case-sensitive)")
 
     def _relative(self, source: str, what: str) -> dict[Path, str]:
-        """Return what a relative source may mean, as a URI or as a plain name with characters that a URI encodes."""
+        """Return the possible meanings of a relative source: a URI, or a plain name that is not encoded."""
         parts = _split(source)
         names = {source: "", parts.path: unquote(parts.fragment), unquote(parts.path): unquote(parts.fragment)}
         found = {Path(os.path.normpath(self.description.parent / name)): names[name] for name in reversed(names)}
         if self.root is not None and not all(path.is_relative_to(self.root) for path in found):
-            raise InputError(f"{what}the source {source!r} leaves the package; put the file into it")
+            raise InputError(f"{what}the source {source!r} is outside the package; put the file into it")
         return found
 
     def inner(self, description: Path, label: str) -> Place:
@@ -91,7 +89,7 @@ class Place:
 
 
 def _split(source: str) -> SplitResult:
-    """Return the parts of a URI; a text that is none is all path, for which there is no file."""
+    """Return the parts of a URI; a text that is not a URI is returned as a path, for which there is no file."""
     try:
         return urlsplit(source)
     except ValueError:
@@ -99,15 +97,15 @@ def _split(source: str) -> SplitResult:
 
 
 def open_package(path: Path, label: str, description: str = "") -> Place:
-    """Unpack an .ssp, or take an .ssd where it is.
+    """Unpack an .ssp, or use an .ssd in its folder.
 
     Args:
-        path: The file.
-        label: Its name for messages.
-        description: The .ssd to take from an archive; its SystemStructure.ssd where none is named.
+        path: Package or description file.
+        label: Name of the file for messages.
+        description: Description (.ssd) to read from an archive; SystemStructure.ssd by default.
 
     Raises:
-        InputError: It is missing, is no archive, is unsafe, or holds no such description.
+        InputError: The file is missing, is not an archive, is unsafe, or has no such description.
     """
     if path.suffix.lower() == ".ssd":
         if not is_file(path):
@@ -120,14 +118,16 @@ def open_package(path: Path, label: str, description: str = "") -> Place:
     file = Path(os.path.normpath(unpacked.folder / name))
     if not (is_file(file) and file.is_relative_to(unpacked.folder)):
         held = sorted(str(p.relative_to(unpacked.folder)) for p in unpacked.folder.rglob("*.ssd"))
-        advice = f"it holds {', '.join(held)}: unpack it and run one of these" if held else "it is no SSP package"
+        advice = (
+            f"it contains {', '.join(held)}: unpack it and run one of these" if held else "it is not an SSP package"
+        )
         raise InputError(f"{label}: there is no {name} in the archive; {advice}")
     return Place(file, unpacked.folder, f"{label}: {name}", label, unpacked)
 
 
 @contextmanager
 def named(path: Path, label: str) -> Iterator[None]:
-    """Let errors about a file call it by its name in the package, not by where it was unpacked."""
+    """Replace the path of an unpacked file in errors by its name in the package."""
     try:
         yield
     except FmuError as error:

@@ -20,32 +20,32 @@ _SET, _MAPPING = "application/x-ssp-parameter-set", "application/x-ssp-parameter
 
 @dataclass(frozen=True)
 class Definitions:
-    """The units and enumerations that a file defines."""
+    """Units and enumerations that a file defines."""
 
     units: Mapping[str, UnitDefinition]
     enumerations: Mapping[str, Mapping[str, int]]
 
     @classmethod
     def read(cls, root: ET.Element, prefix: str, where: str) -> Definitions:
-        """Read them from a file's root element."""
+        """Read the definitions from a file's root element."""
         return cls(
             document.read_units(root, f"{prefix}:Units", where),
             document.read_enumerations(root, f"{prefix}:Enumerations", where),
         )
 
     def with_those_of(self, other: Definitions) -> Definitions:
-        """Return both; the other's come first."""
+        """Return the definitions of both; the other's take precedence."""
         return Definitions({**self.units, **other.units}, {**self.enumerations, **other.enumerations})
 
 
 @dataclass(frozen=True)
 class Bindings:
-    """Reads the parameter bindings of an element.
+    """Reader of the parameter bindings of an element.
 
     Args:
-        place: The description that they stand in.
+        place: Description that contains the bindings.
         definitions: Units and enumerations of the description, for inline values that name them.
-        component: The component's own archive, for sources that are inside it.
+        component: Archive of the component, for sources that are inside it.
     """
 
     place: Place
@@ -74,7 +74,7 @@ class Bindings:
         yield from values if mapping is None else _mapped(values, mapping, where)
 
     def _content(self, element: ET.Element, root: str, kind: str, what: str) -> tuple[ET.Element | None, str]:
-        """Return the parameter set or mapping that an element names or holds, and the file for messages."""
+        """Return the parameter set or mapping that an element refers to or contains, and the file for messages."""
         if (given := element.get("type", kind)) != kind:
             raise InputError(f"{what}: the type {given!r} cannot be read; export it as {kind}")
         source = element.get("source")
@@ -93,12 +93,12 @@ class Bindings:
             path, _ = self.place.resolve(source, what)
             return path.read_bytes(), f"{self.place.package}: {source}"
         if self.component is None:
-            raise InputError(f"{what}: the source {source!r} is relative to a component, and a system is none")
+            raise InputError(f"{what}: the source {source!r} is relative to a component, but this is a system")
         return read_inside(self.component, source, what), f"{self.place.package}: {self.component.name}: {source}"
 
 
 def _mapped(values: Iterable[Assignment], mapping: ET.Element, where: str) -> Iterator[Assignment]:
-    """Yield the values under the names that they are mapped to; what has no entry keeps its own, as in OMSimulator."""
+    """Yield the values under their mapped names; a value without an entry keeps its own name, as in OMSimulator."""
     entries: dict[str, list[ET.Element]] = {}
     for entry in mapping.iterfind(tag("ssm:MappingEntry")):
         entries.setdefault(attribute(entry, "source", where), []).append(entry)
@@ -138,7 +138,7 @@ def _value(kind: ET.Element, where: str) -> Value:
 
 
 def transformation_of(element: ET.Element, where: str) -> Conversion:
-    """Return the linear transformation of a connection or mapping entry; none gives the identity."""
+    """Return the linear transformation of a connection or mapping entry; the identity if it has no transformation."""
     linear = element.find(tag("ssc:LinearTransformation"))
     if linear is None:
         return Conversion()
@@ -146,7 +146,7 @@ def transformation_of(element: ET.Element, where: str) -> Conversion:
 
 
 def _transformed(value: Assignment, entry: ET.Element, where: str) -> Assignment:
-    """Return a value under its new name; tables are looked up here, a linear transformation waits for the units."""
+    """Return a value under its new name; a table is applied here, a linear transformation after the units."""
     target = attribute(entry, "target", where)
     where = f"{where}: {value.name} -> {target}"
     changed = replace(

@@ -1,4 +1,4 @@
-"""An SSP package, or a bare description in its folder, as a system and a scenario."""
+"""Reading of an SSP package, or a bare description in its folder, as a system and a scenario."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from eightpost.signals import Drivefile
 
 SUFFIXES = (".ssp", ".ssd")
 
-#: An unpacked package lives as long as a component that came out of it.
+#: Keeps an unpacked package as long as one of its components exists.
 _PACKAGES: WeakKeyDictionary[Component, Unpacked] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
 class Given:
-    """What a package may lack for a run.
+    """Run data that a package may lack.
 
     Args:
-        drive: A drivefile; each channel goes to the open input, or the connector of the top system, of its name.
-        stop: Length of the run [s], in place of the package's.
+        drive: Drive file; each channel feeds the open input, or the connector of the top system, of its name.
+        stop: Length of the run [s]; overrides the package's.
         record_step: Time between recorded samples [s]; None: every step.
         inputs: Constant values of open inputs as texts: a number in the input's own unit, or a value with its unit.
     """
@@ -45,15 +45,15 @@ class Given:
 
 @dataclass(frozen=True)
 class SspCase:
-    """What a package holds, ready to run.
+    """Contents of a package, ready to run.
 
     Args:
-        name: Of the description.
+        name: Name of the description.
         system: Components, bonds, connections, values.
         scenario: Drive and times.
-        step: The coupling step that the package asks for [s]; None where it says nothing.
-        fmus: The files by component.
-        notes: What the reader should know: names that were changed, values that nothing takes.
+        step: Coupling step stated in the package [s]; None if it states none.
+        fmus: FMU files by component.
+        notes: Notes for the reader: names that were changed, values that match nothing.
     """
 
     name: str
@@ -74,14 +74,14 @@ def read_ssp(
     """Read a package or a bare description.
 
     Args:
-        path: An .ssp or .ssd file.
-        fmus: FMUs by component name that take the place of those in the package.
-        given: A drivefile, times and inputs that the package lacks.
-        load: Opens an FMU under a component's name.
+        path: Package (.ssp) or description (.ssd).
+        fmus: FMUs by component name that replace those in the package.
+        given: Drive file, times and inputs that the package lacks.
+        load: Function that opens an FMU under a component's name.
 
     Raises:
         InputError: A file is missing, unsafe or wrong; the message names it.
-        WiringError: It holds what cannot be run; the message names the element.
+        WiringError: The package contains something that is not supported; the message names the element.
         FmuError: An FMU cannot be used.
     """
     path, given = Path(path), given or Given()
@@ -94,7 +94,7 @@ def read_ssp(
 
 
 def _naming(error: InputError, path: Path) -> EightpostError:
-    """Return the error with the package's name before it, where it is not there already."""
+    """Return the error with the package's name before it, unless it contains the name already."""
     return error if str(path) in str(error) else type(error)(f"{path}: {error}")
 
 
@@ -103,7 +103,7 @@ def _case(
 ) -> SspCase:
     elements = dict(flatten.components(structure.system))
     if not elements:
-        raise WiringError(f"{structure.system.where}: holds no component; there is nothing to run")
+        raise WiringError(f"{structure.system.where}: contains no component to run")
     names = flatten.flat_names(tuple(elements))
     components, files = _load(elements, names, swaps, load)
     network = flatten.Network(structure.system, {path: components[names[path]].variables for path in elements})
@@ -156,7 +156,7 @@ def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> 
     if stop is None and experiment.stop is not None:
         stop = experiment.stop - experiment.start
     if stop is None:
-        raise InputError("the package has no DefaultExperiment with a stopTime; say how long to run (--stop)")
+        raise InputError("the package has no DefaultExperiment with a stopTime; give the length of the run (--stop)")
     return Scenario(
         stop=stop,
         drive=drive,
@@ -175,13 +175,13 @@ def _idle_notes(idle: Mapping[str, float]) -> tuple[str, ...]:
     if not idle:
         return ()
     values = ", ".join(f"{name} = {value:g}" for name, value in idle.items())
-    return (f"nothing feeds these inputs, they stay as the FMUs have them (--drive and --input change that): {values}",)
+    return (f"these inputs have no source and keep the FMUs' start values (change with --drive or --input): {values}",)
 
 
 def _time_notes(experiment: Experiment) -> tuple[str, ...]:
     if experiment.start == 0.0:
         return ()
     return (
-        f"the package starts at {experiment.start:g} s: the run takes the drivefile from there, and for the components "
-        "time begins at 0",
+        f"the package starts at {experiment.start:g} s: the run uses the drive file from that time, but for the "
+        "components time begins at 0",
     )

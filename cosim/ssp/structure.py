@@ -1,4 +1,4 @@
-"""What a description says, before any FMU is opened: elements, connectors, links, values, the experiment."""
+"""Contents of a description before any FMU is opened: elements, connectors, links, values, the experiment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Value = float | int | bool | str
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector of an element: kind is input, output, parameter ..."""
+    """Connector of an element; kind is input, output, parameter ..."""
 
     name: str
     kind: str
@@ -25,14 +25,14 @@ class Connector:
 
 @dataclass(frozen=True)
 class Link:
-    """A connection of two connectors of a system or of its elements; the ends tell no direction.
+    """Connection of two connectors of a system or of its elements; the order of the ends does not show the direction.
 
     Args:
-        ends: (element, connector) twice; element None for the system itself.
-        suppressed: Whether units are left unconverted.
-        transformation: `target = factor * source + offset`, after the conversion of units.
-        where: The file and system, for messages.
-        transforms: Whether the description has a transformation, be it one that changes nothing.
+        ends: Two pairs (element, connector); element is None for the system itself.
+        suppressed: Whether unit conversion is suppressed.
+        transformation: Conversion applied after that of units: `target = factor * source + offset`.
+        where: File and system, for messages.
+        transforms: Whether the description has a transformation, even one that changes nothing.
     """
 
     ends: tuple[tuple[str | None, str], tuple[str | None, str]]
@@ -42,23 +42,23 @@ class Link:
     transforms: bool = False
 
     def __str__(self) -> str:
-        """Return its ends as the description has them."""
+        """Return the ends as the description writes them."""
         return " -> ".join(f"{element}.{connector}" if element else connector for element, connector in self.ends)
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """A value from a parameter set.
+    """Value from a parameter set.
 
     Args:
-        name: Of the variable, relative to the element that the set is bound to.
+        name: Name of the variable, relative to the element that the set is bound to.
         type: Real, Integer, Boolean, String, Enumeration or Binary.
-        value: The value; an enumeration's is the name of the item.
-        where: The file, for messages.
-        unit: Of the value; None: that of what is set.
-        suppressed: Whether units are left unconverted.
-        transformation: After the conversion of units.
-        items: Of the enumeration, as the file defines it.
+        value: Value; for an enumeration the name of the item.
+        where: File, for messages.
+        unit: Unit of the value; None: that of the variable.
+        suppressed: Whether unit conversion is suppressed.
+        transformation: Conversion applied after that of units.
+        items: Items of the enumeration, as the file defines it.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Assignment:
 
 @dataclass(frozen=True)
 class FmuElement:
-    """A component that is an FMU."""
+    """Component that is an FMU."""
 
     name: str
     connectors: Mapping[str, Connector]
@@ -85,7 +85,7 @@ class FmuElement:
 
 @dataclass(frozen=True)
 class SystemElement:
-    """A system: elements and links among them and its own connectors."""
+    """System with elements, and links between them and its own connectors."""
 
     name: str
     connectors: Mapping[str, Connector]
@@ -97,7 +97,7 @@ class SystemElement:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What a description says of a run [s]; None where it says nothing."""
+    """Times of the run in a description [s]; None if not stated."""
 
     start: float = 0.0
     stop: float | None = None
@@ -106,7 +106,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Structure:
-    """A description: its top system and its experiment."""
+    """Description: its top system and its experiment."""
 
     name: str
     system: SystemElement

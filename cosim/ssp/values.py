@@ -1,4 +1,4 @@
-"""Parameter values at the variables they are for: through connectors, in the variable's own unit and type."""
+"""Parameter values assigned to variables: through connectors, in the variable's own unit and type."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from eightpost.errors import WiringError
 
 @dataclass(frozen=True)
 class Values:
-    """What parameter sets give, by port of an FMU: parameters and inputs, and what matched nothing."""
+    """Values from parameter sets by port of an FMU: parameters and inputs, with notes on values that match nothing."""
 
     parameters: Mapping[Port, Value] = field(default_factory=dict)
     inputs: Mapping[Port, float] = field(default_factory=dict)
@@ -25,10 +25,10 @@ class Values:
 
 
 def read_values(network: Network) -> Values:
-    """Return the value of every variable that parameter sets give one.
+    """Return the values that parameter sets give to variables.
 
-    A set bound higher up goes before one bound lower down; of two at one level the later goes first. A value at a
-    system's connector reaches what the connector feeds. An input that another FMU feeds keeps no value.
+    A set bound at a higher level takes precedence over one at a lower level; of two at one level the later one does. A
+    value at a system's connector reaches the variables that the connector feeds. An input fed by another FMU gets none.
 
     Raises:
         WiringError: A value has the wrong type or unit.
@@ -50,13 +50,13 @@ def read_values(network: Network) -> Values:
         elif variable.causality == "input":
             inputs[target] = float(value)
         else:
-            notes.append(f"{found.assignment.where}: {target} = {value!r} is left out: the FMU sets that itself")
+            notes.append(f"{found.assignment.where}: {target} = {value!r} is ignored: the FMU computes this variable")
     return Values(parameters, inputs, tuple(notes))
 
 
 @dataclass(frozen=True)
 class _Given:
-    """A value at a port, how strong it is, and the links from there to the variable."""
+    """Value at a port, its rank, and the links from there to the variable."""
 
     rank: int
     assignment: Assignment
@@ -65,7 +65,7 @@ class _Given:
 
 
 def _assigned(network: Network) -> tuple[dict[Port, _Given], list[str]]:
-    """Return the strongest value at each port, the last of `_by_level`, and what matched none."""
+    """Return the value of highest rank at each port, the last of `_by_level`, and notes on values without a port."""
     found: dict[Port, _Given] = {}
     unmatched: dict[str, list[str]] = {}
     for rank, (path, value) in enumerate(_by_level(network.elements)):
@@ -74,7 +74,7 @@ def _assigned(network: Network) -> tuple[dict[Port, _Given], list[str]]:
             unmatched.setdefault(value.where, []).append(".".join((*path, value.name)))
         else:
             found[port] = _Given(rank, value, port)
-    return found, [f"{where}: no variable takes {', '.join(names)}" for where, names in unmatched.items()]
+    return found, [f"{where}: no variable matches {', '.join(names)}" for where, names in unmatched.items()]
 
 
 def _by_level(elements: Mapping[Path, FmuElement | SystemElement]) -> Iterator[tuple[Path, Assignment]]:
@@ -98,7 +98,7 @@ def _strongest(origin: Port, hops: Sequence[Hop], given: Mapping[Port, _Given]) 
 
 
 def _at(network: Network, target: Port, variable: Variable, given: _Given) -> Value:
-    """Return a value as it arrives at an FMU's variable."""
+    """Return a value converted along its links to an FMU's variable."""
     assignment, what = given.assignment, f"{given.assignment.where}: {given.port}"
     unit = network.unit(given.port)
     first = Conversion()
@@ -109,13 +109,13 @@ def _at(network: Network, target: Port, variable: Variable, given: _Given) -> Va
     value = assignment.value
     if total != Conversion():
         if isinstance(value, (bool, str)):
-            raise WiringError(f"{what} = {value!r}: a linear transformation is for numbers; remove it")
+            raise WiringError(f"{what} = {value!r}: a linear transformation needs a number; remove it")
         value = total(value)
     return _typed(value, network, target, variable, assignment)
 
 
 def _typed(value: Value, network: Network, target: Port, variable: Variable, assignment: Assignment) -> Value:
-    """Return a value in the variable's type, where nothing is lost by that."""
+    """Return a value in the variable's type, if this is possible without loss."""
     number = not isinstance(value, (bool, str))
     if variable.type == "Real" and number:
         return float(value)
@@ -126,20 +126,20 @@ def _typed(value: Value, network: Network, target: Port, variable: Variable, ass
     if (variable.type, type(value)) in (("Boolean", bool), ("String", str)):
         return value
     raise WiringError(
-        f"{assignment.where}: {target} = {value!r} is given as {assignment.type}, the variable is a {variable.type}; "
-        "correct the type"
+        f"{assignment.where}: {target} = {value!r} is given as {assignment.type}, but the variable is a "
+        f"{variable.type}; correct the type"
     )
 
 
 def _item(name: str, network: Network, target: Port, assignment: Assignment) -> int:
-    """Return the number of an enumeration's item: as the FMU defines it, else as the parameter set does."""
+    """Return the number of an enumeration's item: from the FMU, else from the parameter set."""
     element = network.elements[target.path]
     items = _items(element, target) if isinstance(element, FmuElement) else {}
     items = items or dict(assignment.items)
     if name not in items:
-        known = ", ".join(items) or "none that are known"
+        known = ", ".join(items) or "none known"
         raise WiringError(
-            f"{assignment.where}: {target} = {name!r} is no item of its enumeration ({known}); correct it"
+            f"{assignment.where}: {target} = {name!r} is not an item of its enumeration ({known}); correct it"
         )
     return items[name]
 

@@ -1,4 +1,4 @@
-"""The network's links between FMUs as connections and bonds of a system."""
+"""Conversion of the network's links between FMUs to connections and bonds of a system."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from eightpost.errors import WiringError
 
 
 def connections(network: Network, names: Mapping[Path, str]) -> tuple[Connection, ...]:
-    """Return a connection for every FMU input that another FMU feeds, through whatever systems lie between.
+    """Return a connection for every FMU input that another FMU feeds, through any systems between them.
 
     Raises:
-        WiringError: Values that are no numbers, types that differ without a transformation, or dimensions that do.
+        WiringError: Values are not numbers, or types or dimensions differ without a transformation.
     """
     found = []
     for target in network.fed():
         origin, hops = network.chain(target)
         if not isinstance(network.elements[origin.path], FmuElement):
-            continue  # open, or given a value: no other component
+            continue  # an open input, or one with a value, is not fed by another component
         source, sink = (_variable(network, port, hops[-1].link.where) for port in (origin, target))
         total, _ = network.carry(network.unit(origin), hops)
         convert = any(hop.link.transforms for hop in hops)
@@ -41,7 +41,8 @@ def _variable(network: Network, port: Port, where: str) -> Variable:
         raise WiringError(f"{where}: {port}: the FMU has no such variable; correct the connector's name")
     if connector is not None and connector.type not in (None, variable.type):
         raise WiringError(
-            f"{where}: connector {port} is a {connector.type}, the FMU's variable a {variable.type}; correct the type"
+            f"{where}: connector {port} is a {connector.type}, but the FMU's variable is a {variable.type}; correct "
+            "the type"
         )
     if variable.type not in ("Real", *DISCRETE):
         raise WiringError(
@@ -59,16 +60,16 @@ def _variable(network: Network, port: Port, where: str) -> Variable:
 def _connection(
     source: str, target: str, ends: tuple[Variable, Variable], total: Conversion, convert: bool
 ) -> Connection:
-    """Return the connection that does `total` where a system converts the units of the two FMUs by itself.
+    """Return the connection that gives `total` together with the master's own conversion of the FMUs' units.
 
-    `convert`: whether the package transforms the value, and so means a Real by an Integer or the other way.
+    `convert`: whether the package has a transformation, which permits a connection between Real and another type.
     """
     what = f"{source} -> {target}"
     try:
         own = convert_between(ends[0].unit, ends[1].unit, what)
     except WiringError as error:
         raise WiringError(
-            f"{error}; a transformation between dimensions cannot be run, put a component between"
+            f"{error}; a transformation between dimensions is not supported, put a component between"
         ) from error
     gain = total.factor / own.factor
     is_converted = convert and ends[0].type != ends[1].type
@@ -78,8 +79,8 @@ def _connection(
 def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[Connection, ...]]:
     """Return the bonds among connections, by the names of docs/ports.md, and the other connections.
 
-    A bond is velocity one way and force back between two components, by the same gain: else the one end does not give
-    the power that the other takes, and an energy residual would tell nothing.
+    A bond is velocity one way and force back between two components, with the same gain. With different gains the power
+    at both ends would differ, and the energy residual would be meaningless.
     """
     known = {(*_ends(c), _last(c.source)): c for c in found if _last(c.source) == _last(c.target)}
     bonds = []
