@@ -1,14 +1,14 @@
-"""The table of engines: what each way of coupling the same FMUs costs, and how wrong it is.
+"""Comparison of engines: cost and error of each way of coupling the same FMUs.
 
     python benchmarks/coupling.py [--quick] [--json FILE] [--markdown FILE] [--picture FILE] [--engines NAMES]
 
 One vehicle and four shocks (benchmarks/case.py), 14 recorded outputs, 30 s of the demo's track; with --quick 5 s, fewer
 rates, and no large systems. The reference integrates the same equations as one system with scipy (tests/monolithic.py).
-Costs are microseconds of processor time per coupling step: those of each row's own steps, without loading, over their
-number. Prints Markdown; --json leaves rows {engine,
-scheme, damping, rate_hz, us_per_step, error_velocity_percent, error_tire_force_percent}: percent of the reference
-signal's standard deviation, worst corner, without the first second; null where it diverged. Times are of this machine
-and this run: compare them within one table only.
+Costs are microseconds of processor time per coupling step: the time of each row's own steps, without loading, divided
+by their number. The table is printed as Markdown; --json writes rows {engine, scheme, damping, rate_hz, us_per_step,
+error_velocity_percent, error_tire_force_percent}: percent of the reference signal's standard deviation, worst corner,
+without the first second; null if it diverged. Times depend on the machine and the run: compare them within one table
+only.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 s and three rates: under two minutes")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
-    parser.add_argument("--markdown", type=Path, help="write what is printed to this file too")
-    parser.add_argument("--picture", type=Path, help="draw error against cost into this file")
-    parser.add_argument("--engines", help="only these, separated by commas: eightpost,fmpy,libcosim")
-    parser.add_argument("--damping", default=",".join(DAMPINGS), help="full, split, or both (default)")
+    parser.add_argument("--markdown", type=Path, help="write the printed text to this file too")
+    parser.add_argument("--picture", type=Path, help="plot error against cost into this file")
+    parser.add_argument("--engines", help="engines to run, separated by commas: eightpost,fmpy,libcosim")
+    parser.add_argument("--damping", default=",".join(DAMPINGS), help="damping case: full, split, or both (default)")
     parser.add_argument("--rates", type=_rates, help="coupling rates [Hz], multiples of 125, separated by commas")
     parser.add_argument("--stop", type=float, help="duration [s], at least 1.1")
     return parser.parse_args()

@@ -50,7 +50,7 @@ def advice(status: int) -> str:
 
 
 def failure_text(
-    place: Place, variables: Mapping[str, Variable], *, failed: str, why: str, said: str, to_do: str = ""
+    place: Place, variables: Mapping[str, Variable], *, failed: str, why: str, messages: str, to_do: str = ""
 ) -> str:
     """Return the report of a failed call.
 
@@ -59,11 +59,14 @@ def failure_text(
         variables: Variables of the component, for the units of the inputs.
         failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
         why: Cause, as a sentence.
-        said: Last messages of the component.
+        messages: Last messages of the component.
         to_do: Advice.
     """
     when = "" if " from " in failed else f" at {place.time:g} s"
-    parts = [f"component {place.name!r} ({place.source}) {failed}{when}: {why}", f"It said: {said.rstrip('.')}."]
+    parts = [
+        f"component {place.name!r} ({place.source}) {failed}{when}: {why}",
+        f"Last messages: {messages.rstrip('.')}.",
+    ]
     parts += [_inputs(place.inputs, variables)] if place.inputs else []
     parts += [f"What to do: {to_do}"] if to_do else []
     return " ".join(parts)

@@ -56,8 +56,8 @@ class Messages:
 
     @property
     def last(self) -> str:
-        """Last three messages for the end of a sentence, or a statement that no reason was given."""
-        return "; ".join(dict.fromkeys(self._last)) or "it gave no reason"
+        """Last three messages for the end of a sentence, or `none`."""
+        return "; ".join(dict.fromkeys(self._last)) or "none"
 
 
 class ComponentLog:

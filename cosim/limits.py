@@ -34,8 +34,8 @@ class LimitWatch:
 
     @property
     def watched(self) -> tuple[tuple[str, bool], ...]:
-        """The same, each with whether it counts above one half (true) or below zero."""
         """The same names, each with whether it counts above one half (true) or below zero (false)."""
+        return (*((name, True) for name in self._flags), *((name, False) for name in self._tires))
 
     def beyond_fit(self, times: Sequence[float]) -> dict[str, float]:
         """Return the share of time, per shock, in which its damper velocity was outside its fitted range.

@@ -25,7 +25,7 @@ def notes_of(
         *_held_notes(system, algorithm),
         *_unit_notes(system),
         *_gas_notes(system),
-        *(f"{name} said: {said}" for name, c in system.components.items() for said in c.messages),
+        *(f"{name}: {message}" for name, c in system.components.items() for message in c.messages),
     )
 
 

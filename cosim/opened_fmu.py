@@ -69,5 +69,5 @@ class OpenedFmu:
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
         """Return the error for a failed call: the failure, its cause, and the advice."""
         place = Place(self._name, self.source, self._time, self._inputs)
-        said = self._messages.last
-        return StepError(failure_text(place, self.variables, failed=failed, why=why, said=said, to_do=to_do))
+        messages = self._messages.last
+        return StepError(failure_text(place, self.variables, failed=failed, why=why, messages=messages, to_do=to_do))

@@ -100,7 +100,6 @@ class _File(_Strict):
 
 
 @dataclass(frozen=True)
-@dataclass(frozen=True)
 class Case:
     """Contents of a system file or a package, the files of its FMUs by component, and notes from reading it."""
 

@@ -1,1 +1,1 @@
-"""The engines that are compared, one module each."""
+"""The compared engines, one module each."""

@@ -1,4 +1,4 @@
-"""The limit: a loop in C over the same FMUs (master.c), with nothing around it."""
+"""Lower limit of the cost: a loop in C over the same FMUs (master.c), with nothing around it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from builder.native.headers import fmi_headers
 from eightpost.archive import extract_archive
 
 SCHEMES = ("jacobi, held", "jacobi, extrapolated", "gauss-seidel, extrapolated", "gauss-seidel, parabolic")
-#: What the program ends with where an FMU refuses a call.
+#: Exit code of the program if an FMU refuses a call.
 _REFUSED = 3
 
 
@@ -58,14 +58,14 @@ def _unpacked(path: Path) -> Path:
 
 
 def _library(folder: Path) -> tuple[str, str]:
-    """The binary of an unpacked FMU, and its GUID."""
+    """Return the binary of an unpacked FMU, and its GUID."""
     description = fmpy.read_model_description(str(folder))
     name = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
     return str(folder / "binaries" / fmpy.platform / name), description.guid
 
 
 def _references(car: Path, shock: Path) -> list[int]:
-    """In the order of master.c: the car's inputs and state, a shock's port and force."""
+    """Return the references in the order of master.c: the car's inputs and state, a shock's port and force."""
     inputs = (*DRIVEN, *(f"{c}.force" for c in CORNERS))
     port = tuple(f"{c}.{name}" for name in ("velocity", "displacement") for c in CORNERS)
     names = ((car, (*inputs, *port, *CAR_OUTPUTS)), (shock, ("velocity", "displacement", "force")))

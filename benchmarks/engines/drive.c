@@ -1,4 +1,4 @@
-/* An FMU without inputs that plays a table: hosts that take signals from FMUs only get the drive from it.
+/* An FMU without inputs that plays back a table: the drive for engines that take signals from FMUs only.
  *
  * resources/drive.bin: the number of rows N as a double, N times [s], then N rows of values; linear between them.
  */

@@ -1,4 +1,4 @@
-"""The drive for hosts: drive.npz for those that set inputs, drive.fmu for those that take signals from FMUs only."""
+"""Drive for other engines: drive.npz for those that set inputs, drive.fmu for those that need an FMU as a source."""
 
 from __future__ import annotations
 

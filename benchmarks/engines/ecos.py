@@ -1,4 +1,4 @@
-"""ecos, through ecospy's functions in this process."""
+"""The engine ecos, through ecospy's functions in this process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.engines.job import CONNECTIONS, DRIVE_CONNECTIONS, RECORDED, Div
 
 
 def run(job: Job) -> Recording:
-    """Run in one call; what is not recorded has no values."""
+    """Run in one call; signals that are not recorded have no values."""
     EcosLib.set_log_level("off")
     table, recorded = Path(job.work) / "ecos.csv", "nothing" not in job.scheme
     structure = EcosSimulationStructure()

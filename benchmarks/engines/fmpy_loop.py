@@ -1,7 +1,7 @@
-"""Loops over fmpy's functions, as one writes them who knows fmpy: the arrays that the C calls take are made once.
+"""Loops over fmpy's functions, as an experienced user would write them: the arrays for the C calls are created once.
 
-`held` is the usual exchange. The others set the derivatives of inputs too: coupling values and road are straight lines
-over a step, and with gauss-seidel the shocks take theirs from a car that has made the step.
+`held` is the usual scheme. The others also set the derivatives of inputs: coupling values and road are straight lines
+over a step, and with gauss-seidel the shocks take their inputs from a car that has made the step.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmarks.engines.job import CAR_OUTPUTS, CORNERS, DRIVEN, Diverged, Job, 
 
 
 class Unit:
-    """An FMU that is ready to initialize."""
+    """FMU that is ready to initialize."""
 
     def __init__(self, path: Any, name: str) -> None:
         description = read_model_description(str(path))
@@ -36,17 +36,17 @@ class Unit:
         self.fmu.instantiate()
 
     def exchange(self, names: tuple[str, ...], values: Any) -> tuple[Any, int, Any]:
-        """The arguments of fmi2GetReal or fmi2SetReal, over the memory of an array."""
+        """Return the arguments of fmi2GetReal or fmi2SetReal, using the memory of an array."""
         references = (c_uint32 * len(names))(*(self.references[name] for name in names))
         return references, len(names), (c_double * len(names)).from_buffer(values)
 
     def derivatives(self, names: tuple[str, ...], slopes: Any) -> tuple[Any, int, Any, Any]:
-        """The arguments of fmi2SetRealInputDerivatives for first derivatives, over the memory of an array."""
+        """Return the arguments of fmi2SetRealInputDerivatives for first derivatives, using the memory of an array."""
         references, count, values = self.exchange(names, slopes)
         return references, count, (c_int32 * count)(*[1] * count), values
 
     def close(self) -> None:
-        """Free it, whatever state it is in."""
+        """Free the FMU, whatever its state."""
         self.fmu.freeInstance()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -115,7 +115,7 @@ class _Car:
             fmu.fmi2DoStep(its, time, h, 1)
 
     def begin(self, row: Any, stop: float) -> None:
-        """Find the common start: values are handed round in initialization mode."""
+        """Find the equilibrium start: values are passed between the FMUs in initialization mode."""
         everyone = [self.car, *self.shocks]
         for fmu in everyone:
             fmu.setupExperiment(startTime=0.0, stopTime=stop)
@@ -136,7 +136,7 @@ class _Car:
         np.take(self.state, _PAIRS, out=self.ports)
 
 
-#: Where a shock's velocity and displacement are in the state, shock by shock.
+#: Positions of the shocks' velocity and displacement in the state, shock by shock.
 _PAIRS = np.array([[4 + k, k] for k in range(4)]).ravel()
 _FORCES = slice(14, 18)
 
@@ -162,7 +162,7 @@ def _run(job: Job, car: _Car) -> Recording:
 
 
 def _held(car: _Car, drive: Any, h: float) -> Step:
-    """Step all with the values of the step's start."""
+    """Step all FMUs with the values at the start of the step."""
 
     def step(k: int, time: float) -> None:
         car.hand_round(drive[k])
@@ -177,7 +177,7 @@ def _held(car: _Car, drive: Any, h: float) -> Step:
 
 
 def _ramped(car: _Car, drive: Any, h: float, scheme: str) -> Step:
-    """Step with straight lines: extrapolated ones, or such that have the mean of a parabola (cosim/engine/sweep.py)."""
+    """Step with straight lines: extrapolated ones, or with the mean of a parabola (cosim/engine/sweep.py)."""
     order, kind = scheme.split(", ")
     roads, per_second = np.diff(drive, axis=0) / h, 1.0 / h
     parabolic, first_car = kind == "parabolic", order == "gauss-seidel"
@@ -185,7 +185,7 @@ def _ramped(car: _Car, drive: Any, h: float, scheme: str) -> Step:
     past, older = now.copy(), now.copy()
 
     def line(s: Any, end: Any) -> tuple[Any, Any]:
-        """Starts and slopes of signals that have this end."""
+        """Return the starts and slopes of signals with this end value."""
         start = now[s] - (end - now[s] - (now[s] - past[s])) / 6.0 if parabolic else now[s]
         return start, (end - start) * per_second
 

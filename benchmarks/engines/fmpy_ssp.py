@@ -1,4 +1,4 @@
-"""FMPy's own master: fmpy.ssp.simulation.simulate_ssp."""
+"""The master of FMPy: fmpy.ssp.simulation.simulate_ssp."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _timed(path: Path, job: Job, inputs: Any) -> tuple[Any, float]:
 
     simulation.do_step, simulation.free_fmu = first_step, first_freed
     try:
-        # It adds up its time and steps while that is below the stop: half a step spares it a step too many.
+        # It adds up time and step while the sum is below the stop time: half a step less prevents an additional step.
         rows = simulate_ssp(str(path), stop_time=(job.count - 0.5) * job.step, step_size=job.step, input=inputs)
     finally:
         simulation.do_step, simulation.free_fmu = step, free
@@ -60,7 +60,7 @@ def _reader(values: list[float], rate: float) -> Any:
 
 
 def _write(job: Job, path: Path) -> None:
-    """An SSP with the connectors that are used and no others: simulate_ssp reads every one after each step."""
+    """Write an SSP with only the connectors that are used: simulate_ssp reads every connector after each step."""
     real = '<ssc:Real xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"/>'
 
     def connector(name: str, kind: str) -> str:

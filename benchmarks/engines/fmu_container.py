@@ -1,4 +1,4 @@
-"""A container FMU of fmu-manipulation-toolbox that holds car and shocks, run by fmpy."""
+"""Container FMU of fmu-manipulation-toolbox with car and shocks, run by fmpy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.engines.job import CONNECTIONS, DRIVEN, RECORDED, Diverged, Job,
 
 
 def run(job: Job) -> Recording:
-    """Build the container, step it."""
+    """Build the container and step it."""
     unit = Unit(_container(job), "container")
     try:
         return _run(job, unit)
@@ -73,5 +73,5 @@ def _container(job: Job) -> Path:
 
 
 def _name(output: tuple[str, str]) -> str:
-    """Not that of the connected variable, which the container lists too."""
+    """Return the name in the container; that of the connected variable, which the container also lists, differs."""
     return "recorded." + ".".join(output)

@@ -1,4 +1,4 @@
-"""What an engine is asked to do and what it gives back."""
+"""Request to an engine, and its recording."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 
 CORNERS = ("lf", "rf", "lr", "rr")
 DRIVEN = (*(f"{c}.road" for c in CORNERS), "heave_force", "roll_moment", "pitch_moment")
-#: Recorded: ten outputs of the car and the force of each shock.
+#: Recorded variables: ten outputs of the car and the force of each shock.
 CAR_OUTPUTS = (
     *(f"{c}.velocity" for c in CORNERS), *(f"{c}.tire_force" for c in CORNERS), "front.ride_height", "rear.ride_height",
 )  # fmt: skip
-#: (source, target) as `component`, `variable`.
+#: Connections (source, target), each end as `component`, `variable`.
 CONNECTIONS = (
     *((("car", f"{c}.{name}"), (c, name)) for c in CORNERS for name in ("velocity", "displacement")),
     *(((c, "force"), ("car", f"{c}.force")) for c in CORNERS),
@@ -25,7 +25,7 @@ DRIVE_CONNECTIONS = tuple((("drive", name), ("car", name)) for name in DRIVEN)
 RECORDED = (*(("car", name) for name in CAR_OUTPUTS), *((c, "force") for c in CORNERS))
 
 
-class Diverged(RuntimeError):  # noqa: N818 -- what happened, not a fault of the program
+class Diverged(RuntimeError):  # noqa: N818 -- an outcome of a run, not a fault of the program
     """The run ended early: a component refused a step."""
 
 
@@ -34,12 +34,12 @@ class Job:
     """One run.
 
     Args:
-        folder: Holds car.fmu, shock.fmu, drive.fmu (what the drive is, as an FMU without inputs) and drive.npz.
-        scheme: One of the engine's.
+        folder: Folder with car.fmu, shock.fmu, drive.fmu (the drive as an FMU without inputs) and drive.npz.
+        scheme: One of the engine's schemes.
         rate: Coupling steps per second [Hz].
         stop: Duration [s].
-        work: A folder of this run's own.
-        repeats: How often it is run; the least time counts.
+        work: Folder for this run.
+        repeats: Number of repetitions; the minimum time counts.
     """
 
     folder: str
@@ -72,7 +72,7 @@ class Job:
 
     @contextmanager
     def stepping(self) -> Iterator[None]:
-        """Mark that the components step: what ends the program then is a run that diverged, not a broken set-up."""
+        """Mark the start of stepping: if the program ends after this, the run diverged; the set-up was correct."""
         mark = Path(self.work) / "stepping"
         mark.touch()
         yield
@@ -81,13 +81,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Recording:
-    """What an engine recorded and took.
+    """Recording of an engine, and its time.
 
     Args:
-        time: (K,) [s].
-        values: (14, K) in the order of RECORDED, or the first eight of them.
-        seconds: Processor time of `steps` coupling steps, without loading, as measured.
-        steps: Their number.
+        time: Times (K,) [s].
+        values: Values (14, K) in the order of RECORDED, or the first eight of them.
+        seconds: Measured processor time of `steps` coupling steps, without loading [s].
+        steps: Number of coupling steps that were timed.
         rate: Mean rate [Hz].
     """
 
@@ -98,12 +98,12 @@ class Recording:
     rate: float
 
     def save(self, path: Path) -> None:
-        """Write it for the parent process."""
+        """Write the recording for the parent process."""
         np.savez(path, time=self.time, values=self.values, numbers=[self.seconds, self.steps, self.rate])
 
     @classmethod
     def load(cls, path: Path) -> Recording:
-        """Read it."""
+        """Read the recording."""
         with np.load(path) as kept:
             seconds, steps, rate = kept["numbers"]
             return cls(kept["time"], kept["values"], float(seconds), int(steps), float(rate))

@@ -1,4 +1,4 @@
-"""libcosim, through libcosimpy: its fixed-step algorithm, and ECCO, which chooses the step by the bonds' energy."""
+"""The engine libcosim, through libcosimpy: fixed steps, and ECCO, which controls the step by the bonds' energy."""
 
 from __future__ import annotations
 

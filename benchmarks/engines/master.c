@@ -1,4 +1,4 @@
-/* The limit: the coupled car in a plain C loop over the same FMUs, with nothing around it.
+/* Lower limit of the cost: the coupled car in a plain C loop over the same FMUs, with nothing around it.
  *
  *     master <car library> <car guid> <shock library> <shock guid> <job file> <result file>
  *
@@ -27,7 +27,7 @@ typedef struct {
     fmi2Component instance;
 } Unit;
 
-/* A coupled signal at the ends of the last steps, and at the end of this one where it is known. */
+/* A coupled signal at the ends of the last steps, and at the end of this one if it is known. */
 typedef struct {
     double now, past, older, ahead;
 } Signal;
@@ -209,7 +209,7 @@ static void write_row(const System *s, double *row)
     }
 }
 
-/* The common start: values are handed round in initialization mode. */
+/* The equilibrium start: values are passed between the FMUs in initialization mode. */
 static void settle(System *s, const double *drive)
 {
     read_car(s);
@@ -277,7 +277,7 @@ static void take_references(System *s, const double *given)
 int main(int count, char *words[])
 {
     if (count != 7) {
-        stop("takes six arguments", 1);
+        stop("six arguments are required", 1);
     }
     size_t size;
     double *job = doubles(words[5], &size);
@@ -286,7 +286,7 @@ int main(int count, char *words[])
     void *car = dlopen(words[1], RTLD_NOW | RTLD_LOCAL), *shock = dlopen(words[3], RTLD_NOW | RTLD_LOCAL);
     double *rows = malloc((size_t)(steps + 1) * RECORDED * sizeof(double));
     if (car == NULL || shock == NULL || rows == NULL || size != 4 + REFERENCES + (size_t)(steps + 1) * DRIVEN) {
-        stop("a library cannot be loaded, or the job is not whole", 1);
+        stop("a library cannot be loaded, or the job file is incomplete", 1);
     }
     System s = {.scheme = (int)job[0]};
     take_references(&s, job + 4);

@@ -1,4 +1,4 @@
-"""This project's engine: cosim.run, in this process."""
+"""The engine of this project: cosim.run, in this process."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ FIXED: Mapping[str, cosim.Algorithm] = {
     **{f"gauss-seidel, {v}": cosim.GaussSeidel(values=v) for v in ("interpolated", *_VALUES)},
     "implicit": cosim.Implicit(),
 }
-#: Tolerances of the adaptive scheme, which chooses its steps.
+#: Tolerances of the adaptive scheme, which controls its own steps.
 ADAPTIVE: Mapping[str, cosim.Adaptive] = {
     f"adaptive, {tolerance:g}": cosim.Adaptive(relative=tolerance) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)
 }
-#: What is run more than once is run this long each time [s], as long as a slower engine takes, MOST times at most.
+#: Duration of repeated runs [s], about as long as a slower engine takes; at most MOST repetitions.
 AS_LONG, MOST = 0.3, 40
-#: Recorded every so often where steps are not of one size [s].
+#: Time between recorded samples if steps vary [s].
 RECORD_STEP = 0.008
 NAMES = tuple(f"{component}.{name}" for component, name in RECORDED)
 
@@ -56,7 +56,7 @@ def run_fixed(
 def run_adaptive(
     system: cosim.System, drive: Drivefile, stop: float, algorithm: cosim.Adaptive, *, repeats: int = 3
 ) -> Recording:
-    """Run with steps that it chooses; landing on recorded times costs steps, so there are no more than are compared."""
+    """Run with adaptive steps; recorded times cost steps, so only as many are recorded as are compared."""
     scenario = cosim.Scenario(stop, drive, record=NAMES, record_step=RECORD_STEP)
     return _best(
         lambda: cosim.run(system, scenario, algorithm=algorithm, step=RECORD_STEP / 8, compared=False), repeats
@@ -64,14 +64,14 @@ def run_adaptive(
 
 
 def run_default(system: cosim.System, drive: Drivefile, stop: float, *, repeats: int = 3) -> Recording:
-    """Run as a user does who chooses nothing; the time is that of the steps of all its runs."""
+    """Run as a user does with the default settings; the time is that of the steps of all its runs."""
     scenario = cosim.Scenario(stop, drive, record=NAMES)
     return _best(lambda: cosim.run(system, scenario), repeats)
 
 
 def _best(run: Callable[[], cosim.Result], repeats: int) -> Recording:
-    """The least of `repeats` runs; where that is several, of as many as take about as long as a slower engine's."""
-    with patch.object(clock, "perf_counter", clock.process_time):  # with it the loop times its steps
+    """Run `repeats` times and return the fastest; with several repeats, run for about as long as slower engines."""
+    with patch.object(clock, "perf_counter", clock.process_time):  # the loop then measures processor time
         return _least(run, repeats)
 
 

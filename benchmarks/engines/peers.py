@@ -1,4 +1,4 @@
-"""Other engines, each run in a process of its own; those that are not installed are left out with a note."""
+"""Other engines, each run in a separate process; engines that are not installed are omitted with a note."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pathlib import Path
 from benchmarks.engines.job import Diverged, Job, Recording
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Seconds after which a process is given up.
+#: Time limit of a process [s].
 PATIENCE = 900.0
 
 
 @dataclass(frozen=True)
 class Peer:
-    """An engine: its module here, the package that must be installed, the table's name and schemes, and a note."""
+    """Engine: its module here, the package that must be installed, the table's name and schemes, and a note."""
 
     module: str
     package: str
@@ -31,7 +31,7 @@ class Peer:
 
     @property
     def version(self) -> str:
-        """Of the installed package; empty where there is none."""
+        """Version of the installed package; empty if it is not installed."""
         try:
             return importlib.metadata.version(self.package)
         except importlib.metadata.PackageNotFoundError:
@@ -43,26 +43,26 @@ RAMPED = ("jacobi, extrapolated", "gauss-seidel, extrapolated", "gauss-seidel, p
 PEERS = (
     Peer(
         "c_loop", "ziglang", "C loop", (*HELD, *RAMPED),
-        "no engine: a loop in C over the same FMUs and nothing else (benchmarks/engines/master.c, compiled by zig), "
-        "the limit of what an engine can reach; time of the loop alone, of which it records every step",
+        "not an engine: a loop in C over the same FMUs, nothing else (benchmarks/engines/master.c, compiled by zig), "
+        "the lower limit for an engine; time of the loop alone, in which it records every step",
     ),
     Peer(
         "fmpy_loop", "fmpy", "fmpy", (*HELD, *RAMPED),
-        "a loop over fmpy's FMU2Slave; the arrays that its calls take are made once; but for `held` it sets input "
-        "derivatives, of the road too; time of the loop alone",
+        "a loop over fmpy's FMU2Slave; the arrays for its calls are created once; except with `held` it sets input "
+        "derivatives, also for the road; time of the loop alone",
     ),
     Peer(
         "fmpy_ssp", "fmpy", "fmpy-ssp", HELD,
-        "fmpy.ssp.simulation.simulate_ssp. The drive reaches the car a step late, and its rows carry the time of a "
-        "step's start with the values of its end: the two cancel; it starts with every input at 0; time of "
+        "fmpy.ssp.simulation.simulate_ssp. The drive reaches the car a step late, and its rows contain the start time "
+        "of a step with the values of its end: the two cancel; it starts with every input at 0; time of "
         "its steps alone",
         slow=True,
     ),
     Peer(
         "libcosim", "libcosimpy", "libcosim", HELD,
         "libcosimpy: all steps in one call, time-series observer, the drive from a sixth FMU in C (a manipulator that "
-        "Python calls at each step would cost more); time of that call alone. Its adaptive algorithm ECCO is left out: "
-        "its steps begin where the ones before did not end, which these FMUs refuse",
+        "Python calls at each step would cost more); time of that call alone. Its adaptive algorithm ECCO is omitted: "
+        "its steps do not begin where the previous ones ended, which these FMUs refuse",
     ),
     Peer(
         "ecos", "ecospy", "ecos", HELD,
@@ -76,14 +76,14 @@ PEERS = (
     ),
 )  # fmt: skip
 
-#: Engines that were looked for and why they are not here.
+#: Engines that are not available, with the reason.
 ABSENT = (
-    "PyFMI and OMSimulator: pip finds no wheels of them (`pip download --only-binary=:all:`), so they are left out",
+    "PyFMI and OMSimulator: pip finds no wheels of them (`pip download --only-binary=:all:`), so they are omitted",
 )
 
 
 def run_peer(peer: Peer, jobs: Sequence[Job]) -> Iterator[Recording | Diverged]:
-    """Run the jobs in a process of their own; where it ends while components step, that run diverged.
+    """Run the jobs in a separate process; if it ends while components step, that run diverged.
 
     Raises:
         RuntimeError: The engine could not be set up.
@@ -118,7 +118,7 @@ def _outcome(job: Job) -> Recording | Diverged | None:
 
 
 def _environment() -> Mapping[str, str]:
-    """ecos wants TBB's library, which its wheel does not carry."""
+    """Make TBB's library available to ecos, whose wheel does not contain it."""
     try:
         files = importlib.metadata.files("tbb") or ()
     except importlib.metadata.PackageNotFoundError:

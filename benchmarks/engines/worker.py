@@ -1,8 +1,8 @@
-"""Runs of one engine in a process of their own: some engines write to the standard output, some end the program.
+"""Runs of one engine in a separate process: some engines write to the standard output, some end the program.
 
     python -m benchmarks.engines.worker ENGINE JOBS_JSON
 
-Leaves recording.npz, or diverged.txt, in each job's work folder.
+Writes recording.npz, or diverged.txt, to each job's work folder.
 """
 
 from __future__ import annotations

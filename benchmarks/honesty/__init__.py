@@ -1,4 +1,4 @@
-"""The validation campaign of the coupling error that the co-simulation states: `python -m benchmarks.honesty --help`.
+"""Validation campaign for the stated coupling error: `python -m benchmarks.honesty --help`.
 
 Random systems (`cases`) are run by the product (`runs`) and compared with an independent solution of the whole system
 as one set of differential equations (`reference`).

@@ -1,9 +1,9 @@
-"""How true is the coupling error that a run states? Random systems against an independent reference.
+"""Comparison of the stated coupling error with the true one: random systems against an independent reference.
 
     python -m benchmarks.honesty [--systems 400] [--seed-base 0] [--workers 2] [--schemes default] [--json rows.jsonl]
 
-Every system is drawn from its seed alone (benchmarks/honesty/cases.py). `--json` keeps a row for each run; a campaign
-that was ended goes on where it was. `--against` compares the cost with another campaign's file.
+Every system is drawn from its seed alone (benchmarks/honesty/cases.py). `--json` stores a row for each run; an
+interrupted campaign resumes where it stopped. `--against` compares the cost with another campaign's file.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.honesty", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--systems", type=int, default=400, help="how many systems")
-    parser.add_argument("--seed-base", type=int, default=0, help="the first system's seed")
-    parser.add_argument("--only", type=int, nargs="+", help="seeds to run in place of a range")
-    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--systems", type=int, default=400, help="number of systems")
+    parser.add_argument("--seed-base", type=int, default=0, help="seed of the first system")
+    parser.add_argument("--only", type=int, nargs="+", help="seeds to run, instead of a range")
+    parser.add_argument("--workers", type=int, default=2, help="number of processes")
     parser.add_argument(
         "--schemes",
         choices=("default", "given", "all", "every"),
@@ -51,10 +51,10 @@ def _options() -> argparse.Namespace:
         help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default; every: "
         "the default and all forty",
     )
-    parser.add_argument("--json", type=Path, help="file that keeps the rows; rows in it are not computed again")
-    parser.add_argument("--against", type=Path, help="another campaign's file: compare the cost")
-    parser.add_argument("--plot", type=Path, help="where to draw the distribution")
-    parser.add_argument("--names", type=int, default=8, help="how many of the worst to name, of each kind")
+    parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
+    parser.add_argument("--against", type=Path, help="another campaign's file, to compare the cost with")
+    parser.add_argument("--plot", type=Path, help="output file for a plot of the distribution")
+    parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
     return parser.parse_args()
 
 

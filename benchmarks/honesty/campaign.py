@@ -1,4 +1,4 @@
-"""Many systems in several processes, their rows kept in a file as they come."""
+"""Runs of many systems in several processes, with rows stored in a file as they are computed."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 def run_campaign(
     seeds: Iterable[int], which: str, *, workers: int = 2, keep: Path | None = None, quiet: bool = False
 ) -> list[Row]:
-    """Return the rows of all seeds; those that are in the file already are not run again.
+    """Return the rows of all seeds; those that are in the file already are not computed again.
 
     Args:
-        seeds: One system each.
-        which: Schemes, as of `runs.schemes_of`.
-        workers: Processes.
-        keep: File of rows, one JSON document a line; rows are added as they come.
-        quiet: Whether to draw no progress bar.
+        seeds: Seeds, one per system.
+        which: Choice of schemes; see `runs.schemes_of`.
+        workers: Number of processes.
+        keep: File for the rows, one JSON document per line; rows are appended as they are computed.
+        quiet: Whether to hide the progress bar.
     """
     wanted = list(dict.fromkeys(seeds))
     rows = [row for row in (read_rows(keep) if keep and keep.exists() else []) if row["seed"] in set(wanted)]
@@ -47,7 +47,7 @@ def run_campaign(
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Return the rows of a file that a campaign kept; those of other draws of the systems are left out."""
+    """Return the rows of a campaign's file; rows of other versions of the random systems are omitted."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return [row for row in map(json.loads, lines) if row["version"] == VERSION]
 
@@ -69,7 +69,7 @@ def _append(path: Path, rows: list[Row]) -> None:
 
 
 def _computed(seeds: list[int], which: str, folder: Path, workers: int, quiet: bool) -> Iterator[list[Row]]:
-    """Yield the rows of each system as it is done."""
+    """Yield the rows of each system when it is finished."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, disable=quiet) as progress:
         task = progress.add_task("systems", total=len(seeds))

@@ -1,6 +1,6 @@
-"""A fixed bank of vehicles, and FMUs of them and of every law: few builds, many systems.
+"""Fixed bank of vehicles, and FMUs of them and of every law, so that few builds give many systems.
 
-What else differs from system to system (curves, lags, ports, friction) are parameters of the FMUs.
+Other differences between systems (curves, lags, ports, friction) are parameters of the FMUs.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from eightpost.vehicle import Corners, IdentifiedVehicle, QuarterCar, SevenDof, 
 QUARTER_CARS, SEVEN_DOFS = 32, 8
 #: Unsprung masses [kg].
 LIGHTEST, HEAVIEST = 8.0, 60.0
-#: What FMUs are made from: they are built anew where any of it changed.
+#: Sources of the FMUs; the FMUs are built again if any of them has changed.
 _MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cars.py")
 
-#: For so many states of the sources FMUs are kept.
+#: Number of source versions for which FMUs are kept.
 _KEPT = 8
 
 
@@ -42,7 +42,7 @@ def vehicle_names() -> tuple[str, ...]:
 
 @cache
 def vehicle(name: str) -> StructuralVehicle:
-    """Return a vehicle of the bank, without dampers; `name` as of `vehicle_names`."""
+    """Return a vehicle of the bank, without dampers; for `name` see `vehicle_names`."""
     kind, _, number = name.partition("_")
     make = _quarter_car if kind == "quarter" else _seven_dof
     return StructuralVehicle(name, make(int(number)))
@@ -80,10 +80,10 @@ def _seven_dof(k: int) -> SevenDof:
 
 
 def build_fmus(names: Iterable[str]) -> Path:
-    """Return a folder with an FMU of each name, `<name>.fmu`; those that are not there yet are built.
+    """Return a folder with an FMU of each name, `<name>.fmu`; missing ones are built.
 
     Args:
-        names: Names of vehicles and laws; `_python` is added for python FMUs.
+        names: Names of vehicles and laws; with the suffix `_python` for python FMUs.
     """
     folder = cache_folder() / "honesty" / _digest()
     folder.mkdir(parents=True, exist_ok=True)
@@ -101,13 +101,13 @@ def build_fmus(names: Iterable[str]) -> Path:
 
 
 def _forget_the_oldest(folder: Path) -> None:
-    """Remove the FMUs of sources that were tried long ago."""
+    """Remove the FMUs of old source versions."""
     for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
         shutil.rmtree(path, ignore_errors=True)
 
 
 def _digest() -> str:
-    """Return what tells the sources of one build from those of another."""
+    """Return a digest that identifies the sources of a build."""
     key = hashlib.sha256()
     for place in _MADE_FROM:
         path = ROOT / place
@@ -118,7 +118,7 @@ def _digest() -> str:
 
 
 def _model_file(folder: Path, name: str) -> Path:
-    """Write what an FMU is built from."""
+    """Write the file that an FMU is built from."""
     folder.mkdir(parents=True, exist_ok=True)
     path, model = folder / f"{name}.json", name.removesuffix("_python")
     if model in LAWS:
@@ -131,6 +131,6 @@ def _model_file(folder: Path, name: str) -> Path:
 
 
 def _straight() -> StaticCurve:
-    """A curve to build from; every system sets its own."""
+    """Return a curve to build with; every system sets its own."""
     ends = (400.0, 400.0, 0.0, 0.0), (-400.0, -400.0, 0.0, 0.0)
     return StaticCurve((400.0, *[0.0] * 14), *ends, 0.4, 0.01, 2.0, 2.0, 1000.0, 1000.0)

@@ -1,4 +1,4 @@
-"""Random systems, each drawn from an integer alone."""
+"""Random systems, each drawn from an integer seed alone."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from benchmarks.honesty.shocks import LAWS, DrawnShock, Random, draw_shock, log_
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
 from eightpost.signals import Drivefile, TimeSeries
 
-#: Raise it where the same seed is to draw another system.
+#: Version of the draws: increase it if the same seed is to give another system.
 VERSION = 1
 CORNERS = ("lf", "rf", "lr", "rr")
-#: Loads of a vehicle beside its roads, and how large they are drawn in their unit.
+#: Loads of a vehicle other than its roads, and their typical size in their unit.
 _LOADS = {"aero_force": 300.0, "heave_force": 800.0, "roll_moment": 300.0, "pitch_moment": 500.0}
 
 
 class HeldFmu(FmuComponent):
-    """A component that holds its inputs over each step, as most tools' FMUs do."""
+    """FMU component that holds its inputs over each step, as the FMUs of most tools do."""
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the FMU can do, less ramps of its inputs."""
+        """Abilities of the FMU, except ramps of its inputs."""
         return replace(super().capabilities, interpolates_inputs=False)
 
 
@@ -37,7 +37,7 @@ class DrawnCar:
     Args:
         name: Name of the component.
         model: Name of the vehicle in the bank (`cars.vehicle`).
-        shocks: By port: "" for a quarter car's, else a corner.
+        shocks: Shocks by port: "" for a quarter car, else a corner.
         friction: Suspension friction by port: force [N] and velocity [m/s].
     """
 
@@ -52,7 +52,7 @@ class DrawnCar:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Of the vehicle FMU."""
+        """Parameters of the vehicle FMU."""
         found = {}
         for port, (force, velocity) in self.friction.items():
             prefix = f"{port}." if port else ""
@@ -62,13 +62,13 @@ class DrawnCar:
 
 @dataclass(frozen=True)
 class Case:
-    """A system, what is done to it, and what it is called.
+    """System with its scenario and a description.
 
     Args:
         seed: Seed that the case is drawn from.
         cars: Vehicles with their shocks.
         scenario: Duration, drive, recording.
-        road: Kinds of road.
+        road: Kind of road.
         held: Components that hold their inputs.
         python: Components that are python FMUs.
     """
@@ -82,7 +82,7 @@ class Case:
 
     @property
     def fmu_names(self) -> dict[str, str]:
-        """What FMU each component is made from, by its name."""
+        """FMU name for each component."""
         names = {}
         for car in self.cars:
             names[car.name] = car.model
@@ -90,7 +90,7 @@ class Case:
         return {name: f"{fmu}_python" if name in self.python else fmu for name, fmu in names.items()}
 
     def system(self, folder: Path) -> System:
-        """Return the system anew, from the FMUs in a folder (`cars.build_fmus`)."""
+        """Return a new system from the FMUs in a folder (`cars.build_fmus`)."""
         components: dict[str, Component] = {}
         for name, fmu in self.fmu_names.items():
             kind = HeldFmu if name in self.held else FmuComponent
@@ -104,7 +104,7 @@ class Case:
         return System(components, tuple(bonds), constants=self._constants(), parameters=parameters)
 
     def _constants(self) -> dict[str, float]:
-        """Zeros for all that neither a bond nor the drive feeds."""
+        """Return zeros for all inputs without a bond or a channel of the drive."""
         driven = set(self.scenario.drive.names) if self.scenario.drive else set()
         return {
             f"{car.name}.{name}": 0.0
@@ -116,7 +116,7 @@ class Case:
 
     @property
     def description(self) -> str:
-        """One line that tells it from others."""
+        """Description in one line."""
         shocks = [shock for car in self.cars for shock in car.shocks.values()]
         laws = ", ".join(
             f"{sum(s.law == law for s in shocks)} {law}" for law in LAWS if any(s.law == law for s in shocks)
@@ -156,7 +156,7 @@ def _unsprung(model: str) -> tuple[float, ...]:
 
 
 def draw_case(seed: int) -> Case:
-    """Return the system of a seed: always the same."""
+    """Return the system of a seed; it is always the same."""
     random = np.random.default_rng((VERSION, seed))
     cars = _draw_cars(random)
     names = [name for car in cars for name in (car.name, *(car.shock_name(port) for port in car.shocks))]

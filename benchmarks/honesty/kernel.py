@@ -1,4 +1,4 @@
-"""The compiled core of the reference: a vehicle with its shocks as one set of equations, by Dormand and Prince's pair.
+"""Compiled core of the reference: a vehicle with its shocks as one set of equations, solved by the Dormand-Prince pair.
 
     q'' = A_q q + G F + b(t),   F = r (F_v(r S q', z) + seal + gas(r S q)) + friction(S q')
 
@@ -15,7 +15,7 @@ from numba import njit
 
 POLYLINEAR, LPF1, LPNL2, MAXWELL = range(4)
 
-#: Columns of a shock's numbers.
+#: Columns of a shock's parameters.
 (LAW, RATIO, UP, DOWN, GAS_RATE, GAS, SEAL, SEAL_SPEED, OWN, FULL, NONE, SPEED, WIDTH, FAST_UP, FAST_DOWN, SLOPE_UP,
  SLOPE_DOWN, DRAG, DRAG_SPEED, INNER) = range(20)  # fmt: skip
 _INNER_COUNT, _OUTER_COUNT = 15, 4
@@ -23,7 +23,7 @@ OUTER_UP = INNER + _INNER_COUNT
 OUTER_DOWN = OUTER_UP + _OUTER_COUNT
 COLUMNS = OUTER_DOWN + _OUTER_COUNT
 
-#: Stages of the pair: nodes, weights, and the difference of its two answers.
+#: Stages of the pair: nodes, weights, and the difference of its two solutions.
 _C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 _A = np.array(
     [
@@ -80,7 +80,7 @@ def static(p, v):
 
 @njit(cache=True)
 def velocity_under(p, force, guess):
-    """Return w with F_s(w) = force, for a rising curve: Newton's steps, halving where they leave what is known."""
+    """Return w with F_s(w) = force for a rising curve: Newton's method, with bisection outside the known interval."""
     low, high, w = -np.inf, np.inf, guess
     for _ in range(200):
         value, slope = static(p, w)
@@ -108,7 +108,7 @@ def velocity_under(p, force, guess):
 
 @njit(cache=True)
 def shock(p, v, x, z, guess):
-    """Return the shock's force at the port, z', and w where there is one (else the guess)."""
+    """Return the shock's force at the port, z', and w if the law has one (else the guess)."""
     vd = p[RATIO] * v
     fs, _ = static(p, vd)
     law, follows, valves = int(p[LAW]), 0.0, fs
@@ -127,7 +127,7 @@ def shock(p, v, x, z, guess):
 
 @njit(cache=True)
 def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
-    """Write y' for y = (q, q', z) under the drive's accelerations `push` (Q,); keep each shock's w as next guess."""
+    """Write y' for y = (q, q', z) under the drive's accelerations `push` (Q,); store each shock's w as next guess."""
     count, rows = push.size, shocks.shape[0]
     for i in range(count):
         into[i] = y[count + i]
@@ -154,15 +154,15 @@ def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, t
 
     Args:
         knots: Times [s].
-        pushes: Accelerations of the drive there (N, Q), straight between.
+        pushes: Accelerations by the drive at these times (N, Q), linear between them.
         stiffness: q'' per q (Q, Q).
         ports: Rows S of the shocks' compression (P, Q).
         mobility: q'' per port force (Q, P).
-        shocks: Numbers of the shocks (P, COLUMNS).
+        shocks: Parameters of the shocks (P, COLUMNS).
         start: State at the first knot (n,).
-        sizes: Usual size of each state (n,): an error of a step of `tolerance` times this is allowed.
-        tolerance: [1].
-        most: Steps; -1 is returned in their place where more are needed.
+        sizes: Typical size of each state (n,): a step may have an error of `tolerance` times this.
+        tolerance: Relative tolerance [1].
+        most: Maximum number of steps; -1 is returned as their number if more are needed.
     """
     n, count = start.size, pushes.shape[1]
     states, y, trial = np.empty((knots.size, n)), start.copy(), np.empty(n)

@@ -1,4 +1,4 @@
-"""The picture of docs/coupling.md: stated errors over true ones."""
+"""Plot for docs/coupling.md: stated errors over true ones."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _LARGEST = 1e3
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw the distribution of stated over true, and stated against true errors, of the worst decisive channels.
+    """Plot the distribution of stated over true, and stated against true errors, of the worst decisive channels.
 
     Args:
         rows: Rows of a campaign.
-        path: Path of the picture.
+        path: Path of the plot.
     """
     ended = [row for row in compared(rows) if worst(row).stated is not None]
     stated = np.array([min(worst(row).stated or 0.0, _LARGEST) for row in ended])

@@ -1,6 +1,6 @@
-"""The answer that a run is compared with: each vehicle with its shocks as one set of differential equations.
+"""Reference solution of a run: each vehicle with its shocks as one set of differential equations.
 
-Vehicles of one system are not connected with each other, so each is solved on its own (benchmarks/honesty/kernel.py).
+Vehicles of one system are not connected with each other, so each is solved separately (benchmarks/honesty/kernel.py).
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from eightpost.vehicle import StateSpace
 
 Array = NDArray[np.float64]
 
-#: Usual sizes of a displacement [m], a velocity [m/s] and a lagged force [N].
+#: Typical sizes of a displacement [m], a velocity [m/s] and a lagged force [N].
 _SIZES = (1e-3, 1e-1, 1e2)
-#: Steps of the integration, for each vehicle.
+#: Maximum number of integration steps for each vehicle.
 _MOST_STEPS = 10_000_000
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a system did at `time` (N,) [s].
+    """Solution of a system at `time` (N,) [s].
 
     Args:
-        time: Since the start of the run.
+        time: Time since the start of the run [s].
         values: Channels by time (C, N), SI.
-        names: Names of the channels (C,), as the product names them.
+        names: Names of the channels (C,), as in the product.
         units: SI units of the channels (C,).
-        steps: Steps of the integration, of all vehicles.
+        steps: Number of integration steps, for all vehicles.
     """
 
     time: Array
@@ -44,19 +44,19 @@ class Answer:
 
 
 class UnsolvedError(RuntimeError):
-    """The reference's step became too small."""
+    """Error for a reference whose step became too small."""
 
 
 def solve(case: Case, times: Array, tolerance: float) -> Answer:
-    """Return what the system of a case does at times (N,) [s] of the run.
+    """Return the solution of a case at times (N,) [s] of the run.
 
     Args:
         case: System and scenario.
-        times: In order, from 0.
-        tolerance: Error that is allowed in a step, relative to the usual size of each state [1].
+        times: Times in order, from 0.
+        tolerance: Allowed error of a step, relative to the typical size of each state [1].
 
     Raises:
-        UnsolvedError: The integration does not come to its end.
+        UnsolvedError: The integration does not reach the end.
     """
     values, names, units, steps = [], [], [], 0
     for car in case.cars:
@@ -70,7 +70,7 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
 
 
 def shock_numbers(shock: DrawnShock, friction: tuple[float, float]) -> Array:
-    """Return what the kernel needs of a shock and of the suspension friction at its port (COLUMNS,)."""
+    """Return the kernel's parameters of a shock and of the suspension friction at its port (COLUMNS,)."""
     port, curve, own = shock.port, shock.curve, shock.own
     first = own.get("time_constant", own.get("series_stiffness", 0.0))
     return np.array(
@@ -109,17 +109,17 @@ class _Equations:
 
     @property
     def names(self) -> list[str]:
-        """Of the vehicle's outputs, then of the shocks' forces."""
+        """Names of the vehicle's outputs, followed by the shocks' forces."""
         own = [f"{self._car.name}.{name}" for name in self._model.output_names]
         return own + [f"{self._car.shock_name(port)}.force" for port in self._ports]
 
     @property
     def units(self) -> list[str]:
-        """Theirs."""
+        """Units of these channels."""
         return [channel.unit for channel in self._model.outputs] + ["N"] * len(self._ports)
 
     def solve(self, times: Array, tolerance: float) -> tuple[Array, int]:
-        """Return the channels at the times (C, N), and how many steps that took."""
+        """Return the channels at the times (C, N), and the number of steps."""
         knots = np.union1d(times, self._own_points(float(times[-1])))
         drive = self._inputs(knots)
         count = len(self._stiffness)
@@ -130,7 +130,7 @@ class _Equations:
         states, made = kernel.integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
         if made < 0 or not np.isfinite(states[-1]).all():
             raise UnsolvedError(
-                f"seed {self._case.seed}: {self._car.name} has no answer at a tolerance of {tolerance:g}"
+                f"seed {self._case.seed}: {self._car.name} has no solution at a tolerance of {tolerance:g}"
             )
         at = np.searchsorted(knots, times)
         return self._channels(states[at], drive[:, at]), made
@@ -139,7 +139,7 @@ class _Equations:
         return f"{port}.{quantity}" if port else quantity
 
     def _own_points(self, end: float) -> Array:
-        """The drive's own points within the run [s]."""
+        """Return the drive's own points within the run [s]."""
         scenario = self._case.scenario
         if scenario.drive is None:
             return np.zeros(0)
@@ -147,7 +147,7 @@ class _Equations:
         return np.asarray(own[(own > 0.0) & (own < end)])
 
     def _inputs(self, knots: Array) -> Array:
-        """The inputs that are not shock forces, at the knots (D, N)."""
+        """Return the inputs other than shock forces, at the knots (D, N)."""
         scenario, rows = self._case.scenario, []
         for k in self._driven:
             name = f"{self._car.name}.{self._model.input_names[k]}"
@@ -159,14 +159,14 @@ class _Equations:
         return np.array(rows)
 
     def _equilibrium(self, push: Array) -> Array:
-        """At rest under the first inputs, gas force included: A_q q + G r (F_0 + K r S q) + b = 0, lagged forces 0."""
+        """Return the state at rest under the first inputs: A_q q + G r (F_0 + K r S q) + b = 0, lagged forces 0."""
         ratio, rate, gas = (self._shocks[:, column] for column in (kernel.RATIO, kernel.GAS_RATE, kernel.GAS))
         matrix = self._stiffness + self._mobility @ ((ratio**2 * rate)[:, None] * self._strut)
         q = np.linalg.solve(matrix, -push - self._mobility @ (ratio * gas))
         return np.concatenate([q, np.zeros(q.size + len(self._ports))])
 
     def _channels(self, states: Array, drive: Array) -> Array:
-        """Outputs of the vehicle and forces of the shocks (C, N)."""
+        """Return the outputs of the vehicle and the forces of the shocks (C, N)."""
         forces, frictions = kernel.port_forces(states, self._strut, self._shocks)
         model: StateSpace = self._model
         inputs = np.empty((len(model.inputs), len(states)))

@@ -1,4 +1,4 @@
-"""Random drives: roads and loads, straight between points that need not be even."""
+"""Random drives: roads and loads, linear between points with even or uneven spacing."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 
 def draw_times(random: Random, kind: str, end: float) -> Array:
-    """Return the points (N,) of a drive from 0 to `end` [s] or a little later; fine for roads that need it."""
-    if kind != "white" and random.random() < 0.15:  # not even
+    """Return the points (N,) of a drive from 0 to at least `end` [s]; closely spaced for roads that need it."""
+    if kind != "white" and random.random() < 0.15:  # uneven spacing
         steps = np.exp(random.uniform(np.log(2e-4), np.log(1e-2), size=int(end / 2e-4)))
         times = np.concatenate([[0.0], np.cumsum(steps)])
         return np.asarray(times[: int(np.searchsorted(times, end)) + 1])
@@ -24,7 +24,7 @@ def draw_times(random: Random, kind: str, end: float) -> Array:
 
 
 def multisine(random: Random, time: Array) -> Array:
-    """Twelve sines of 0.5 to 40 Hz; road velocities of 0.03 to 0.4 m/s."""
+    """Return twelve sines of 0.5 to 40 Hz with road velocities of 0.03 to 0.4 m/s."""
     rates = np.exp(random.uniform(np.log(0.5), np.log(40.0), size=12))
     phases = random.uniform(0.0, 2.0 * np.pi, size=12)
     power = random.uniform(0.8, 1.6)
@@ -33,7 +33,7 @@ def multisine(random: Random, time: Array) -> Array:
 
 
 def bumps(random: Random, time: Array) -> Array:
-    """A few smooth bumps, each up to 40 mm high."""
+    """Return a few smooth bumps, each up to 40 mm high."""
     row = np.zeros_like(time)
     for _ in range(int(random.integers(2, 6))):
         length, middle = log_uniform(random, 0.015, 0.3), random.uniform(0.05, time[-1])
@@ -43,7 +43,7 @@ def bumps(random: Random, time: Array) -> Array:
 
 
 def steps(random: Random, time: Array) -> Array:
-    """Steps from one point to the next, of up to 20 mm."""
+    """Return steps of up to 20 mm from one point to the next."""
     row = np.zeros_like(time)
     for _ in range(int(random.integers(2, 7))):
         first = int(random.integers(1, time.size))
@@ -52,7 +52,7 @@ def steps(random: Random, time: Array) -> Array:
 
 
 def chirp(random: Random, time: Array) -> Array:
-    """A sine that rises from 0.5 Hz to at most 60 Hz at an even road velocity."""
+    """Return a sine sweep from 0.5 Hz to at most 60 Hz with constant road velocity."""
     first, last = 0.5, random.uniform(15.0, 60.0)
     growth = np.log(last / first) / time[-1]
     phase = 2.0 * np.pi * first * np.expm1(growth * time) / growth
@@ -60,12 +60,12 @@ def chirp(random: Random, time: Array) -> Array:
 
 
 def white(random: Random, time: Array) -> Array:
-    """A random height at every point."""
+    """Return a random height at every point."""
     return log_uniform(random, 5e-5, 1e-3) * random.standard_normal(time.size)
 
 
 def spikes(random: Random, time: Array) -> Array:
-    """A few single points far from the others."""
+    """Return a few single points far from the others."""
     row = np.zeros_like(time) if random.random() < 0.7 else multisine(random, time)
     for place in random.integers(1, time.size, size=int(random.integers(2, 7))):
         row[place] += log_uniform(random, 0.001, 0.02) * random.choice([-1.0, 1.0])
@@ -73,7 +73,7 @@ def spikes(random: Random, time: Array) -> Array:
 
 
 def zeros(_: Random, time: Array) -> Array:
-    """A road that is flat."""
+    """Return a flat road."""
     return np.zeros_like(time)
 
 
@@ -89,7 +89,7 @@ ROADS: Mapping[str, Callable[[Random, Array], Array]] = {
 
 
 def draw_load(random: Random, time: Array, size: float) -> Array:
-    """Return a load whose largest part is about `size`, in its unit."""
+    """Return a load of up to about `size`, in its unit."""
     rates = np.exp(random.uniform(np.log(0.5), np.log(20.0), size=4))
     return np.asarray(size * np.mean(np.sin(2.0 * np.pi * np.outer(time, rates) + rates), axis=1))
 

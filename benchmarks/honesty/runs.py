@@ -1,4 +1,4 @@
-"""Runs of a case: what the product states, how long it took, and how far it really is from the reference."""
+"""Runs of a case: the stated error, the cost, and the true error against the reference."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from eightpost.signals import TimeSeries
 VALUES = ("held", "interpolated", "extrapolated", "parabolic")
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
 
-#: Schemes at a given step; None: what `cosim.run(system, scenario, step=...)` takes.
+#: Schemes at a given step; None: the scheme that `cosim.run(system, scenario, step=...)` chooses.
 ALGORITHMS: Mapping[str, Algorithm | None] = {
     "given": None,
     **{f"jacobi {values}": Jacobi(values) for values in VALUES},
@@ -33,22 +33,22 @@ ALGORITHMS: Mapping[str, Algorithm | None] = {
     "implicit": Implicit(),
 }
 
-#: What the verdict is asked about: ranges of the models are not this campaign's business.
+#: Rules of the verdict that are checked; ranges of the models are not part of this campaign.
 ABOUT = ("coupling", "energy", "convergence")
 
-#: A run of more coupling steps is compared with the reference at every third, fifth ... of them.
+#: Number of coupling steps above which a run is compared with the reference at every third, fifth ... step only.
 MOST_POINTS = 30_000
 
-#: Tolerances of the reference, one after the other until two agree; how far they may be apart [%].
+#: Tolerances of the reference, tried until two solutions agree, and their allowed difference [%].
 TOLERANCES = (1e-7, 1e-9, 1e-11, 1e-12)
 AGREED = 0.001
-#: The reference is settled where its own error is below this share of the error that was found.
+#: The reference is accurate enough if its own error is below this share of the error found.
 SETTLED_SHARE = 0.05
 
 
 @dataclass
 class Trial:
-    """One run that the product made on its way."""
+    """Run that the product made to obtain its result."""
 
     algorithm: Algorithm
     step: float
@@ -60,15 +60,15 @@ class Trial:
 
 @dataclass
 class Finding:
-    """What one scheme did with a case, before it is compared.
+    """Result of one scheme for a case, before the comparison.
 
     Args:
         scheme: `default`, or an algorithm and a step.
-        result: Result of the product; None where it raised an error.
+        result: Result of the product; None if it raised an error.
         fine: The same run, recorded at (almost) every coupling step.
         error: Message of the error that the product raised.
-        trials: All runs that it made.
-        seconds: Processor time.
+        trials: All runs that the product made.
+        seconds: Processor time [s].
     """
 
     scheme: str
@@ -115,7 +115,7 @@ def schemes_of(seed: int, which: str) -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def trials_logged() -> Iterator[list[Trial]]:
-    """Note every run that the product makes within the block, however it comes to make it."""
+    """Record every run that the product makes within the block."""
     log: list[Trial] = []
     original = Session.run
 
@@ -172,13 +172,13 @@ def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> 
 
 
 def _is_same(series: TimeSeries, fine: TimeSeries) -> bool:
-    """Whether two recordings agree to the bit where they have the same times."""
+    """Return whether two recordings agree to the bit at the times that both have."""
     _, first, second = np.intersect1d(series.time, fine.time, assume_unique=True, return_indices=True)
     return all(np.array_equal(series[name][first], fine[name][second]) for name in series.names)
 
 
 def _answer(case: Case, findings: list[Finding]) -> tuple[Answer, Answer]:
-    """Return the reference at all times that are looked at, and a coarser one, whose distance is its error."""
+    """Return the reference at all compared times, and a coarser one; their difference estimates the error."""
     times = [finding.fine.time for finding in findings if finding.fine is not None] or [np.zeros(1)]
     wanted = np.unique(np.concatenate([[0.0], *times]))
     coarse = solve(case, wanted, TOLERANCES[0])
@@ -223,7 +223,7 @@ def _row(case: Case, finding: Finding, answer: Answer, doubt: Answer, chosen: fr
 def _channels(
     result: Result, fine: TimeSeries, answer: Answer, doubt: Answer, settling: float, chosen: frozenset[str]
 ) -> dict[str, dict[str, Any]]:
-    """Return per channel the stated and the true error, and the reference's own [%]."""
+    """Return the stated and the true error per channel, and the reference's own error [%]."""
     at = np.searchsorted(answer.time, fine.time)
     after = fine.time >= settling
     truth, other = answer.values[:, at[after]], doubt.values[:, at[after]]
@@ -244,5 +244,5 @@ def _channels(
 
 
 def _number(value: float | None) -> float | None:
-    """JSON has no infinity; 1e300 does."""
+    """Return a value for JSON, which has no infinity; 1e300 is used instead."""
     return None if value is None else min(float(value), 1e300)

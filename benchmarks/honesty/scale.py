@@ -1,4 +1,4 @@
-"""What an error of a channel is in percent of: the product's own scale, at the size that the channel really has."""
+"""Scale to which a channel's errors refer: the product's own scale, at the true size of the channel."""
 
 from __future__ import annotations
 

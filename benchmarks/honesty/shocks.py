@@ -15,23 +15,23 @@ Array = NDArray[np.float64]
 
 LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
 
-#: Order of the polynomial that a drawn nose is fitted with.
+#: Order of the polynomial that is fitted to a drawn nose.
 _NOSE_ORDER = 9
-#: Share of shocks whose force falls somewhere; Maxwell's law takes none.
+#: Share of shocks whose force falls somewhere; not used for Maxwell's law, which requires a rising curve.
 _FALLING = 0.2
-#: Largest rate of Maxwell's internal motion [1/s]: series stiffness over the least slope of the curve.
+#: Largest rate of Maxwell's internal motion [1/s]: series stiffness divided by the smallest slope of the curve.
 _FASTEST = 5e4
 
 
 @dataclass(frozen=True)
 class DrawnShock:
-    """A shock as it was drawn.
+    """Randomly drawn shock.
 
     Args:
         law: Name of the law.
         curve: Static curve.
         port: Motion ratio, scales, gas spring, seal drag.
-        own: Parameters of the law itself, by name, SI.
+        own: Parameters of the law, by name, SI.
         nose_slope: Slope of the curve at zero [N.s/m].
         falls: Whether the force falls somewhere.
     """
@@ -45,7 +45,7 @@ class DrawnShock:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The FMU's parameters by name."""
+        """Parameters of the FMU by name."""
         found = dict(asdict(self.port)) | dict(self.own)
         for name, value in asdict(self.curve).items():
             if isinstance(value, tuple):
@@ -82,7 +82,7 @@ def draw_shock(random: Random, law: str) -> DrawnShock:
 
 
 def _maxwell(random: Random, port: Port) -> DrawnShock:
-    """Draw until the curve rises all over and the internal motion is not too fast."""
+    """Draw until the curve rises everywhere and the internal motion is not too fast."""
     while True:
         curve, nose = draw_curve(random, falls=False)
         stiffness = log_uniform(random, 1e5, 1e7)
@@ -92,7 +92,7 @@ def _maxwell(random: Random, port: Port) -> DrawnShock:
 
 
 def _least_slope(curve: StaticCurve) -> float:
-    """Return the least slope [N.s/m] between many velocities, beyond the fitted range too."""
+    """Return the smallest slope [N.s/m] between many velocities, also beyond the fitted range."""
     coarse = np.linspace(-curve.rebound_speed, curve.compression_speed, 401)
     nose = np.linspace(-1.0, 1.0, 1601) * (curve.transition_speed + curve.transition_width)
     v = np.union1d(coarse, nose)
@@ -126,7 +126,7 @@ def draw_curve(random: Random, *, falls: bool) -> tuple[StaticCurve, float]:
     """Return a digressive curve with a knee on each side, and its slope at zero [N.s/m].
 
     Args:
-        random: Source of numbers.
+        random: Random generator.
         falls: Whether the force falls over a part of one side.
     """
     nose = log_uniform(random, 1e3, 1e5)
@@ -157,7 +157,7 @@ def draw_curve(random: Random, *, falls: bool) -> tuple[StaticCurve, float]:
 
 @dataclass(frozen=True)
 class _Side:
-    """One side of a curve: f = slope v + height (1 - exp(-v / knee)), v > 0, up to `span` beyond the transition."""
+    """Return one side of a curve: f = slope v + height (1 - exp(-v / knee)), v > 0, up to `span` beyond it."""
 
     slope: float
     height: float
@@ -175,17 +175,17 @@ class _Side:
         return self.slope * v + self.height * (1.0 - np.exp(-v / self.knee))
 
     def outer(self, random: Random, speed: float, start: float, *, falls: bool) -> tuple[float, ...]:
-        """Return the coefficients of the cubic that goes on from `start` [N] at the transition speed [m/s]."""
+        """Return the coefficients of the cubic that continues from `start` [N] at the transition speed [m/s]."""
         first, last = self.slope, self.slope * random.uniform(0.3, 2.0)
         if falls:
-            share = random.uniform(0.1, 0.6)  # of the span
+            share = random.uniform(0.1, 0.6)  # share of the span
             first = -2.0 * start * random.uniform(0.1, 0.6) / (share * self.span)
             last = -first * (1.0 - share) / share
         return start, first * speed, 0.5 * (last - first) * speed**2 / self.span, 0.0
 
 
 def _nose(nose: float, speed: float, width: float, sides: list[_Side]) -> tuple[float, ...]:
-    """Return the polynomial that is nearest to both sides below the transition; its slope at zero is `nose`."""
+    """Return the polynomial closest to both sides below the transition; its slope at zero is `nose`."""
     s = np.linspace(-1.0, 1.0, 401) * (1.0 + 0.5 * width / speed)
     v = np.abs(s) * speed
     wanted = np.where(s > 0.0, sides[0].force(v), -sides[1].force(v)) - nose * speed * s

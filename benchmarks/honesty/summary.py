@@ -1,4 +1,4 @@
-"""What a campaign found: how stated errors lie about true ones, and where they are worst."""
+"""Summary of a campaign: distribution of stated over true errors, and the worst runs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 Row = dict[str, Any]
 
-#: True errors below this do not count: nobody is misled by them [%].
+#: True errors below this are not counted, because they mislead nobody [%].
 SMALL = 0.02
-#: A true error above this must not be accepted [%].
+#: Largest true error that may be accepted [%].
 LARGE = 5.0
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 _UNSTATED = 1e299
@@ -21,12 +21,12 @@ _UNSTATED = 1e299
 
 @dataclass(frozen=True)
 class Pair:
-    """A stated and a true error [%].
+    """Stated and true error [%].
 
     Args:
-        stated: None where nothing is stated.
-        true: Against the reference.
-        reference: The reference's own error.
+        stated: Stated error; None if no error is stated.
+        true: Error against the reference.
+        reference: Own error of the reference.
     """
 
     stated: float | None
@@ -35,12 +35,12 @@ class Pair:
 
     @property
     def ratio(self) -> float:
-        """Stated over true."""
+        """Ratio of the stated to the true error."""
         return (self.stated or 0.0) / self.true if self.true and (self.stated or 0.0) < _UNSTATED else inf
 
     @property
     def settled(self) -> bool:
-        """Whether the reference is good enough to judge by."""
+        """Whether the reference is accurate enough for a comparison."""
         return self.reference <= max(0.05 * SMALL, 0.05 * self.true)
 
 
@@ -61,13 +61,13 @@ def channel_pairs(row: Row, unit: str | None = None) -> list[Pair]:
 
 
 def met(row: Row) -> bool:
-    """Whether a run says that it is within the tolerance."""
+    """Return whether a run states that it is within the tolerance."""
     stated = worst(row).stated
     return bool(row["acceptable"]) and stated is not None and stated <= row["tolerance"]
 
 
 def compared(rows: Sequence[Row]) -> list[Row]:
-    """Return the runs that came to an end."""
+    """Return the runs that completed."""
     return [row for row in rows if row.get("channels")]
 
 
@@ -92,7 +92,7 @@ def wrongly_met(rows: Sequence[Row]) -> list[Row]:
 
 
 def unsettled(rows: Sequence[Row]) -> list[Row]:
-    """Return the runs whose reference is not good enough."""
+    """Return the runs whose reference is not accurate enough."""
     return [row for row in compared(rows) if not worst(row).settled]
 
 
@@ -101,7 +101,7 @@ def _stating(rows: Sequence[Row]) -> list[Row]:
 
 
 def lines(rows: Sequence[Row], *, names: int = 8) -> Iterator[str]:
-    """Return what to print of one kind of runs, line by line; `names` of the worst are named."""
+    """Return the printed lines for one kind of runs; `names` of the worst ones are listed."""
     ended, failed = compared(rows), [row for row in rows if row.get("failed")]
     refused = [row for row in rows if not row.get("channels") and not row.get("failed")]
     yield (
@@ -194,7 +194,7 @@ def _line(row: Row) -> str:
 
 
 def against(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[str]:
-    """Return what the runs cost beside the same runs of another campaign, line by line."""
+    """Return lines that compare the cost of the runs with that of the same runs of another campaign."""
     known = {(row["seed"], row["scheme"]): row for row in others if row.get("work")}
     pairs = [(row, known[key]) for row in rows if (key := (row["seed"], row["scheme"])) in known and row.get("work")]
     if not pairs:
@@ -205,6 +205,6 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[str]:
     seconds = sum(row["seconds"] for row, _ in pairs) / sum(other["seconds"] for _, other in pairs)
     low, middle, high = np.quantile(ratios, (0.05, 0.5, 0.95))
     yield (
-        f"\ncoupling steps beside the other campaign, {len(pairs)} runs: median {middle:.2f}, 5 % {low:.2f}, 95 % "
+        f"\ncoupling steps relative to the other campaign, {len(pairs)} runs: median {middle:.2f}, 5 % {low:.2f}, 95 % "
         f"{high:.2f}, largest {max(ratios):.1f}; in total {total:.2f}; processor time in total {seconds:.2f}"
     )

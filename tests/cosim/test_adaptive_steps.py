@@ -132,7 +132,7 @@ def test_a_tolerance_that_no_step_meets_ends_the_run_at_its_least_step(parts: An
     result = ran(parts(law=law), Adaptive(relative=1e-6, least=1e-3), step=0.05, stop=0.2)
     assert result.partial
     assert not result.converged
-    assert "went down to its least" in " ".join(result.notes)
+    assert "reached its minimum" in " ".join(result.notes)
 
 
 def test_a_drive_is_straight_between_its_points_in_an_adaptive_run(make: Any, parts: Any) -> None:

@@ -184,7 +184,7 @@ def test_what_a_component_warned_about_is_in_the_notes(make):
     part = make.integrator()
     part.messages = ("the ratio looks inverted",)
     result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(1.0), step=0.5)
-    assert "a said: the ratio looks inverted" in result.notes
+    assert "a: the ratio looks inverted" in result.notes
 
 
 def test_a_component_of_one_step_size_gets_no_shorter_one(make):

@@ -170,7 +170,7 @@ def test_decimated_traces_keep_every_peak_near_its_time(monkeypatch, run):
     monkeypatch.setattr(page_module, "traces", lambda series: traces(series, capacity=200))
     found = _read(result, system, scenario)
     kept = traces(result.series, capacity=200)
-    assert f"Decimated: this page holds the least and the greatest of every {kept.samples} samples" in found.text
+    assert f"Decimated: this page holds the minimum and the maximum of every {kept.samples} samples" in found.text
     time, values = result.series.time, result.series["damper.y"]
     row = result.series.names.index("damper.y")
     for first in range(0, time.size, kept.samples):
@@ -214,13 +214,13 @@ def test_names_are_text_whatever_they_are_made_of(oscillator):
     ("change", "kind", "words"),
     [
         ({}, "usable", r"Usable: the coupling error is small \(0\.34 % .*damper\.y"),
-        ({"tolerance": 0.2}, "usable-within-limits", r"Usable within limits: .* larger than asked for \(0\.34 % "),
+        ({"tolerance": 0.2}, "usable-within-limits", r"Usable within limits: .* larger than requested \(0\.34 % "),
         ({"stated_error": {}}, "unknown", r"Unknown: the coupling error is not stated .*usable: energy, convergence"),
         ({"stated_error": {"mass.y": np.inf}}, "unknown", r"the coupling error is not stated"),
         ({"partial": True}, "not-usable", r"Not usable: the run ended early \(at 2 s; .*coupling"),
         ({"converged": False}, "not-usable", r"Not usable: the run did not converge"),
         ({"stated_error": {"mass.y": 7.0}}, "not-usable", r"Not usable: the coupling error .* \(7 % .*mass\.y"),
-        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"energy is made .*\(9\.00% .*bond joint\)"),
+        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"the coupling adds or loses energy .*\(9\.00% .*bond joint\)"),
     ],
 )  # fmt: skip
 def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, change, kind, words):
@@ -273,7 +273,7 @@ def test_what_is_not_there_is_said(make):
 def test_a_run_without_channels_still_has_a_page(make):
     series = TimeSeries(np.array([0.0, 0.1]), np.empty((0, 2)), (), ())
     system = System({"part": make.gain()}, constants={"part.u": 1.0})
-    assert "Nothing was recorded." in _read(_blank(series), system, Scenario(0.1)).text
+    assert "No channels were recorded." in _read(_blank(series), system, Scenario(0.1)).text
 
 
 def test_parts_that_are_alike_are_drawn_once_and_all_named(make):

@@ -62,7 +62,7 @@ def test_the_page_draws_answers_to_clicks_and_loads_nothing(browser, page, serie
     browser.evaluate("document.querySelector('.chips input').click()")
     assert browser.evaluate(f"{_PLOTS}.map((p) => p.data.length).join()") == "1,1,1,1"
     browser.evaluate("document.querySelector('[data-choose=\"0\"]').click()")
-    assert browser.evaluate(f"{_FIRST}.layout.annotations[0].text") == "no channel is chosen"
+    assert browser.evaluate(f"{_FIRST}.layout.annotations[0].text") == "no channel is selected"
     browser.evaluate("document.querySelector('[data-choose]').click()")
     assert browser.evaluate(f"{_FIRST}.data.length") == 2
     browser.evaluate(_FIND.format("RF vel"))

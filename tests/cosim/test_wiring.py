@@ -90,7 +90,7 @@ def test_drive_channels_go_to_the_only_input_of_their_name_or_where_they_are_sen
     result = run(System({"a": make.gain()}), Scenario(0.1, drive(u=("N", 5.0))), step=0.1)
     assert result.series["a.y"].tolist() == [5.0, 5.0]
     two = {"a": make.gain(), "b": make.gain()}
-    with pytest.raises(WiringError, match=r"'u': a\.u and b\.u takes it"):
+    with pytest.raises(WiringError, match=r"'u' matches a\.u and b\.u"):
         run(System(two, constants={"b.u": 0.0}), Scenario(0.1, drive(u=("N", 5.0))))
     sent = Scenario(0.1, drive(push=("N", 5.0)), {"push": "a.u"})
     assert run(System(two, constants={"b.u": 0.0}), sent, step=0.1).series["a.y"][-1] == 5.0
@@ -123,7 +123,7 @@ def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
     bonds = [Bond.between("car", name, displacement=False, name=name) for name in ("shock", "stop")]
     with pytest.raises(WiringError, match=r"car\.force has 2 sources"):
         System(parts(), bonds)
-    with pytest.raises(WiringError, match="two bonds are called 'car'"):
+    with pytest.raises(WiringError, match="two bonds are named 'car'"):
         twins = [Bond.between("car", name, displacement=False) for name in ("shock", "stop")]
         System(parts(), twins, sums={"car.force"})
     system = System(parts(), bonds, sums={"car.force"})
@@ -166,7 +166,7 @@ def test_what_is_no_number_cannot_be_recorded(make):
 def test_a_drive_that_does_not_cover_the_run_is_refused_and_may_be_entered_late():
     time = np.array([5.0, 9.0])
     late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
-    with pytest.raises(InputError, match=r"0 to 4 s of the drivefile, it holds 5 to 9 s"):
+    with pytest.raises(InputError, match=r"0 to 4 s of the drive file, it holds 5 to 9 s"):
         Scenario(4.0, late)
     with pytest.raises(InputError, match="drive_start"):
         Scenario(5.0, late, drive_start=5.0)

@@ -157,7 +157,7 @@ def test_a_run_that_is_another_one_again_is_an_error_that_names_the_fmu(parts, r
     system = quarter_car(paths)
     run(system, scenario(rough), step=1e-3, engine="python")
     with pytest.raises(
-        StepError, match=r"other bits than the last one.*'car' \(car.fmu\).* keeps something from run to run.*--isolate"
+        StepError, match=r"differs from the last one.*'car' \(car.fmu\).* keeps a state from run to run.*--isolate"
     ):
         run(system, scenario(rough), step=1e-3, engine="python")
     apart = quarter_car(paths, IsolatedComponent)

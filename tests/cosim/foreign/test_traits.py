@@ -116,11 +116,11 @@ def test_an_fmu_that_needs_its_tool_says_so_in_every_result_and_where_the_tool_i
         run(system, scenario, step=1e-3, engine="python")
     monkeypatch.setenv("FOREIGN_TOOL", "1")
     notes = run(system, scenario, step=1e-3, engine="python").notes
-    assert any(note.startswith("odd said: it needs the tool that made it (needsExecutionTool)") for note in notes)
+    assert any(note.startswith("odd: it needs the tool that made it (needsExecutionTool)") for note in notes)
 
 
 def test_an_fmu_for_model_exchange_only_is_refused_with_advice(kind, foreign):
-    with pytest.raises(FmuError, match=r"model exchange only: it has no solver in it; export it again as FMI 2.0"):
+    with pytest.raises(FmuError, match=r"model exchange only and contains no solver; export it again as FMI 2.0"):
         kind(foreign(kind="ModelExchange"), "odd")
 
 
@@ -218,7 +218,7 @@ def test_sources_are_compiled_on_request_where_there_is_no_binary(
 ):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     path = source_fmu(listed=listed, **sources)
-    with pytest.raises(FmuError, match=r"only for: none; it has its sources.*--compile, compile_missing=True"):
+    with pytest.raises(FmuError, match=r"only for: none; it contains its sources.*--compile or compile_missing=True"):
         FmuComponent(path, "odd")
     part = begun(FmuComponent(path, "odd", compile_missing=True))
     march(part, 4)

@@ -81,7 +81,7 @@ def test_the_verb_refuses_a_packages_options_beside_a_system_file(folder):
     (folder / "case.toml").write_text("schema = 1\n")
     for option in (["--stop", "1"], ["--drive", "road.csv"], ["--input", "a.b=1"], ["--record-step", "1 ms"]):
         ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), *option])
-        assert ran.exit_code == 2 and "change it there" in ran.output
+        assert ran.exit_code == 2 and "change them there" in ran.output
     ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), "--stop", "1 m"])
     assert ran.exit_code == 2 and "--stop: cannot convert" in ran.output
 
@@ -105,7 +105,7 @@ def test_the_example_of_the_documentation_runs_as_it_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     ran = CliRunner().invoke(main, [*shlex.split(command)[1:], "--step", "1 ms"])
     assert ran.exit_code == 0, ran.output
-    assert "bond car: energy residual" in ran.output and "nothing feeds" not in ran.output
+    assert "bond car: energy residual" in ran.output and "have no source" not in ran.output
     found = read_series(folder / "out" / "series.parquet")
     for name in expected.series.names:
         assert found[name] == pytest.approx(expected.series[name], rel=1e-9, abs=1e-9), name

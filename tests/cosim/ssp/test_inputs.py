@@ -44,7 +44,7 @@ def test_a_drive_channel_is_called_by_input_by_component_or_by_path(folder, chan
 def test_an_open_input_stays_as_the_fmu_has_it_unless_a_constant_is_given(folder):
     open_ = read(folder, corner(CAR_ALONE + SHOCK), drive=None)
     assert dict(open_.system.constants) == {"car.road": 0.0, "car.aero_force": 0.0}
-    assert any("nothing feeds these inputs" in n and "car.road = 0, car.aero_force = 0" in n for n in open_.notes)
+    assert any("these inputs have no source" in n and "car.road = 0, car.aero_force = 0" in n for n in open_.notes)
     case = read(folder, corner(CAR_ALONE + SHOCK), drive=None, inputs={"car.road": "10 mm", "aero_force": "-3"})
     assert dict(case.system.constants) == {"car.road": pytest.approx(0.01), "car.aero_force": -3.0}
     assert case.notes == ()
@@ -52,10 +52,10 @@ def test_an_open_input_stays_as_the_fmu_has_it_unless_a_constant_is_given(folder
 
 def test_a_constant_that_nothing_takes_is_named(folder):
     for inputs, said in (
-        ({"car.speed": "1"}, r"input 'car\.speed': none takes it.* open are: car\.road, car\.aero_force"),
+        ({"car.speed": "1"}, r"input 'car\.speed' matches no open input.* open inputs: car\.road, car\.aero_force"),
         ({"car.aero_force": "10 mm"}, "dimensions differ"),
         ({"car.aero_force": "much"}, "input 'car.aero_force': "),
-        ({"road": "1"}, r"input 'road': the drivefile feeds car\.road too"),
+        ({"road": "1"}, r"input 'road': the drive file feeds car\.road too"),
     ):
         with pytest.raises(WiringError, match=said):
             read(folder, corner(), inputs=inputs)

@@ -51,15 +51,15 @@ def test_a_system_of_the_same_document_may_stand_for_a_component(folder):
     assert case.system.bonds == (cosim.Bond.between("car", "axle_damper"),)
     assert set(case.system.components) == {"car", "axle_damper", "twin_damper"}
     own = system("twin", component("inner", "#definition"), "", id="definition")
-    with pytest.raises(WiringError, match="component 'inner': the system '#definition' holds itself"):
+    with pytest.raises(WiringError, match="component 'inner': the system '#definition' contains itself"):
         read(folder, corner(CAR + own, ""))
 
 
 def test_a_description_that_holds_itself_is_refused(folder):
     element = component("axle", "corner.ssd", type="application/x-ssp-definition")
-    with pytest.raises(WiringError, match=r"corner\.ssd holds itself"):
+    with pytest.raises(WiringError, match=r"corner\.ssd contains itself"):
         read(folder, corner(CAR + element, ""))
     (folder / "a.ssd").write_bytes(description(system("a", component("b", "b.ssd"), "")))
     (folder / "b.ssd").write_bytes(description(system("b", component("a", "a.ssd"), "")))
-    with pytest.raises(WiringError, match=r"[ab]\.ssd holds itself"):
+    with pytest.raises(WiringError, match=r"[ab]\.ssd contains itself"):
         read(folder, corner(CAR + component("a", "a.ssd"), ""))
