@@ -1,4 +1,4 @@
-"""Machine code of the loop: made once, kept on disk, made anew where it is damaged, loaded without numba."""
+"""Machine code of the loop: compiled once, stored on disk, compiled again if it is damaged, loaded without numba."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def test_names_are_text_whatever_they_are_made_of(oscillator):
         ({"partial": True}, "not-usable", r"Not usable: the run ended early \(at 2 s; .*coupling"),
         ({"converged": False}, "not-usable", r"Not usable: the run did not converge"),
         ({"stated_error": {"mass.y": 7.0}}, "not-usable", r"Not usable: the coupling error .* \(7 % .*mass\.y"),
-        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"the coupling adds or loses energy .*\(9\.00% .*bond joint\)"),
+        ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"loses energy .*\(9\.00% .*bond joint\)"),
     ],
 )  # fmt: skip
 def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, change, kind, words):

@@ -36,7 +36,7 @@ class Hard:
     """A car and shocks, and why they are hard.
 
     Args:
-        parameters: Of every shock.
+        parameters: Parameters of every shock.
         unsprung: Factor on all unsprung masses.
     """
 

@@ -1,4 +1,4 @@
-"""Time without drift: steps, records and the drive are where they are said to be, to the bit."""
+"""Time without drift: steps, records and the drive have the stated times, to the bit."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def test_what_a_connection_converts_is_rounded_and_held(pair):
 
 
 def test_constants_parameters_and_a_drive_set_them(pair):
-    """The drive's last sample counts: between two values of an integer there is none."""
+    """The drive's latest sample is used: integers are not interpolated."""
     time = np.array([0.0, 0.0204, 0.0396, 0.06])
     drive = Drivefile(TimeSeries.from_channels(time, {"gear": ("1", np.array([1.0, 4.0, 2.0, 7.0]))}))
     system = pair((), driven=["sink.integer"], constants={"sink.boolean": True}, parameters={"sink": {"item": 3}})

@@ -115,10 +115,10 @@ def test_a_container_gives_what_fmpys_own_loop_gives(container, kind, request):
     free = [v.name for v in parts["box"].variables.values() if v.causality == "input" and v.type == "Real"]
     system = System(parts, constants={f"box.{name}": 0.01 * (name == "ground") for name in free})
     ours = run(system, Scenario(stop=STOP, record=("box.load",)), step=STEP, engine="python").series
-    theirs = fmpy.simulate_fmu(
+    reference = fmpy.simulate_fmu(
         str(path), stop_time=STOP, output_interval=STEP, output=["load"], start_values={"ground": 0.01}
     )
     assert np.ptp(ours["box.load"]) > 0.0
-    count = min(ours.time.size, theirs.size)
-    np.testing.assert_allclose(ours["box.load"][1:count], theirs["load"][1:count], rtol=1e-9)
+    count = min(ours.time.size, reference.size)
+    np.testing.assert_allclose(ours["box.load"][1:count], reference["load"][1:count], rtol=1e-9)
     parts["box"].close()

@@ -143,7 +143,7 @@ def test_the_instance_is_made_anew_for_the_next_run(foreign, begun, march):
         for _ in range(2):
             march(begun(part, manner), 4)
             assert part.get(("angle",))[0] == pytest.approx(1.0)
-            assert part.get(("made",)) == [1.0]  # a library that is loaded anew counts from the start
+            assert part.get(("made",)) == [1.0]  # a library that is loaded again counts from the start
             instances.append(part._instance.slave)
             part.finish()
         assert instances[0] is not instances[1]

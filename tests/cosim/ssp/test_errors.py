@@ -35,7 +35,7 @@ BROKEN = {
     "model exchange": ('name="shock"', 'name="shock" implementation="ModelExchange"', WiringError,
                        "component 'shock': requires model exchange"),
     "unknown kind of component": ('name="shock"', 'name="shock" type="text/x-modelica"', WiringError,
-                                  "component 'shock': the type 'text/x-modelica' is not supported; export it as an FMU"),
+                                  "component 'shock': the type 'text/x-modelica' is not supported; export it"),
     "signal dictionary": ("</ssd:Elements>", f"{BUS}</ssd:Elements>", WiringError,
                           "system 'corner': 'bus' is a signal dictionary, which is not supported; connect"),
     "same name": ('name="shock"', 'name="car"', WiringError, "two elements are named 'car'"),

@@ -137,7 +137,7 @@ def test_another_engine_agrees_on_a_nested_package(folder):
     from fmpy.ssp.simulation import simulate_ssp  # noqa: PLC0415
     from fmpy.ssp.ssd import read_ssv  # noqa: PLC0415
 
-    # FMPy knows no coupled start: the shock gives no force before it moves.
+    # FMPy has no equilibrium start: the shock gives no force before it moves.
     given = (parameter("axle.damper.gas_preload", 0.0), parameter("axle.damper.rebound_scale", 1.5))
     (folder / "resources" / "setup.ssv").write_text(parameter_set(*given))
     inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
@@ -146,7 +146,7 @@ def test_another_engine_agrees_on_a_nested_package(folder):
     write_archive(folder / "corner.ssp", {"SystemStructure.ssd": content, **resources(folder)})
     ours = run(read_case(folder / "corner.ssp", given=Given(renamed(folder, "z")))).series
     road, step = Drivefile.read(folder / "road.csv").series, 1e-4
-    theirs = simulate_ssp(
+    reference = simulate_ssp(
         str(folder / "corner.ssp"),
         stop_time=0.3 - step / 2,
         step_size=step,
@@ -155,5 +155,5 @@ def test_another_engine_agrees_on_a_nested_package(folder):
     )
     for our_name, name in (("car.velocity", "car.velocity"), ("axle_damper.force", "axle.damper.force")):
         # A row holds what a step gave, under the time at which the step began.
-        expected = np.interp(ours.time, theirs["time"] + step, theirs[name])
+        expected = np.interp(ours.time, reference["time"] + step, reference[name])
         assert np.std(ours[our_name] - expected) < 0.01 * np.std(expected), name
