@@ -365,4 +365,4 @@ class FmuComponent(OpenedFmu):
         if ended.value:
             to_do = "end the run before that time, or find out why it ends"
             return f"{until} It ended the simulation (fmi2Terminated).", to_do, True
-        return until, "take a smaller coupling step", False
+        return until, "use a smaller coupling step", False

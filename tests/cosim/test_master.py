@@ -190,7 +190,7 @@ def test_what_a_component_warned_about_is_in_the_notes(make):
 def test_a_component_of_one_step_size_gets_no_shorter_one(make):
     fixed = Capabilities(variable_step=False)
     system = System({"a": make.integrator(capabilities=fixed)}, constants={"a.u": 1.0})
-    with pytest.raises(WiringError, match="a takes steps of one size only"):
+    with pytest.raises(WiringError, match="a accepts steps of one size only"):
         run(system, Scenario(1.0), step=0.3)
     assert run(system, Scenario(0.9), step=0.3).steps == 3
 

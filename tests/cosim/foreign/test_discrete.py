@@ -116,7 +116,7 @@ def test_another_type_is_refused_unless_the_connection_converts_it(pair):
             WiringError, match=rf"source.{output} -> sink.{into}: an? \w+ into an? \w+; .*convert = true"
         ):
             pair((Connection(f"source.{output}", f"sink.{into}"),))
-    with pytest.raises(WiringError, match=r"an Integer goes over as it is, without gain"):
+    with pytest.raises(WiringError, match=r"an Integer is transferred unchanged, without gain"):
         pair((Connection("source.count", "sink.integer", 2.0),))
     with pytest.raises(WiringError, match=r"values cannot be added"):
         pair((*links()[:1], Connection("sink.count", "sink.integer")))

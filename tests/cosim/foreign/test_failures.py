@@ -82,7 +82,7 @@ def test_an_end_before_the_settling_time_is_an_error(odd, pair):
 def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march):
     part = begun(odd, "discard")
     march(part, 3)
-    with pytest.raises(StepError, match=r"step from 0.003 s by 0.002 s: .*fmi2Discard. It came to 0.004 s.*smaller"):
+    with pytest.raises(StepError, match=r"step from 0.003 s by 0.002 s: .*fmi2Discard. It reached 0.004 s.*smaller"):
         part.step(3e-3, 2e-3)
     part.finish()
 

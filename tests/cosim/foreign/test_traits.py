@@ -75,7 +75,7 @@ def test_an_output_that_is_not_a_number_at_the_start_is_read_as_such(odd, begun,
 def test_steps_of_one_size_only_are_respected(foreign, pair):
     system, scenario = pair(FmuComponent(foreign(flags=FIXED_STEPS), "odd"), stop=0.1)
     assert run(system, scenario, step=1e-3, engine="python").steps == 100
-    with pytest.raises(WiringError, match=r"odd takes steps of one size only.*whole number of coupling steps"):
+    with pytest.raises(WiringError, match=r"odd accepts steps of one size only.*whole number of coupling steps"):
         run(system, replace(scenario, stop=0.0995), step=1e-3, engine="python")
 
 

@@ -48,7 +48,7 @@ def test_external_values_carry_units_of_their_own_file(folder):
     )
     case = read(folder, corner(CAR + shock_with(binding(source="resources/soft.ssv"))))
     assert values(case) == {"gas_preload": pytest.approx(10.0 * LBF)}
-    assert any("soft.ssv: no variable takes shock.nothing" in note for note in case.notes)
+    assert any("soft.ssv: no variable matches shock.nothing" in note for note in case.notes)
 
 
 def test_values_inside_the_components_own_archive_are_found(folder):
@@ -158,5 +158,5 @@ def test_an_enumerations_item_has_the_number_that_the_fmu_gives_it(folder):
     as_enumeration(folder)
     case = read(folder, corner(CAR + shock_with(binding(parameter("motion_ratio", "hard", "Enumeration")))))
     assert values(case) == {"motion_ratio": 7}
-    with pytest.raises(WiringError, match=r"motion_ratio = 'firm' is no item of its enumeration \(soft, hard\)"):
+    with pytest.raises(WiringError, match=r"motion_ratio = 'firm' is not an item of its enumeration \(soft, hard\)"):
         read(folder, corner(CAR + shock_with(binding(parameter("motion_ratio", "firm", "Enumeration")))))
