@@ -289,7 +289,7 @@ def test_parts_that_are_alike_are_drawn_once_and_all_named(make):
     series = TimeSeries.from_channels([0.0, 1.0], {"mass0.y": ("m/s", [0.0, 1.0])})
     found = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
     assert found.content.count("<svg") == 1
-    assert "Drawn once for 100 that are alike" in found.text
+    assert "Drawn once for 100 groups that are alike" in found.text
     assert all(f"joint{k} mass{k}.y damper{k}.u 1 0" in found.text for k in range(100))
 
 

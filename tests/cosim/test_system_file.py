@@ -81,7 +81,7 @@ def test_a_shock_is_swapped_without_touching_the_file(folder, fmus):
         ("schema = 1", "schema = 9", InputError, "schema 9"),
         ("schema = 1", "schema = ", InputError, "cannot be read as TOML"),
         ("[scenario]", "[scenery]", InputError, "scenario: is missing"),
-        ('name = "quarter car"', 'nome = "x"', InputError, "nome: is no entry"),
+        ('name = "quarter car"', 'nome = "x"', InputError, "nome: is not an entry"),
         ('stop = "0.2 s"', 'stop = "0.2 m"', InputError, r"scenario\.stop"),
         ('stop = "0.2 s"', 'stop = "soon"', InputError, r"scenario\.stop"),
         ('stop = "0.2 s"', "stop = -1.0", InputError, "stop must be a positive time"),

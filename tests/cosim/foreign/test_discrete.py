@@ -113,7 +113,7 @@ def test_another_type_is_refused_unless_the_connection_converts_it(pair):
     crossed = (("wave", "integer"), ("count", "real"), ("count", "boolean"), ("mode", "integer"))
     for output, into in crossed:
         with pytest.raises(
-            WiringError, match=rf"source.{output} -> sink.{into}: an? \w+ into an? \w+; .*convert = true"
+            WiringError, match=rf"source.{output} -> sink.{into}: connects an? \w+ to an? \w+; .*convert = true"
         ):
             pair((Connection(f"source.{output}", f"sink.{into}"),))
     with pytest.raises(WiringError, match=r"an Integer is transferred unchanged, without gain"):
@@ -236,7 +236,7 @@ def test_a_package_connects_them_and_its_open_ones_take_values(fmu, tmp_path):
     series = run(case.system, case.scenario, step=STEP, engine="python").series
     count = counts(series.time[:-1])
     np.testing.assert_allclose(series["sink.seen"][1:], 13.0 + 100.0 * (1.0 + count % 3) + 2000.0 * count, atol=1e-9)
-    with pytest.raises(WiringError, match=r"an Integer into a Real"):
+    with pytest.raises(WiringError, match=r"an Integer to a Real"):
         read_ssp(package(tmp_path, fmu, ("count", "real", "")))
     with pytest.raises(WiringError, match=r"sink.boolean.*'2.5'"):
         read_ssp(path, given=Given(inputs={"sink.boolean": "2.5"}))

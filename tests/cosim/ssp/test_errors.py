@@ -68,7 +68,7 @@ BROKEN = {
     "unknown sort of values": ("<ssd:ParameterBinding>", '<ssd:ParameterBinding type="application/x-cdf">', InputError,
                                "the type 'application/x-cdf' cannot be read"),
     "value of the wrong type": ('Real value="100.0"', 'Boolean value="true"', WiringError,
-                                r"car\.aero_force = True is given as Boolean, the variable is a Real"),
+                                r"car\.aero_force = True is given as Boolean, but the variable is a Real"),
     "value that is no number": ('value="100.0"', 'value="much"', InputError, "value='much' is not a number"),
     "value out of range": ("</ssd:Connectors></ssd:Component>", f"</ssd:Connectors>{TOO_LOW}</ssd:Component>",
                            WiringError, r"friction_velocity = -1\.0 m/s is outside its range"),

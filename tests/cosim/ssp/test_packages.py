@@ -65,7 +65,7 @@ def test_archives_that_are_none_or_hold_no_description_are_named(folder):
     with pytest.raises(InputError, match="there is no such file"):
         read_case(folder / "none.ssd")
     write_archive(folder / "other.ssp", {"A.ssd": b"<x/>", "b.txt": b""})
-    with pytest.raises(InputError, match=r"no SystemStructure\.ssd in the archive; it holds A\.ssd"):
+    with pytest.raises(InputError, match=r"no SystemStructure\.ssd in the archive; it contains A\.ssd"):
         read_case(folder / "other.ssp")
     write_archive(folder / "evil.ssp", {"../x.ssd": b"<x/>"})
     with pytest.raises(FmuError, match="would be written outside"):

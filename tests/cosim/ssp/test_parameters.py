@@ -150,7 +150,7 @@ def test_initial_values_of_states_and_of_true_or_false_inputs_are_set_and_comput
     given += (("shock.force", 3.0, "Real"),)
     case = read(folder, corner(bindings=bindings(binding(*(parameter(*each) for each in given)))))
     assert case.system.parameters == {"shock": {"compression_scale": 2.0}, "car": {"start_at_equilibrium": False}}
-    assert any("shock.force = 3.0 is left out" in note for note in case.notes)
+    assert any("shock.force = 3.0 is ignored" in note for note in case.notes)
     assert np.ptp(run(case).series["shock.force"]) > 1.3 * np.ptp(by_hand(folder).series["shock.force"])
 
 
