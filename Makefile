@@ -44,6 +44,7 @@ mutants: $(INSTALLED)
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_tables.py
+	$(BIN)/python docs/make_commands.py
 	$(BIN)/python docs/make_pictures.py
 
 $(INSTALLED): pyproject.toml

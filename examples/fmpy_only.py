@@ -1,9 +1,9 @@
-"""Couple our FMUs with nothing but fmpy: what a plain loop in any tool does (Gauss-Seidel, inputs held).
+"""Couple FMUs of eightpost with fmpy alone, in a simple loop as in other tools (Gauss-Seidel, inputs held).
 
     python examples/fmpy_only.py car.fmu shock.fmu
 
-The car takes one shock FMU four times. The left-front wheelloader rises by 10 mm at 0.1 s; the script prints the
-left-front shock velocity and tire force. Build the FMUs with `eightpost build` (examples/seven_dof.toml says how).
+The car uses the same shock FMU at all four corners. The left-front wheelloader rises by 10 mm at 0.1 s; the script
+prints the left-front shock velocity and tire force. Build the FMUs with `eightpost build`; see examples/seven_dof.toml.
 """
 
 import sys
@@ -16,7 +16,7 @@ STEP, STOP = 1e-3, 0.5
 
 
 class Instance:
-    """One FMU instance with variables by name."""
+    """FMU instance whose variables are accessed by name."""
 
     def __init__(self, path, name):
         description = read_model_description(path)
@@ -45,7 +45,7 @@ def main(car_path, shock_path):
     car = Instance(car_path, "car")
     shocks = {corner: Instance(shock_path, corner) for corner in CORNERS}
 
-    # Still in initialization mode: hand forces and displacements round until they agree (the coupled equilibrium).
+    # In initialization mode, exchange forces and displacements until they agree (the coupled equilibrium).
     for _ in range(20):
         for corner, shock in shocks.items():
             shock.set("velocity", car.get(f"{corner}.velocity"))

@@ -1,10 +1,10 @@
-"""Make the shipped bank: the seven builds of Table 7.3, each tested on the virtual dynamometer and fitted.
+"""Create the shipped bank: the seven builds of Table 7.3, each tested on the virtual dynamometer and fitted.
 
-Everything is computed: no measurement and no third party's data is in it. Run it from the project's root:
+All data are computed; they contain no measurements and no data of third parties. Run it from the project's root:
 
     python examples/make_bank.py
 
-It leaves one shock file per build in examples/bank/, which `eightpost study` builds FMUs from.
+It writes one shock file for each build to examples/bank/; `eightpost study` builds the FMUs from these files.
 """
 
 from pathlib import Path
@@ -19,11 +19,11 @@ from eightpost.units import convert
 
 FOLDER = Path(__file__).parent / "bank"
 
-#: Of the dynamometer's random test [s]; its signal repeats every 10 s.
+#: Length of the dynamometer's random test [s]; its signal repeats every 10 s.
 DURATION = 12.0
 
-#: Its largest displacement [m]. The dissertation's 1 in reaches 0.8 m/s, which soft setups exceed on the shipped track;
-#: this reaches 1.3 m/s (52 in/s) and 3.9 kN (880 lbf), within the dynamometer's 100 in/s and 2000 lbf (3.2.1).
+#: Peak displacement of the test [m]. The dissertation's 1 in reaches 0.8 m/s, which soft setups exceed on the shipped
+#: track; 1.5 in reaches 1.3 m/s (52 in/s) and 3.9 kN (880 lbf), within the dynamometer's 100 in/s and 2000 lbf (3.2.1).
 PEAK = convert(1.5, "in", "m")
 
 
@@ -34,7 +34,7 @@ def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
     command = random_multisine(seed, duration=DURATION, peak=PEAK).series
     truth = shim_build(build).respond(Actuator().follow(command), rate=2000.0)
     write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
-    # The car's static loads and ride heights hold it up already, gas force and all.
+    # The car's static loads and ride heights already include the gas force.
     fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=f"build {build} (synthetic data)")
     path = folder / f"{name}.json"
     write_shock(fit.shock, path)

@@ -1,6 +1,6 @@
-"""Make the shipped demonstration data: three synthetic dynamometer tests and a synthetic track drivefile.
+"""Create the shipped demonstration data: three synthetic dynamometer tests and a synthetic track drivefile.
 
-Everything is computed: no measurement and no third party's data is in it. Run it from the project's root:
+All data are computed; they contain no measurements and no data of third parties. Run it from the project's root:
 
     python examples/make_demo_data.py
 """
@@ -15,7 +15,7 @@ from eightpost.signals import write_csv, write_parquet
 
 FOLDER = Path(__file__).parent / "data"
 
-#: Channel: (title, unit, digits after the point), rounded to the sensors' resolution.
+#: Title, unit and decimals of each channel; the decimals match the resolution of the sensors.
 COLUMNS = {
     "time": ("Time", "s", 4),
     "displacement": ("Position", "in", 4),
@@ -26,7 +26,7 @@ COLUMNS = {
 
 
 def dynamometer_test(build: str, seed: int) -> None:
-    """Measure a build for 12 s at 2 kHz on its own phase draw; write it in the units of a US workshop."""
+    """Measure a build for 12 s at 2 kHz, with its own random phases, and write the record in US units."""
     drivefile = random_multisine(seed, duration=12.0, rate=2000.0)
     series = measure(demo_damper(build), drivefile, rate=2000.0, seed=seed)
     write_csv(
@@ -44,7 +44,7 @@ def dynamometer_test(build: str, seed: int) -> None:
 
 
 def track(seed: int) -> None:
-    """Write 30 s of track at 500 Hz."""
+    """Write a track of 30 s at 500 Hz."""
     write_parquet(
         track_drivefile(seed, duration=30.0, rate=500.0).series,
         FOLDER / "track.parquet",

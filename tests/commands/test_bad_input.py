@@ -1,4 +1,4 @@
-"""Every kind of bad input ends a verb with exit code 2, a message that says where, and no output."""
+"""Every kind of bad input ends a command with exit code 2, a message that names the place, and no output."""
 
 import zipfile
 from pathlib import Path
@@ -62,15 +62,15 @@ FAULTS = {
 
 @pytest.fixture
 def refused(tmp_path, monkeypatch):
-    """Run a verb; it must exit 2, name what is asked, and leave no new file."""
+    """Run a command; it must exit with 2, print the expected words, and write no file."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*words, said):
+    def run(*words, expected):
         before = {path for path in tmp_path.rglob("*") if path.is_file()}
         shown = CliRunner().invoke(main, [str(word) for word in words])
         text = " ".join(shown.output.split())
         assert shown.exit_code == 2, text
-        for word in said:
+        for word in expected:
             assert word in text, text
         assert {path for path in tmp_path.rglob("*") if path.is_file()} == before
 
@@ -79,13 +79,13 @@ def refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_faulty_record_is_refused(refused, tmp_path, fault):
-    text, said = FAULTS[fault]
+    text, expected = FAULTS[fault]
     (tmp_path / "bad.csv").write_text(text)
-    refused("fit", "bad.csv", "-o", "shock.json", said=["bad.csv", *said])
+    refused("fit", "bad.csv", "-o", "shock.json", expected=["bad.csv", *expected])
 
 
 def test_the_record_without_a_fault_is_accepted(tmp_path):
-    """Else the test above would pass for any reason."""
+    """Without this, the test above could pass for any reason."""
     (tmp_path / "good.csv").write_text(csv(samples()))
     shown = CliRunner().invoke(
         main, ["fit", str(tmp_path / "good.csv"), "--law", "lpf1", "-o", str(tmp_path / "s.json")]
@@ -117,13 +117,13 @@ BAD_FMUS = {
 
 @pytest.mark.parametrize("kind", BAD_FMUS)
 def test_a_bad_fmu_in_a_system_is_refused(refused, tmp_path, fmus, kind):
-    make, said = BAD_FMUS[kind]
+    make, expected = BAD_FMUS[kind]
     make(tmp_path / "shock.fmu", fmus["lpnl2"])
     (tmp_path / "case.toml").write_text(
         f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ road = 0, aero_force = 0 }}\n'
         '[components.shock]\nfmu = "shock.fmu"\n[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 0.1\n'
     )
-    refused("run", "case.toml", "-o", "out", said=["shock.fmu", said])
+    refused("run", "case.toml", "-o", "out", expected=["shock.fmu", expected])
 
 
 SYSTEM = """
@@ -158,10 +158,10 @@ BAD_SYSTEMS = {
 
 @pytest.mark.parametrize("kind", BAD_SYSTEMS)
 def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, kind):
-    change, said = BAD_SYSTEMS[kind]
+    change, expected = BAD_SYSTEMS[kind]
     values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": INPUTS, "more": "", "scenario": ""}
     (tmp_path / "case.toml").write_text(SYSTEM.format(**(values | change)))
-    refused("run", "case.toml", "-o", "out", said=[said])
+    refused("run", "case.toml", "-o", "out", expected=[expected])
 
 
 def test_a_drivefile_with_a_hole_is_refused(refused, tmp_path, fmus):
@@ -169,12 +169,12 @@ def test_a_drivefile_with_a_hole_is_refused(refused, tmp_path, fmus):
     (tmp_path / "road.csv").write_text("t [s],road [mm]\n" + "\n".join(f"{t:.2f},0" for t in time) + "\n")
     values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": "inputs = { aero_force = 0 }", "more": ""}
     (tmp_path / "case.toml").write_text(SYSTEM.format(**values, scenario='drivefile = "road.csv"'))
-    refused("run", "case.toml", "-o", "out", said=["road.csv", "a gap of 0.11 s"])
+    refused("run", "case.toml", "-o", "out", expected=["road.csv", "a gap of 0.11 s"])
 
 
 def test_a_unit_that_contradicts_the_header_is_refused(refused, tmp_path):
     (tmp_path / "good.csv").write_text(csv(samples()))
-    refused("fit", "good.csv", "--units", "force=N", said=["is [lbf] in the file", "'N' was given"])
+    refused("fit", "good.csv", "--units", "force=N", expected=["is [lbf] in the file", "'N' was given"])
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
     (tmp_path / "folder").mkdir()
     (tmp_path / "case.toml").write_text('model = "quarter_car"\n')
     (tmp_path / "good.csv").write_text(csv(samples()))
-    refused(*words, said=[words[-1]])
+    refused(*words, expected=[words[-1]])
 
 
 def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""The command line says what it did, and its exit code says how it went: 0 done, 1 not acceptable, 2 wrong input."""
+"""The command line reports its results and exits with 0 (done), 1 (not acceptable) or 2 (wrong input)."""
 
 import shutil
 from pathlib import Path
@@ -22,7 +22,7 @@ def eightpost():
     return call
 
 
-def test_help_lists_the_verbs_in_the_order_of_the_work(eightpost):
+def test_help_lists_the_commands_in_the_order_of_the_work(eightpost):
     shown = eightpost("--help")
     assert shown.exit_code == 0
     places = [shown.output.index(f"\n  {verb} ") for verb in VERBS]
@@ -31,7 +31,7 @@ def test_help_lists_the_verbs_in_the_order_of_the_work(eightpost):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_that_begins_as_the_list_says(eightpost, verb):
+def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost, verb):
     shown = eightpost(verb, "--help")
     assert shown.exit_code == 0
     assert VERBS[verb].rstrip(".") in " ".join(shown.output.split())
@@ -56,7 +56,7 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("fit", "none.csv"), "none.csv"),
         (("fit", "{text}"), "x.txt"),
@@ -73,20 +73,20 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
         (("run", "{case}", "--fmu", "lf"), "NAME=FILE"),
     ],
 )
-def test_wrong_input_exits_2_with_a_message_and_writes_nothing(eightpost, tmp_path, monkeypatch, words, said):
+def test_wrong_input_exits_2_with_a_message_and_writes_nothing(eightpost, tmp_path, monkeypatch, words, expected):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.txt").write_text("nothing of use\n")
+    (tmp_path / "x.txt").write_text("no data\n")
     shutil.copy(ROOT / "examples" / "seven_dof.toml", tmp_path / "case.toml")
     before = sorted(tmp_path.rglob("*"))
     places = {"text": tmp_path / "x.txt", "dyno": ROOT / "examples/data/dyno_A.csv", "case": tmp_path / "case.toml"}
     shown = eightpost(*(word.format(**places) for word in words))
     assert shown.exit_code == 2, shown.output
-    assert said in shown.output.replace("\n", " ")
+    assert expected in shown.output.replace("\n", " ")
     assert "Traceback" not in shown.output
     assert [p for p in sorted(tmp_path.rglob("*")) if p.is_file()] == [p for p in before if p.is_file()]
 
 
-def test_check_exits_1_when_something_is_found(eightpost, fmus, tmp_path):
+def test_check_exits_1_if_there_are_findings(eightpost, fmus, tmp_path):
     members = read_archive(fmus["lpf1"])
     members["modelDescription.xml"] = members["modelDescription.xml"].replace(b'unit="m/s"', b'unit="knots"')
     write_archive(tmp_path / "lpf1.fmu", members)
@@ -112,7 +112,7 @@ def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path)
 
 
 @pytest.mark.slow
-def test_two_runs_are_compared_with_what_was_in_them(eightpost, fmus, tmp_path):
+def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fmus, tmp_path):
     for name, shock in (("a", "lpnl2"), ("b", "lpf1")):
         (tmp_path / f"{name}.toml").write_text(
             f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ aero_force = 0 }}\n'
@@ -123,14 +123,14 @@ def test_two_runs_are_compared_with_what_was_in_them(eightpost, fmus, tmp_path):
         assert eightpost("run", tmp_path / f"{name}.toml", "-o", tmp_path / name).exit_code == 0
     shown = eightpost("compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
     assert shown.exit_code == 0, shown.output
-    for said in ("shock = lpnl2.fmu", "shock = lpf1.fmu", "shock.rebound_scale = 0.9", "%"):
-        assert said in shown.output
+    for expected in ("shock = lpnl2.fmu", "shock = lpf1.fmu", "shock.rebound_scale = 0.9", "%"):
+        assert expected in shown.output
     assert (tmp_path / "changes.png").stat().st_size > 5_000
     assert eightpost("compare", tmp_path / "a").exit_code == 2
     assert eightpost("compare", tmp_path / "a", tmp_path).exit_code == 2
 
 
-def test_fit_never_takes_the_place_of_a_record(eightpost, tmp_path):
+def test_fit_never_overwrites_a_record(eightpost, tmp_path):
     record = tmp_path / "own.csv"
     shutil.copy(ROOT / "examples" / "data" / "dyno_A.csv", record)
     before = record.read_bytes()
@@ -141,7 +141,7 @@ def test_fit_never_takes_the_place_of_a_record(eightpost, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_demo_does_the_whole_line_and_leaves_plots(eightpost, tmp_path):
+def test_the_demo_runs_the_whole_workflow_and_writes_plots(eightpost, tmp_path):
     shown = eightpost("demo", "-o", tmp_path / "demo")
     assert shown.exit_code == 0, shown.output[-3000:]
     assert "synthetic" in shown.output

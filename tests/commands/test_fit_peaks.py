@@ -38,7 +38,7 @@ def test_each_setting_becomes_a_shock_through_its_points(table, tmp_path):
         np.testing.assert_allclose(shock.law.curve.force(0.3), force, rtol=0.03)
 
 
-def test_a_table_of_one_setting_goes_to_the_file_that_is_named(tmp_path):
+def test_a_table_of_one_setting_is_written_to_the_named_file(tmp_path):
     path = tmp_path / "one.csv"
     path.write_text("speed (m/s),comp (N),reb (N)\n.05,100,-200\n.1,180,-330\n.25,300,-500\n")
     code, shown = fit(path, "-o", tmp_path / "one.json", "--law", "polylinear")
@@ -53,7 +53,7 @@ def test_a_law_with_dynamics_is_refused_and_nothing_is_written(table, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["valve.csv"]
 
 
-def test_a_table_beside_a_record_is_refused(table, tmp_path):
+def test_a_table_together_with_another_file_is_refused(table, tmp_path):
     code, shown = fit(table, table, "-o", tmp_path / "valve.json")
     assert code == 2
     assert "fit it alone" in shown

@@ -1,4 +1,4 @@
-"""Help texts load nothing that computes, and name what the commands take."""
+"""Help texts load no numerical library, and name the choices and defaults of the library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from eightpost.shock import LAWS
 
 SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", "plotly", "pydantic", "fmpy", "jinja2")
 
-#: All verbs in one process: what any of them loads is seen.
+#: All verbs run in one process, so that a library loaded by any of them is found.
 EVERY_HELP = """
 import sys
 from eightpost.__main__ import VERBS, main
@@ -39,7 +39,7 @@ for verb in VERBS:
 """
 
 
-def test_no_help_text_loads_what_computes() -> None:
+def test_no_help_text_loads_a_numerical_library() -> None:
     ran = subprocess.run(
         [sys.executable, "-c", EVERY_HELP % (SLOW,)], capture_output=True, text=True, encoding="utf-8", check=False
     )
@@ -68,7 +68,7 @@ def option(verb: str, name: str) -> click.Parameter:
         ("run", "--algorithm", tuple(cosim.SCHEMES)),
     ],
 )
-def test_an_option_offers_what_the_library_takes(verb: str, name: str, taken: tuple[str, ...]) -> None:
+def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken: tuple[str, ...]) -> None:
     kind = option(verb, name).type
     assert isinstance(kind, click.Choice)
     assert tuple(kind.choices) == taken
@@ -97,5 +97,5 @@ def test_a_verb_calls_the_function_of_its_name_with_its_options(verb: str, monke
     options = {parameter.name: None for parameter in command.params if parameter.name is not None}
     command.callback(**options)
     assert taken == [options]
-    asked = signature(function)
-    asked.bind(*(["context"] if "ctx" in asked.parameters else []), **options)
+    parameters = signature(function)
+    parameters.bind(*(["context"] if "ctx" in parameters.parameters else []), **options)

@@ -1,4 +1,4 @@
-"""`eightpost inspect` shows what is in a file: 0 nothing suspicious, 1 notes, 2 refused."""
+"""`eightpost inspect` shows the content of a file; exit codes: 0 nothing suspicious, 1 warnings, 2 refused."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ def inspect(*words):
 def test_a_good_record_is_shown_with_columns_ranges_and_runs():
     code, shown = inspect(DATA / "dyno_C.csv")
     assert code == 0, shown
-    for said in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "temperature drift: +2.", "run"):
-        assert said in shown
+    for expected in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "temperature drift: +2.", "run"):
+        assert expected in shown
     assert "warning" not in shown
 
 
-def test_what_is_suspicious_is_a_warning_and_exit_code_1(tmp_path):
+def test_a_suspicious_sample_is_a_warning_with_exit_code_1(tmp_path):
     lines = (DATA / "dyno_C.csv").read_text().splitlines()
     header = next(i for i, line in enumerate(lines) if "[" in line)
     cells = lines[header + 3000].split(",")
@@ -38,7 +38,7 @@ def test_what_is_suspicious_is_a_warning_and_exit_code_1(tmp_path):
     assert f"at line {header + 3001}" in shown
 
 
-def test_a_refused_file_is_shown_as_it_stands_before_the_error(tmp_path):
+def test_the_content_of_a_refused_file_is_shown_before_the_error(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("Test,7\nt [s],v [m/s],F\n0,1,2\n1,2,3\n")
     code, shown = inspect(path)
@@ -58,10 +58,10 @@ def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--units", "force"], "CHANNEL=UNIT")],
 )
-def test_wrong_input_is_exit_code_2(words, said):
+def test_wrong_input_is_exit_code_2(words, expected):
     code, shown = inspect(*words)
     assert code == 2
-    assert said in shown
+    assert expected in shown

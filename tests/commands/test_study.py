@@ -1,4 +1,4 @@
-"""`eightpost study`: what it prints, leaves and returns."""
+"""`eightpost study`: its output, files and exit codes."""
 
 import os
 import signal
@@ -55,9 +55,10 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     options = ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1", "--trace", "0"]
     done = CliRunner().invoke(main, options)
     assert done.exit_code == 0, done.output
-    for said in ("2 setups, 2 to be run", "the first 1 s are left out", "coupling error by comparing runs", "objective",
-                 "stiff stiff stiff stiff", "results.parquet", "report.html", "traces of setup 0"):  # fmt: skip
-        assert said in done.output
+    for expected in ("2 setups, 2 to be run", "the first 1 s are left out", "coupling error by comparing runs",
+                     "objective", "stiff stiff stiff stiff", "results.parquet", "report.html",
+                     "traces of setup 0"):  # fmt: skip
+        assert expected in done.output
     for name in ("results.parquet", "report.html", "traces/0.parquet"):
         assert (tmp_path / "out" / name).is_file()
     result = StudyResult.load(tmp_path / "out" / "results.parquet")
@@ -68,7 +69,7 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a group of processes as a POSIX terminal does")
-def test_ctrl_c_in_the_terminal_leaves_what_is_done_and_the_next_call_goes_on(file, tmp_path):
+def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resumes(file, tmp_path):
     text = file.read_text()
     for corner in ("rf", "lr", "rr"):
         text = text.replace(f'{corner} = ["stiff"]', f'{corner} = ["soft", "stiff"]')
@@ -79,16 +80,16 @@ def test_ctrl_c_in_the_terminal_leaves_what_is_done_and_the_next_call_goes_on(fi
     while called.poll() is None and not list(out.glob("chunks/*/chunk_*")):
         time.sleep(0.05)
     os.killpg(called.pid, signal.SIGINT)
-    said, _ = called.communicate(timeout=120)
-    assert called.returncode == 1 and "partial" in said and "Traceback" not in said, said
+    output, _ = called.communicate(timeout=120)
+    assert called.returncode == 1 and "partial" in output and "Traceback" not in output, output
     first = StudyResult.load(out / "results.parquet")
     assert first.partial and first.done.all() and 0 < len(first) < 16
-    again = CliRunner().invoke(main, [*command[3:-1], "1"])  # one worker more to begin would tell nothing more
+    again = CliRunner().invoke(main, [*command[3:-1], "1"])  # one worker is enough: the result is the same
     assert again.exit_code == 0 and f"16 setups, {16 - len(first)} to be run" in again.output
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "options", "said"),
+    ("old", "new", "options", "expected"),
     [
         ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf may have 'sofd'"),
         ('rr = ["stiff"]', "", (), "rr has no shock"),
@@ -97,11 +98,11 @@ def test_ctrl_c_in_the_terminal_leaves_what_is_done_and_the_next_call_goes_on(fi
         ("", "", ("--trace", "2"), "there is no setup 2"),
     ],
 )
-def test_a_bad_study_exits_2_with_a_sentence_before_anything_runs(file, tmp_path, old, new, options, said):
+def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path, old, new, options, expected):
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new, 1) if old else text)
     ended = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), *options])
     assert ended.exit_code == 2
-    assert said in " ".join(ended.stderr.split())
+    assert expected in " ".join(ended.stderr.split())
     assert not (tmp_path / "out").exists()

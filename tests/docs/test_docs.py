@@ -1,4 +1,4 @@
-"""The documentation is true of the code: names resolve, tables agree, links lead somewhere."""
+"""The documentation agrees with the code: names resolve, tables are up to date, links lead to files."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def resolve(name: str) -> object:
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
         try:
-            found: object = importlib.import_module(".".join(parts[:count]))
+            value: object = importlib.import_module(".".join(parts[:count]))
         except ModuleNotFoundError as error:
             if error.name is None or not name.startswith(error.name):
                 raise
             continue
         for attribute in parts[count:]:
-            found = getattr(found, attribute)
-        return found
+            value = getattr(value, attribute)
+        return value
     raise ModuleNotFoundError(name)
 
 
@@ -62,7 +62,7 @@ def test_the_map_of_equations_names_code():
     assert len(NAMES) > 30
 
 
-def test_a_name_that_is_not_there_does_not_resolve():
+def test_a_name_that_does_not_exist_does_not_resolve():
     with pytest.raises(AttributeError):
         resolve("eightpost.shock.lpnl2.Lpnl3")
     with pytest.raises(AttributeError):
@@ -75,8 +75,8 @@ def test_the_tables_that_come_from_the_code_are_up_to_date(make_tables, name):
     assert make_tables.rewrite(page) == page, "run: python docs/make_tables.py"
 
 
-def test_every_rule_of_a_verdict_stands_in_the_page():
-    """Looked for in the sources: a module whose rules the page leaves out would show."""
+def test_the_page_lists_every_rule_of_a_verdict():
+    """The rules are searched in the sources, so that a module missing from the page is found."""
     page = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
     stated = {
         path.relative_to(ROOT)
@@ -90,8 +90,8 @@ def test_every_rule_of_a_verdict_stands_in_the_page():
 
 
 @pytest.mark.parametrize("source", sorted((ROOT / "fmus").glob("*/*.toml")), ids=lambda path: path.parent.name)
-def test_every_variable_stands_in_ports_with_its_reference(source):
-    """Read from the page, not made by the script: a table that was left out would show."""
+def test_the_page_of_ports_lists_every_variable_with_its_reference(source):
+    """The test reads the page, not the output of the script, so that a missing table is found."""
     page = (ROOT / "docs" / "ports.md").read_text(encoding="utf-8")
     for row in tomllib.loads(source.read_text(encoding="utf-8")).get("variable", []):
         first = re.escape(f"| `{row['name']}") + r"(\[1\] to \[\d+\])?` \| " + str(row["reference"])
@@ -117,14 +117,14 @@ def test_the_channel_map_of_the_page_is_read(tmp_path):
 
 
 def test_the_headers_of_the_page_are_split_as_it_says():
-    said = {
+    headers = {
         "velocity [in/s]": ("velocity", "in/s"), "velocity (in/s)": ("velocity", "in/s"), "x_mm": ("x", "mm"),
         "v_mm_s": ("v", "mm/s"), "F_lbf": ("F", "lbf"), "T_degC": ("T", "degC"), "t_ms": ("t", "ms"),
         "disp_in": ("disp", "in"), "temp_F": ("temp", "degF"), "max_s": ("max_s", None),
         "sensor_in": ("sensor_in", None), "lf_force": ("lf_force", None),
     }  # fmt: skip
     page = (ROOT / "docs" / "signs_and_units.md").read_text(encoding="utf-8")
-    for header, expected in said.items():
+    for header, expected in headers.items():
         assert f"`{header}`" in page
         assert split_header(header) == expected
 
@@ -134,10 +134,10 @@ def test_nothing_in_the_repository_points_outside_it():
         pytest.skip("not a git checkout")
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    # CI may find measured records beside the checkout; nothing else looks there.
+    # CI may read measured records from a folder outside the checkout; no other file refers to it.
     files = [ROOT / name for name in listed.split("\0") if name and name != ".ci/run"]
-    found = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
-    assert found == []
+    outside = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
+    assert outside == []
 
 
 def test_every_entry_of_a_system_file_is_documented():
