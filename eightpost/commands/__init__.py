@@ -1,1 +1,1 @@
-"""The verbs of the command line, one file each: they say what was read, decided and written."""
+"""The verbs of the command line, one file each: they do the work and print what was read, decided and written."""

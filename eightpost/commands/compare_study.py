@@ -65,13 +65,13 @@ def compare_study(
     for name, channels in rig.missing.items():
         console.print(f"[yellow]note[/] {escape(name)}: the rig has no {channels}", highlight=False, soft_wrap=True)
     names = _names(console, result, rig, request)
-    found = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
-    if not found:
+    entries = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
+    if not entries:
         raise InputError(f"{path}: none of the study's measures can be computed from these records")
-    console.print(f"{len(runs)} runs of {found[0].setups.size} setups", highlight=False)
-    console.print(comparison_table(found, result))
-    verdict = comparison_verdict(found, rank=request.rank, level=request.level)
-    _write(console, found, result, output or folder / "compared", _selected(folder, result), verdict)
+    console.print(f"{len(runs)} runs of {entries[0].setups.size} setups", highlight=False)
+    console.print(comparison_table(entries, result))
+    verdict = comparison_verdict(entries, rank=request.rank, level=request.level)
+    _write(console, entries, result, output or folder / "compared", _selected(folder, result), verdict)
     show_verdict(console, verdict)
     return verdict
 
@@ -82,8 +82,8 @@ def _names(console: Console, result: StudyResult, rig: Measured, request: Compar
         return [name for name in request.measures if name in rig.values]
     means = [name for name in rig.values if result.study.measure(name).absolute]
     if means:
-        what = f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure"
-        console.print(f"[yellow]note[/] {escape(what)}", highlight=False, soft_wrap=True)
+        note = f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure"
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     return [name for name in rig.values if name not in means]
 
 
@@ -99,12 +99,12 @@ def _present(console: Console, runs: Sequence[MeasuredRun], path: Path) -> list[
     return there
 
 
-def comparison_table(found: Sequence[Comparison], result: StudyResult) -> Table:
+def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the quality of each measure's prediction."""
     table = Table("measure", *(Column(name, justify="right") for name in (
         "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
     )))  # fmt: skip
-    for one in found:
+    for one in entries:
         low, high = one.line.interval()
         unit = result.display(one.measure)
         sigma = f"{units.conversion(result.unit(one.measure), unit)[0] * one.run_to_run:.2g} {unit}"
@@ -134,17 +134,17 @@ def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
 
 def _write(
     console: Console,
-    found: Sequence[Comparison],
+    entries: Sequence[Comparison],
     result: StudyResult,
     output: Path,
     selected: dict[str, set[int]],
     verdict: Verdict,
 ) -> None:
     """Write all comparisons, and a picture of the measures of the selection, or else of the objective."""
-    write_comparisons(found, result.provenance.measure_units, output / "comparison.json", verdict)
-    names = [one.measure for one in found]
+    write_comparisons(entries, result.provenance.measure_units, output / "comparison.json", verdict)
+    names = [one.measure for one in entries]
     first = selected or dict.fromkeys(term.measure for term in result.study.objective)
-    drawn = [one for one in found if one.measure in first] or list(found)
+    drawn = [one for one in entries if one.measure in first] or list(entries)
     shown = {name: (result.unit(name), result.display(name)) for name in names}
     plot_comparisons(drawn, output / "comparison.png", shown=shown, selected=selected)
     console.print(

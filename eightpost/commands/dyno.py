@@ -94,8 +94,8 @@ def _specimen(number: int | None, build: str | None, gas_text: str | None, click
     clicks = 1 if clicks is None else clicks
     damper = shim_build(str(build), clicks=clicks, gas_pressure=gas)
     nominal = units.convert(damper.nominal_damping(), "N.s/m", "lbf.s/in")
-    what = f"{build}, {units.convert(gas, 'Pa', 'psi'):.4g} psi, {clicks} clicks"
-    return _Specimen(damper, f"{what}; nominal damping {nominal:.1f} lbf/(in/s)")
+    title = f"{build}, {units.convert(gas, 'Pa', 'psi'):.4g} psi, {clicks} clicks"
+    return _Specimen(damper, f"{title}; nominal damping {nominal:.1f} lbf/(in/s)")
 
 
 def _configured(number: int, gas_text: str | None, clicks: int | None) -> _Specimen:

@@ -73,7 +73,7 @@ def fit(  # one parameter per option
         show_test(console, test)
     if len(tests) > 1:
         console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
-    found = fit_shock(
+    shock_fit = fit_shock(
         tests,
         law,
         recipe=recipe,
@@ -86,12 +86,12 @@ def fit(  # one parameter per option
         cutoff=cutoff,
         transition_speed=_si(transition_speed, "m/s"),
     )
-    show_fit(console, found)
+    show_fit(console, shock_fit)
     plot = plot or output.with_suffix(".png")
-    write_shock(found.shock, output)
-    plot_force_velocity(found, plot)
+    write_shock(shock_fit.shock, output)
+    plot_force_velocity(shock_fit, plot)
     console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if found.verdict.is_acceptable else 1)
+    ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
 
 
 def show_test(console: Console, test: DynoTest) -> None:
@@ -107,13 +107,13 @@ def show_test(console: Console, test: DynoTest) -> None:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
 
 
-def show_fit(console: Console, found: ShockFit) -> None:
+def show_fit(console: Console, shock_fit: ShockFit) -> None:
     """Print a fit's quality, its parameters, and the settings that it changed."""
-    console.print(fit_table([found]))
-    console.print(parameter_table(found))
-    for change in found.changes:
+    console.print(fit_table([shock_fit]))
+    console.print(parameter_table(shock_fit))
+    for change in shock_fit.changes:
         console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
-    show_verdict(console, found.verdict)
+    show_verdict(console, shock_fit.verdict)
 
 
 def _check_output(output: Path, dyno_file: Path) -> None:

@@ -29,10 +29,10 @@ def peak_tables(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVe
     Raises:
         InputError: A peak-velocity file is given together with other files.
     """
-    found = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
-    if found and len(files) > 1:
-        raise InputError(f"{found[0]} is a peak-velocity table: fit it alone")
-    return read_peak_velocity(found[0], units=units) if found else ()
+    tables = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
+    if tables and len(files) > 1:
+        raise InputError(f"{tables[0]} is a peak-velocity table: fit it alone")
+    return read_peak_velocity(tables[0], units=units) if tables else ()
 
 
 def fit_peak_tables(
@@ -43,19 +43,19 @@ def fit_peak_tables(
     Returns:
         The verdict on all shocks.
     """
-    found, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
+    shocks, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
     for table in tables:
         several = len(tables) > 1
         shock = _named(fit_peak_velocity(table, name=name), table.clicks if several else None, build)
         path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}") if several else output
         _show(console, table, shock)
         write_shock(shock, path)
-        found.append((table, shock))
+        shocks.append((table, shock))
         paths.append(path)
     picture = output.with_suffix(".png")
-    plot_peak_velocity(found, picture)
+    plot_peak_velocity(shocks, picture)
     console.print(f"wrote {', '.join(map(str, [*paths, picture]))}", soft_wrap=True, highlight=False)
-    return Verdict.combined(shock.validity.verdict for _, shock in found if shock.validity)
+    return Verdict.combined(shock.validity.verdict for _, shock in shocks if shock.validity)
 
 
 def refuse_dynamics(ctx: click.Context, law: str) -> None:

@@ -68,13 +68,13 @@ def identify(  # one parameter per option
     prepared = prepare(_read(console, rig_files, channel_map, flip), how)
     for line in prepared.summary():
         console.print(escape(line), highlight=False, soft_wrap=True)
-    found = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
-    experiment = _experiment(prepared, found, damping, name or output.stem, output_channels)
-    _show_baseline(console, rig_files, found)
+    reference = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
+    experiment = _experiment(prepared, reference, damping, name or output.stem, output_channels)
+    _show_baseline(console, rig_files, reference)
     if static_files:
         experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
     with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
-        fit = recipe(recipe_name).identify([prepared.records[k] for k in found.order], experiment)
+        fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
     fit = with_validity(fit)
     _show(console, fit)
     written = [*write_fit(output, fit), *_draw(fit, output, plots)]
@@ -119,18 +119,22 @@ def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> It
         yield pending.result()
 
 
-def _experiment(prepared: Prepared, found: Baseline, damping: str | None, name: str, outputs: str | None) -> Experiment:
+def _experiment(
+    prepared: Prepared, reference: Baseline, damping: str | None, name: str, outputs: str | None
+) -> Experiment:
     rate = _si(damping, "N.s/m", "--damping") if damping else None
-    rates = {port: slope if rate is None else rate for port, slope in found.damping.items()}
+    rates = {port: slope if rate is None else rate for port, slope in reference.damping.items()}
     experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
-    experiment = replace(experiment, means=prepared.means[found.test])
+    experiment = replace(experiment, means=prepared.means[reference.test])
     return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
 
 
-def _show_baseline(console: Console, rig_files: Sequence[Path], found: Baseline) -> None:
-    slopes = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in found.damping.items())
-    console.print(f"baseline {rig_files[found.test].name}: dampings {slopes} N.s/m", highlight=False, soft_wrap=True)
-    for note in found.notes():
+def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Baseline) -> None:
+    slopes = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in reference.damping.items())
+    console.print(
+        f"baseline {rig_files[reference.test].name}: dampings {slopes} N.s/m", highlight=False, soft_wrap=True
+    )
+    for note in reference.notes():
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 

@@ -47,20 +47,20 @@ def linearity(
     for line in prepared.summary():
         console.print(line, markup=False)
     recipe = LocalPolynomial(half_width=0.5 * width, spacing=0.2 * width, high=high)
-    found = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(coherence, level))
-    _show(console, found)
+    assessment = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(coherence, level))
+    _show(console, assessment)
     written = [folder / "paths.csv", folder / "conditions.png"]
-    write_paths(written[0], found, sources=prepared.sources)
-    plot_conditions(found, written[1])
-    for output in found.outputs:
+    write_paths(written[0], assessment, sources=prepared.sources)
+    plot_conditions(assessment, written[1])
+    for output in assessment.outputs:
         written.append(folder / f"{output}.png")
-        plot_output(found, output, written[-1])
-    if found.effects:
+        plot_output(assessment, output, written[-1])
+    if assessment.effects:
         written.append(folder / "amplitude.csv")
-        write_effects(written[-1], found)
+        write_effects(written[-1], assessment)
     console.print(f"wrote {', '.join(str(path) for path in written)}", markup=False)
-    lost = any(each.condition is Condition.III for each in found.verdicts)
-    click.get_current_context().exit(int(lost or any(effect.is_notable for effect in found.effects)))
+    lost = any(each.condition is Condition.III for each in assessment.verdicts)
+    click.get_current_context().exit(int(lost or any(effect.is_notable for effect in assessment.effects)))
 
 
 def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[RigTest]:
@@ -69,32 +69,34 @@ def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[Ri
         yield read_rig_test(path, channel_map=channel_map)
 
 
-def _show(console: Console, found: Linearity) -> None:
-    console.print(_condition_table(found))
+def _show(console: Console, assessment: Linearity) -> None:
+    console.print(_condition_table(assessment))
     for kind in Condition:
         console.print(f"{kind.name}: {kind.meaning}", markup=False)
-    for output in found.outputs:
-        lost = max((each for each in found.verdicts if each.output == output), key=lambda v: v.shares[Condition.III])
+    for output in assessment.outputs:
+        lost = max(
+            (each for each in assessment.verdicts if each.output == output), key=lambda v: v.shares[Condition.III]
+        )
         share = 100.0 * lost.shares[Condition.III]
         if share >= 1.0:
             console.print(
                 f"{output}: {share:.1f} % of its energy from {lost.input} is not predictable (III)", markup=False
             )
-    for effect in found.effects:
+    for effect in assessment.effects:
         if effect.is_notable:
             console.print(
                 f"{effect.output} from {effect.input}: the response changes by {100.0 * effect.change:.1f} % at "
                 f"{effect.large / effect.small:.3g} times the amplitude; noise explains {100.0 * effect.chance:.1f} %",
                 markup=False,
             )
-    for note in found.notes:
+    for note in assessment.notes:
         console.print(f"note: {note}", markup=False)
 
 
-def _condition_table(found: Linearity) -> Table:
+def _condition_table(assessment: Linearity) -> Table:
     """Return a table with condition and mean coherence of every path, a row for each output."""
-    table = Table("output", *(name.replace(".", "\n") for name in found.inputs), box=SIMPLE)
-    for output in found.outputs:
-        verdicts = [found.verdict(output, name) for name in found.inputs]
+    table = Table("output", *(name.replace(".", "\n") for name in assessment.inputs), box=SIMPLE)
+    for output in assessment.outputs:
+        verdicts = [assessment.verdict(output, name) for name in assessment.inputs]
         table.add_row(output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in verdicts))
     return table

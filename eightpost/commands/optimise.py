@@ -44,16 +44,16 @@ def optimise(
     show_study(console, requested)
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
     with running_workers(workers, scheduler) as pool:
-        result, found = _search(console, requested, pool, search)
+        result, optimum = _search(console, requested, pool, search)
         everything = requested.everything(requested.coupling(pool))
     everything.save(output / RESULTS)
     show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
-        console.print(front_table(result, found, objectives))
-    console.print(f"{escape(found.status)}; the study has {len(described.space)} setups", highlight=False)
+        console.print(front_table(result, optimum, objectives))
+    console.print(f"{escape(optimum.status)}; the study has {len(described.space)} setups", highlight=False)
     console.print(f"table: {output / RESULTS}", highlight=False, soft_wrap=True)
     write_page(console, everything, output)
-    ctx.exit(0 if found.best is not None else 1)
+    ctx.exit(0 if optimum.best is not None else 1)
 
 
 def _search(console: Console, requested: Requested, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
@@ -68,12 +68,12 @@ def _search(console: Console, requested: Requested, pool: Workers, search: Searc
         )
 
 
-def front_table(result: StudyResult, found: Optimum, objectives: tuple[str, ...]) -> Table:
+def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
     """Return a table of the Pareto front, sorted by the first measure."""
     titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
     corners = Column(" ".join(result.study.corners), no_wrap=True)
     table = Table("setup", corners, *titles, title="Pareto front")
-    rows = np.searchsorted(result.setups, found.front)
+    rows = np.searchsorted(result.setups, optimum.front)
     for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
         values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
         table.add_row(str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)

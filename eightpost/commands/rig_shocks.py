@@ -30,14 +30,14 @@ def shocks_named(names: Iterable[str]) -> dict[str, Shock]:
 
 
 def _shock(name: str) -> Shock:
-    kind, _, what = name.partition(":")
+    kind, _, own_name = name.partition(":")
     try:
-        if kind == "demo" and what:
-            return demo_damper(what)
-        if kind == "configuration" and what:
-            return configuration(int(what))
-        if kind == "build" and what:
-            return shim_build(what)
+        if kind == "demo" and own_name:
+            return demo_damper(own_name)
+        if kind == "configuration" and own_name:
+            return configuration(int(own_name))
+        if kind == "build" and own_name:
+            return shim_build(own_name)
     except ValueError as error:
         raise InputError(f"--shock {name}: {error}") from error
     if Path(name).suffix == ".json":

@@ -35,8 +35,10 @@ def robust(
     setups = leading(result, top, rank).tolist()
     if not plan.any and not any(known.run_to_run.values()):
         raise InputError(f"{uncertain}: no uncertainty is stated; add fits, uncertain, vehicles or run_to_run")
-    found = spreads_of(result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs)
-    kept = tuple(spread.only(setups) for spread in found)
+    spreads = spreads_of(
+        result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs
+    )
+    kept = tuple(spread.only(setups) for spread in spreads)
     first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
     shown = next(spread for spread in kept if spread.measure == first)
     console.print(spread_table(shown, result))

@@ -19,19 +19,19 @@ def sensitivity(folder: Path, output: Path | None) -> None:
     """Show which corner matters for which measure of a study: main effects and first-order interactions."""
     console = Console()
     result = StudyResult.load(folder / RESULTS)
-    found = sensitivities_of(result)
-    console.print(f"{escape(result.study.name)}: {len(result)} setups, {found[0].method}", highlight=False)
-    console.print(share_table(found))
+    results = sensitivities_of(result)
+    console.print(f"{escape(result.study.name)}: {len(result)} setups, {results[0].method}", highlight=False)
+    console.print(share_table(results))
     path = output or folder / "sensitivity.parquet"
-    write_terms(found, result.provenance.measure_units, path)
+    write_terms(results, result.provenance.measure_units, path)
     console.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
-def share_table(found: Sequence[Sensitivity]) -> Table:
+def share_table(results: Sequence[Sensitivity]) -> Table:
     """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
-    names = [factor.name for factor in found[0].factors]
+    names = [factor.name for factor in results[0].factors]
     table = Table("% of the variance", *names, "all interactions", "largest", "rest")
-    for one in found:
+    for one in results:
         pairs = {pair: one.share(*pair) for pair in one.pairs}
         largest = max(pairs, key=lambda pair: pairs[pair], default=None)
         strongest = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"

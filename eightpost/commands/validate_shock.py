@@ -69,13 +69,13 @@ def validate_shocks(
     chosen = RecordChoices(records)
     kind_of, number_of = chosen.of(options.kinds, "--kind"), chosen.of(options.configurations, "--configuration")
     laws = [read_shock(path) for path in shocks]
-    found = []
+    held_out = []
     for path in track(records, "reading", console=console, transient=True):
         test = read_dyno_test(
             path, channel_map=options.channel_map, units=options.units, flip=options.flip, cutoff=options.cutoff
         )
-        found.append(record_of(test, kind=_kind(kind_of.get(path)), configuration=_number(number_of.get(path))))
-    study = validate(laws, found, cutoff=options.cutoff)
+        held_out.append(record_of(test, kind=_kind(kind_of.get(path)), configuration=_number(number_of.get(path))))
+    study = validate(laws, held_out, cutoff=options.cutoff)
     show_study(console, study, options.limit)
     if report:
         from eightpost.ident.validation.report import write_validation_report  # noqa: PLC0415 - loads plotly

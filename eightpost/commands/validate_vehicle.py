@@ -74,12 +74,12 @@ def validate_one(
     kind_of = RecordChoices(records).of(options.kinds, "--kind")
     shocks = {name: read_shock(file).law for name, file in (pair(word, "--shock") for word in options.shocks)}
     against = read_vehicle(options.against) if options.against else None
-    found = []
+    held_out = []
     for record in track(records, "reading", console=console, transient=True):
         test = read_rig_test(record, channel_map=options.channel_map, units=options.units, flip=options.flip)
-        found.append(record_of(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
+        held_out.append(record_of(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
     with console.status("predicting"):
-        study = validate_vehicle(fit, found, shocks=shocks, against=against, settling=options.settling)
+        study = validate_vehicle(fit, held_out, shocks=shocks, against=against, settling=options.settling)
     _show(console, study, options.limits)
     if report:
         from eightpost.ident.vehicle_validation.report import write_vehicle_report  # noqa: PLC0415 - loads plotly

@@ -74,8 +74,8 @@ def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
     table = Table("mode")
     for label in modes:
         table.add_column(label, no_wrap=True)
-    for number in range(max(len(found) for found in modes.values())):
-        cells = (_mode_text(found[number]) if number < len(found) else "" for found in modes.values())
+    for number in range(max(len(variant) for variant in modes.values())):
+        cells = (_mode_text(variant[number]) if number < len(variant) else "" for variant in modes.values())
         table.add_row(str(number + 1), *cells)
     return table
 
