@@ -56,7 +56,7 @@ def test_a_run_of_one_engine_leaves_rows_whose_errors_fall_with_the_rate(tmp_pat
     assert ran.stdout.startswith("| engine | scheme |")
 
 
-def test_what_diverges_has_neither_errors_nor_a_cost():
+def test_a_diverged_run_has_neither_errors_nor_a_cost():
     found = row(None, ("fmpy", "jacobi, held", "full", 125.0), Diverged("fmi2DoStep failed"))
     assert set(found) == KEYS
     assert found["us_per_step"] is found["error_velocity_percent"] is found["error_tire_force_percent"] is None
@@ -65,7 +65,7 @@ def test_what_diverges_has_neither_errors_nor_a_cost():
 
 @pytest.fixture
 def solved():
-    """A case whose signals are known: 2 s of sines, without a run."""
+    """Return a case with known signals: 2 s of sines, without a run."""
     time = np.arange(0.0, 2.0, 0.008)
     signal = np.sin(2.0 * np.pi * 5.0 * time) * np.ones((4, 1))
     return cases.Case(None, None, 2.0, time, signal, 1e3 * signal)
@@ -86,15 +86,15 @@ def test_errors_are_in_percent_of_the_signals_standard_deviation(solved, factor,
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1e-3])
-def test_a_time_that_is_none_is_no_cost(solved, seconds):
+def test_an_invalid_time_gives_no_cost(solved, seconds):
     found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), replace(recorded(solved, 1.1), seconds=seconds))
     assert found["us_per_step"] is None
     assert markdown([found]).splitlines()[-1] == "| fmpy | jacobi, held | full | 125 | - | - | 10 | 10 |"
     assert not list(reaches([found]))
 
 
-def test_the_default_costs_what_its_own_runs_took(monkeypatch):
-    """Its stepping time over the steps of its last run, of the quickest call; no difference of two times."""
+def test_the_cost_of_the_default_is_the_time_of_its_runs(monkeypatch):
+    """Check that the cost is the stepping time of the fastest call, divided by the steps of its last run."""
     names, took = ours.NAMES, iter((0.5, 0.3, *[0.4] * 100))
     scenarios = []
 
@@ -128,12 +128,12 @@ def test_the_loop_in_c_and_the_one_over_fmpy_are_the_same_schemes(tmp_path):
         np.testing.assert_allclose(values[0], values[1], rtol=1e-9, atol=1e-9)
 
 
-def test_an_error_of_ten_standard_deviations_is_no_answer(solved):
+def test_a_run_with_an_error_of_ten_standard_deviations_counts_as_diverged(solved):
     found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), recorded(solved, 12.0))
     assert found["error_velocity_percent"] is found["us_per_step"] is None
 
 
-def test_cost_at_equal_accuracy_follows_the_measured_order_and_says_where_it_is_extrapolated():
+def test_cost_at_equal_accuracy_uses_the_measured_order_and_marks_extrapolation():
     rows = [
         *FIRST_ORDER,
         *(entry("eightpost", "gauss-seidel", r, 1.0, 0.2 * (1000.0 / r) ** 2) for r in (500.0, 2000.0)),
@@ -150,7 +150,7 @@ def test_an_error_that_does_not_fall_reaches_nothing():
     assert not list(reaches([entry("fmpy", "jacobi, held", rate, 20.0, 5.0) for rate in (1000.0, 2000.0)]))
 
 
-def test_the_picture_takes_rows_that_diverged(tmp_path):
+def test_the_picture_accepts_rows_that_diverged(tmp_path):
     rows = [
         *FIRST_ORDER,
         entry("fmpy", "jacobi, held", 125.0, None, None),

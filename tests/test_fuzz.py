@@ -21,7 +21,7 @@ def samples(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_damaged_files_are_read_or_refused_by_name(samples):
+def test_damaged_files_are_read_or_rejected_by_name(samples):
     chosen = [reader for reader in readers() if (samples / reader.sample).exists() and reader.share >= 0.5]
     tallies = run_campaign(chosen, mutants=MUTANTS, seed=SEED, samples=samples, together=True)
     failures = [failure for tally in tallies for failure in tally.failures]

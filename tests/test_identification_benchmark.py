@@ -1,4 +1,4 @@
-"""What the identification benchmark says of measures is right; its cases are what they are called."""
+"""The figures of the identification benchmark are correct, and its cases match their names."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_each_methods_file_gives_recipes_by_name() -> None:
     assert all(hasattr(method, "identify") for method in found.values())
 
 
-def test_what_failed_stands_in_the_table_as_a_dash() -> None:
+def test_a_failed_method_is_shown_as_a_dash_in_the_table() -> None:
     row = {"case": "c", "method": "m", "setups": 3, "all_percent": None, "spearman_min": 0.99987}
     assert markdown([row]).splitlines()[-1] == "| c | m | 3 | - | 0.9999 |"
 

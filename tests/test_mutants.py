@@ -1,4 +1,4 @@
-"""The mutation testing of benchmarks/mutants: what it changes, what it tries, and that its lists fit the sources."""
+"""The mutation testing of benchmarks/mutants: its changes, its trials, and the agreement of its lists with sources."""
 
 import pytest
 
@@ -53,7 +53,7 @@ def test_a_python_source_is_changed_in_operators_signs_bounds_and_constants():
     assert all(text.endswith("# 1 + 2") for text in found)
 
 
-def test_the_stars_of_parameters_and_arguments_are_no_products():
+def test_the_stars_of_parameters_and_arguments_are_not_multiplications():
     assert (
         python_sites("def f(*a, **b):\n    return f(*a, **b), [*a], {**b}\n\n\ndef g(a, *, b):\n    return a\n") == []
     )
@@ -72,7 +72,7 @@ def test_every_area_has_sources_places_to_change_and_tests(area):
         assert (ROOT / "benchmarks" / "mutants" / "plugins" / f"{plugin}.py").is_file()
 
 
-def test_every_equivalent_mutant_is_of_a_line_that_is_there_and_has_a_reason():
+def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():
     for item in read_equivalents():
         lines = [line.strip() for line in (ROOT / item.file).read_text(encoding="utf-8").splitlines()]
         assert item.line in lines, f"{item.file} has no line {item.line!r}: drop its entry of equivalent.toml"
@@ -105,7 +105,7 @@ def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path):
 def test_records_are_kept_survivors_tried_again_when_tests_change_and_equivalents_never(tmp_path, monkeypatch):
     sample = list(mutants(LAG, 1))[:4]
     known = {sample[0].key: Outcome.KILLED, sample[1].key: Outcome.SURVIVED}
-    listed = [Equivalent(sample[2].file, *sample[2].lines, "because it is so here")]
+    listed = [Equivalent(sample[2].file, *sample[2].lines, "a reason")]
     campaign = Campaign([LAG], listed, tmp_path, seed=1, workers=1, report=lambda line: None)
     records = {
         mutant.key: Record.of(mutant, known[mutant.key], tests="as they were")

@@ -1,4 +1,4 @@
-"""The table of shock laws: one short run leaves rows, and Bouc-Wen beside them is what it says it is."""
+"""The table of shock laws: one short run gives rows, and the Bouc-Wen model is correct."""
 
 import json
 import subprocess
@@ -41,7 +41,7 @@ def test_a_run_of_one_configuration_leaves_a_row_for_each_law(tmp_path):
 
 
 def motion(seed, duration=4.0, rate=300.0):
-    """Displacement [m] and velocity [m/s] of six sines at 0.4 to 3 Hz, 15 mm at most."""
+    """Return displacement [m] and velocity [m/s] of six sines at 0.4 to 3 Hz, at most 15 mm."""
     generator = np.random.default_rng(seed)
     time = np.arange(round(duration * rate) + 1) / rate
     angles = 2.0 * np.pi * np.outer(np.linspace(0.4, 3.0, 6), time) + generator.uniform(0.0, 6.3, (6, 1))
@@ -52,7 +52,7 @@ def motion(seed, duration=4.0, rate=300.0):
     return TimeSeries.from_channels(time, channels)
 
 
-def test_the_hysteresis_is_wens_equation():
+def test_the_hysteresis_follows_wens_equation():
     series = motion(1)
 
     def slope(time, z):
@@ -63,7 +63,7 @@ def test_the_hysteresis_is_wens_equation():
 
     exact = solve_ivp(slope, (0.0, series.duration), [0.0], t_eval=series.time, rtol=1e-8, atol=1e-12, max_step=2e-3)
     found = hysteresis(series["velocity"], 1.0 / 300.0, np.array([WEN.reach, WEN.share, WEN.exponent]))
-    # The way within a sample where the velocity turns is gone at once: that, and no more, is different.
+    # Only samples in which the velocity changes its sign differ, because their displacement is integrated as a whole.
     assert np.abs(found - exact.y[0]).max() < 5e-3 * WEN.reach
 
 
@@ -91,14 +91,14 @@ def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown()
     assert found("lpf1", 50.0, 30.0, about_mean=True).row()["validation_percent"] == pytest.approx(4.0)
 
 
-def test_a_law_that_is_refused_has_a_row_without_figures():
+def test_a_law_that_cannot_be_fitted_has_a_row_without_figures():
     refused = FailedFit(Case("configuration 11", (), None, configuration=11), "maxwell", "the curve falls, and so on")
     assert set(refused.row()) == KEYS
     assert [refused.row()[name] for name in FIGURES] == [None] * 3
     assert "not fitted: the curve falls |" in markdown([refused])
 
 
-def test_the_tables_stand_beside_the_printed_figures():
+def test_the_tables_show_the_printed_figures_too():
     errors = virtual([found("polylinear", 200.0), found("lpf1", 100.0), found("lpnl2", 101.0, cavitates=True)])
     assert less(errors[0].rms, "lpf1") == pytest.approx(50.0)
     # Table 3.5, build 2, 1 click, 50 psi.

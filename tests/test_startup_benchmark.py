@@ -30,6 +30,6 @@ def test_the_shortest_times_are_compared_and_the_slowest_help_text_is_named():
     ("slower", "named"),
     [({"first": 8.1}, FIRST), ({"later": 2.1}, LATER), ({"slow": 0.21}, SLOW)],
 )
-def test_what_takes_longer_than_it_may_is_named(slower, named):
+def test_commands_that_exceed_their_limit_are_reported(slower, named):
     (missed,) = beyond_limits(times(**slower))
     assert missed.startswith(f"{named}: ")

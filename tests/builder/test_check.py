@@ -1,4 +1,4 @@
-"""`check` passes clean FMUs, says what is wrong with others, and never ends on what an FMU does."""
+"""`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
 import importlib.util
 import json
@@ -27,7 +27,7 @@ from eightpost.verbs.check import check as command
 
 QUICK = tuple(group for group in GROUPS if group != "rebuild")
 
-#: What PythonFMU does not do and the standard asks for: FMI 2.0.4, 2.1.6, 2.1.5 and 2.1.8.
+#: Rules of the standard that PythonFMU breaks: FMI 2.0.4, 2.1.6, 2.1.5 and 2.1.8.
 PYTHON_ERRORS = {"stop-time", "guid-checked", "state-freed"}
 
 
@@ -67,7 +67,7 @@ def test_the_sources_of_a_native_fmu_rebuild_it(fmus):
     assert report.findings == ()
 
 
-def test_a_python_fmu_breaks_three_rules_of_the_standard_and_says_that_it_needs_a_tool(python_fmus):
+def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_needs_a_tool(python_fmus):
     report = check(python_fmus["lpf1"], groups=QUICK)
     assert {finding.rule.identifier for finding in report.of(Level.ERROR)} == PYTHON_ERRORS
     assert {"execution-tool", "undefined-python", "platforms", "crash-misuse"} <= rules(report)
@@ -82,7 +82,7 @@ def test_the_standard_scope_leaves_only_errors(python_fmus):
 
 @pytest.fixture(scope="module")
 def container(tmp_path_factory, fmus):
-    """Two FMUs coupled by fmu-manipulation-toolbox: its own binary, its own description."""
+    """Return a container of two FMUs built by fmu-manipulation-toolbox, with a foreign binary and description."""
     folder = tmp_path_factory.mktemp("container")
     for name in ("quarter_car", "lpnl2"):
         (folder / f"{name}.fmu").write_bytes(fmus[name].read_bytes())
@@ -98,14 +98,14 @@ def container(tmp_path_factory, fmus):
     return folder / "container.fmu"
 
 
-def test_the_standard_scope_says_of_a_foreign_native_fmu_only_what_it_breaks(container, monkeypatch):
-    """fmu-manipulation-toolbox 2.0 hands on neither the stop time (2.1.6) nor looks at the GUID (2.1.5)."""
+def test_the_standard_scope_reports_only_the_rules_that_a_foreign_native_fmu_breaks(container, monkeypatch):
+    """Check the known defects: fmu-manipulation-toolbox 2.0 ignores the stop time (2.1.6) and the GUID (2.1.5)."""
     monkeypatch.setattr(process, "_MISUSE_TIMEOUT", 5.0)
     report = check(container, scope=Scope.STANDARD)
     assert rules(report) == {"stop-time", "guid-checked"}
 
 
-def test_a_foreign_fmu_that_crashes_and_hangs_on_wrong_calls_is_told_so(container, monkeypatch):
+def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container, monkeypatch):
     monkeypatch.setattr(process, "_MISUSE_TIMEOUT", 5.0)
     report = check(container, groups=("state_machine", "null"))
     crashes = [finding.message for finding in report.findings if finding.rule.identifier == "crash-misuse"]
@@ -117,7 +117,7 @@ FOREIGN = Path(__file__).with_name("foreign")
 
 
 def c_compiler():
-    """The system's compiler, or zig's."""
+    """Return the command of the system's compiler or of zig."""
     if found := next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None):
         return [found]
     if importlib.util.find_spec("ziglang") is None:
@@ -126,7 +126,7 @@ def c_compiler():
 
 
 def foreign_fmu(name, folder, *options):
-    """Compile and zip an FMU of tests/builder/foreign, with FMI's own headers and nothing of this project."""
+    """Compile and zip an FMU of tests/builder/foreign, with the headers of FMI only."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
         pytest.skip("it is compiled for linux64 only")
     headers = Path(fmpy.__file__).with_name("c-code")
@@ -139,7 +139,7 @@ def foreign_fmu(name, folder, *options):
     return folder / f"{name}.fmu"
 
 
-#: What each of them does not offer; everything else is called.
+#: Groups that are skipped for each FMU because it does not support them; all others run.
 NOT_OFFERED = {
     "van_der_pol": {"state", "corrupt_state", "initial_dependencies", "dependencies"},
     "bouncing_mass": {"dependencies", "steps", "instances", "first_outputs"},
@@ -149,7 +149,7 @@ NOT_OFFERED = {
 
 @pytest.mark.parametrize("name", NOT_OFFERED)
 def test_a_clean_fmu_of_another_maker_passes_the_standard_without_a_false_alarm(name, tmp_path):
-    """Integers, strings, enumerations, aliases and one instance per process: what our own FMUs have none of."""
+    """Check FMUs with features that ours lack: integers, strings, enumerations, aliases, one instance per process."""
     shown = CliRunner().invoke(command, ["--standard", "--json", str(foreign_fmu(name, tmp_path))])
     (report,) = json.loads(shown.stdout)["reports"]
     assert (shown.exit_code, report["findings"]) == (0, [])
@@ -172,7 +172,7 @@ def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule
 
 @pytest.mark.parametrize("fault", ["-DRESET_KEEPS_TIME", "-DRESET_FAILS_AFTER=900"])
 def test_a_reset_that_keeps_the_time_or_fails_late_is_found(fault, tmp_path):
-    """20-sim's keeps the time; the other one fails after the default experiment of 500 steps was gone through twice."""
+    """Check two defects: a reset that keeps the time (20-sim), and one that fails after twice the 500 steps."""
     report = check(foreign_fmu("mass_spring", tmp_path, fault), groups=("simulation", "reset"))
     found = [finding.message for finding in report.findings if finding.rule.identifier == "reset"]
     assert any(message.startswith("after fmi2Reset at 10 s") for message in found)
@@ -185,7 +185,7 @@ def test_a_category_that_is_declared_nowhere_is_found_in_the_log_of_a_refusal(tm
     ]
 
 
-def test_the_full_check_tells_another_maker_what_breaks_imports_and_no_error(tmp_path):
+def test_the_full_check_reports_drop_in_findings_but_no_error_for_a_foreign_fmu(tmp_path):
     report = check(foreign_fmu("van_der_pol", tmp_path))
     assert report.of(Level.ERROR) == ()
     assert {"platforms", "unit-missing", "dependencies-declared", "documentation"} <= rules(report)
@@ -243,7 +243,7 @@ class Plain(Fmi2Slave):
 """
 
 
-def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_break(tmp_path):
+def test_an_fmu_built_by_pythonfmu_alone_breaks_the_known_rules(tmp_path):
     (tmp_path / "plain.py").write_text(PLAIN, encoding="utf-8")
     line = [sys.executable, "-m", "pythonfmu", "build", "-f", "plain.py"]
     subprocess.run(line, cwd=tmp_path, check=True, capture_output=True)
@@ -252,7 +252,7 @@ def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_br
 
 
 @pytest.mark.parametrize(
-    ("alter", "rule", "said"),
+    ("alter", "rule", "message"),
     [
         (in_slave(b"law.response(", b"law.answer("), "simulates",
          "fmi2DoStep from 0.0 by 0.001 s returned fmi2Discard"),
@@ -263,12 +263,12 @@ def test_what_pythonfmu_builds_by_itself_breaks_the_rules_that_it_is_known_to_br
         (in_slave(b"getattr(response, name)", b'float("nan")'), "finite-outputs", "force"),
     ],
 )  # fmt: skip
-def test_a_crash_is_a_finding_with_the_call_that_it_came_in(python_fmus, tmp_path, alter, rule, said):
+def test_a_crash_is_a_finding_that_names_the_call(python_fmus, tmp_path, alter, rule, message):
     report = check(altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", alter), groups=("simulation",))
-    assert any(said in finding.message for finding in report.findings if finding.rule.identifier == rule)
+    assert any(message in finding.message for finding in report.findings if finding.rule.identifier == rule)
 
 
-def test_what_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
+def test_an_fmu_that_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
     abort = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        __import__('os').abort()")
     report = check(
         altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", abort), groups=("simulation", "reset", "steps")
@@ -277,7 +277,7 @@ def test_what_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
     assert [skipped.what for skipped in report.skipped] == ["reset, steps"]
 
 
-def test_a_probe_that_cannot_be_started_is_an_error_and_accuses_no_fmu(fmus, monkeypatch):
+def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
     monkeypatch.setattr(process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"])
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
         check(fmus["lpf1"], groups=("simulation",))
@@ -305,7 +305,7 @@ def test_a_unit_with_its_own_si_exponents_is_right_and_with_others_wrong(unit, f
     assert "unit-exponents" in described({**right, "mol": 1})
 
 
-def test_every_rule_has_a_name_of_its_own_a_source_and_advice():
+def test_every_rule_has_a_unique_name_a_source_and_advice():
     names = [rule.identifier for rule in CATALOGUE]
     assert len(set(names)) == len(names) > 100
     assert all(rule.title and rule.source and rule.advice for rule in CATALOGUE)
@@ -313,7 +313,7 @@ def test_every_rule_has_a_name_of_its_own_a_source_and_advice():
     assert {rule.source.split()[0] for rule in CATALOGUE if rule.level is Level.ERROR} == {"FMI", *tools}
 
 
-def test_the_page_names_every_rule_and_group_as_they_are():
+def test_the_page_lists_every_rule_and_group():
     page = Path(__file__).parents[2].joinpath("docs", "check.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w-]+)` \| (error|drop-in|hint) \| (.*) \| (.*) \|$", page, re.MULTILINE)
     assert set(rows) == {(rule.identifier, rule.level.value, rule.title, rule.source) for rule in CATALOGUE}
@@ -321,7 +321,7 @@ def test_the_page_names_every_rule_and_group_as_they_are():
     assert {name: title for name, title in groups if name in GROUPS} == {n: group.title for n, group in GROUPS.items()}
 
 
-def test_what_is_no_fmu_2_is_refused(tmp_path):
+def test_files_other_than_fmi_2_fmus_are_rejected(tmp_path):
     (tmp_path / "x.fmu").write_text("no")
     with pytest.raises(FmuError, match="zip"):
         check(tmp_path / "x.fmu")
@@ -351,7 +351,7 @@ def test_a_description_of_any_content_gives_findings_not_tracebacks(content, tmp
 
 @pytest.fixture
 def compilers(tmp_path, monkeypatch):
-    """Put a program in place of every C and C++ compiler."""
+    """Replace every C and C++ compiler with a script."""
 
     def put(script):
         folder = tmp_path / "compilers"
@@ -366,8 +366,8 @@ def compilers(tmp_path, monkeypatch):
     return put
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="a shell script is no program there")
-def test_a_compiler_that_is_a_stub_is_a_rebuild_not_tried_and_no_finding(fmus, compilers):
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
+def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, compilers):
     compilers("echo 'xcrun: error: invalid active developer path' >&2; exit 1")
     report = check(fmus["lpf1"], groups=("rebuild",))
     assert (report.findings, report.groups) == ((), ())
@@ -375,8 +375,8 @@ def test_a_compiler_that_is_a_stub_is_a_rebuild_not_tried_and_no_finding(fmus, c
     assert "the sources could not be compiled here: there is no working C compiler" in skipped.reason
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="a shell script is no program there")
-def test_a_compiler_that_hangs_is_ended_and_no_finding(fmus, compilers, monkeypatch):
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
+def test_a_hanging_compiler_is_killed_without_a_finding(fmus, compilers, monkeypatch):
     monkeypatch.setattr(rebuild, "_TRIAL_TIMEOUT", 2.0)
     compilers("sleep 600")
     started = time.monotonic()

@@ -1,4 +1,4 @@
-"""What `eightpost check` prints, its JSON document and its exit codes."""
+"""The output of `eightpost check`, its JSON document and its exit codes."""
 
 import io
 import json
@@ -13,20 +13,20 @@ from eightpost.commands.check import show_report
 from eightpost.verbs.check import check as command
 
 
-def test_the_json_document_says_all_that_the_table_says(fmus, tmp_path):
+def test_the_json_document_contains_everything_that_the_table_shows(fmus, tmp_path):
     report = check(fmus["polylinear"], groups=("static", "reference"))
     document = json.loads(json.dumps(json_document([report])))
     assert (document["kind"], document["schema"], document["acceptable"]) == ("check", 1, True)
-    (said,) = document["reports"]
-    assert said["identity"]["modelName"] == "polylinear" and len(said["identity"]["sha256"]) == 64
-    assert said["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
-    assert said["groups"] == ["static", "reference"]
-    assert said["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
+    (entry,) = document["reports"]
+    assert entry["identity"]["modelName"] == "polylinear" and len(entry["identity"]["sha256"]) == 64
+    assert entry["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
+    assert entry["groups"] == ["static", "reference"]
+    assert entry["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
 
 
 @pytest.fixture
 def quickly(monkeypatch):
-    """The command with the static rules only."""
+    """Run the command with the static rules only."""
 
     def run(*arguments):
         def static(path, *, scope):
@@ -71,7 +71,7 @@ def test_one_bad_file_hides_no_report_of_the_others(quickly, fmus, tmp_path, pla
     assert "there is no such file" in " ".join(shown.stderr.split())
 
 
-def test_json_has_an_entry_for_a_bad_file_and_says_its_error_on_stderr_too(quickly, fmus, tmp_path):
+def test_json_has_an_entry_for_a_bad_file_whose_error_is_also_printed_to_stderr(quickly, fmus, tmp_path):
     (tmp_path / "text ä.fmu").write_text("no")
     shown = quickly("--json", fmus["lpf1"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
     document = json.loads(shown.stdout)
@@ -83,7 +83,7 @@ def test_json_has_an_entry_for_a_bad_file_and_says_its_error_on_stderr_too(quick
     assert "no such file" in " ".join(shown.stderr.split())
 
 
-def test_the_command_says_that_it_runs_foreign_code_and_is_no_sandbox(fmus, monkeypatch):
+def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(fmus, monkeypatch):
     def called(path, *, scope):
         return check(path, scope=scope, groups=("simulation",))
 
@@ -93,13 +93,13 @@ def test_the_command_says_that_it_runs_foreign_code_and_is_no_sandbox(fmus, monk
     assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
 
 
-def test_json_is_json_where_every_file_is_bad(quickly, tmp_path):
+def test_json_output_is_valid_if_every_file_is_bad(quickly, tmp_path):
     shown = quickly("--json", tmp_path / "missing.fmu")
     (entry,) = json.loads(shown.stdout)["reports"]
     assert shown.exit_code == 2 and not entry["acceptable"]
 
 
-def test_a_folder_is_refused_as_a_folder(quickly, tmp_path):
+def test_a_folder_is_rejected(quickly, tmp_path):
     shown = quickly(tmp_path)
     assert shown.exit_code == 2
     assert "is a folder, not an .fmu file" in " ".join(shown.stderr.split())

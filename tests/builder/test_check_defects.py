@@ -1,6 +1,6 @@
-"""Seeded defects: each is put into a copy of a native FMU, and `check` must find it by the rule that names it.
+"""Seeded defects: each is added to a copy of a native FMU, and `check` must find it with the right rule.
 
-What modelDescription.xml says and what the C does wrong is in check_defects.toml; what is wrong in the archive is here.
+Defects of modelDescription.xml and of the C code are in check_defects.toml; defects of the archive are in this file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Change = Callable[[Members], None]
 
 @dataclass(frozen=True)
 class Defect:
-    """A change of an FMU's members, the rule that must find it, and the groups of checks in which."""
+    """A change of an FMU's members, the rule that must find it, and the groups of checks to run."""
 
     rule: str
     change: Change
@@ -43,7 +43,7 @@ class Defect:
 
 
 def tabled(entry: Mapping[str, Any], change: Callable[[Mapping[str, str]], Change]) -> Defect:
-    """Return the defect of an entry of the table; `change` makes a change of what one says."""
+    """Return the defect for an entry of the table; `change` converts a description of a change to the change."""
 
     def apply(members: Members) -> None:
         for one in entry.get("changes", [entry]):
@@ -53,7 +53,7 @@ def tabled(entry: Mapping[str, Any], change: Callable[[Mapping[str, str]], Chang
 
 
 def in_description(entry: Mapping[str, str]) -> Change:
-    """Replace a regular expression in modelDescription.xml: in all of it, one variable, or one section."""
+    """Return a replacement of a regular expression in modelDescription.xml: in the file, a variable, or a section."""
 
     def change(members: Members) -> None:
         text = members[XML].decode()
@@ -71,7 +71,7 @@ def in_description(entry: Mapping[str, str]) -> Change:
 
 
 def in_source(entry: Mapping[str, str]) -> Change:
-    """Replace text in a C source, everywhere in it, or add C after every step that succeeds."""
+    """Return a replacement of text everywhere in a C source, or an addition of C after every successful step."""
     if "after_step" in entry:
         return after_step(entry["after_step"], entry.get("declare", ""))
 
@@ -84,12 +84,12 @@ def in_source(entry: Mapping[str, str]) -> Change:
 
 
 def in_either(entry: Mapping[str, str]) -> Change:
-    """Change a C source, or modelDescription.xml where no source is named."""
+    """Return a change of a C source, or of modelDescription.xml if no source is named."""
     return in_source(entry) if entry.keys() & {"file", "after_step"} else in_description(entry)
 
 
 def after_step(code: str, declare: str) -> Change:
-    """Add C to the end of every step that succeeds; `declare` goes to the top of the file."""
+    """Return an addition of C to the end of every successful step; `declare` goes to the top of the file."""
     header, stepped = b'#include "instance.h"', b"c->memory.time = time + h;"
 
     def change(members: Members) -> None:
@@ -102,7 +102,7 @@ def after_step(code: str, declare: str) -> Change:
 
 
 def edited(name: str, old: bytes, new: bytes) -> Change:
-    """Replace bytes in one member."""
+    """Return a replacement of bytes in one member."""
 
     def change(members: Members) -> None:
         assert old in members[name], f"there is no {old!r} in {name}"
@@ -112,7 +112,7 @@ def edited(name: str, old: bytes, new: bytes) -> Change:
 
 
 def without(name: str) -> Change:
-    """Leave out members that begin so."""
+    """Return the removal of members whose names start with `name`."""
 
     def change(members: Members) -> None:
         gone = [member for member in members if member.startswith(name)]
@@ -124,7 +124,7 @@ def without(name: str) -> Change:
 
 
 def member(name: str, alter: Callable[[bytes], bytes]) -> Change:
-    """Change one member, made when missing."""
+    """Return a change of one member, which is created if it is missing."""
 
     def change(members: Members) -> None:
         members[name] = alter(members.get(name, b""))
@@ -133,7 +133,7 @@ def member(name: str, alter: Callable[[bytes], bytes]) -> Change:
 
 
 def moved(old: str, new: str) -> Change:
-    """Give one member the name of another place."""
+    """Return a renaming of one member."""
 
     def change(members: Members) -> None:
         members[new] = members.pop(old)
@@ -142,7 +142,7 @@ def moved(old: str, new: str) -> Change:
 
 
 def swapped(first: str, second: str) -> Change:
-    """Exchange two members."""
+    """Return an exchange of two members."""
 
     def change(members: Members) -> None:
         members[first], members[second] = members[second], members[first]
@@ -151,7 +151,7 @@ def swapped(first: str, second: str) -> Change:
 
 
 def copied(source: str, target: str) -> Change:
-    """Put a copy of one member in another's place."""
+    """Return the replacement of one member with a copy of another."""
 
     def change(members: Members) -> None:
         members[target] = members[source]
@@ -160,7 +160,7 @@ def copied(source: str, target: str) -> Change:
 
 
 def both(*changes: Change) -> Change:
-    """Make several changes."""
+    """Return the combination of several changes."""
 
     def change(members: Members) -> None:
         for one in changes:
@@ -186,7 +186,7 @@ NO_SOURCES = in_description({"old": "<SourceFiles>.*</SourceFiles>", "new": ""})
 
 
 def digit_before_the_middle(content: bytes) -> bytes:
-    """Put a digit before the first output at 0.5 s."""
+    """Insert a digit before the first output at 0.5 s."""
     changed, count = re.subn(rb"(?m)^(0\.5,-?)", rb"\g<1>1", content, count=1)
     assert count
     return changed
@@ -278,7 +278,7 @@ def defective(fmu: Path, folder: Path, defect: Defect, *more: Change) -> Path:
     return target
 
 
-def test_there_are_as_many_defects_as_a_product_needs():
+def test_there_are_enough_defects():
     assert len(ON_FILE) + len(IN_CODE) >= 40
     assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= RULES
 
@@ -291,7 +291,7 @@ def test_a_defect_on_file_is_found_by_its_rule(name, fmus, tmp_path):
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> Change:
-    """Compile an FMU's sources anew for this machine; a file is compiled once for the headers that it is with."""
+    """Return a change that recompiles an FMU for this machine; equal files with equal headers are compiled once."""
     command = next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None)
     spec = importlib.util.find_spec("fmpy")
     if command is None or spec is None or spec.origin is None or sys.platform != "linux":
@@ -329,14 +329,14 @@ def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compile
 
 
 @pytest.mark.parametrize("name", sorted({defect.fmu for defect in IN_CODE.values()}))
-def test_the_same_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
+def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
     groups = tuple({group for defect in IN_CODE.values() for group in defect.groups} - {"static"})
     sound = Defect("crash", compiled, groups, name)
     assert found(defective(fmus[name], tmp_path, sound), sound) == set()
 
 
 def rewritten(fmu: Path, target: Path, edit: Callable[[zipfile.ZipFile, zipfile.ZipInfo, bytes], None]) -> Path:
-    """Write an archive entry by entry, as careless tools do."""
+    """Write an archive entry by entry, with an edit for each entry."""
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
         for entry in old.infolist():
             edit(new, entry, old.read(entry))
@@ -384,13 +384,13 @@ def test_a_defect_of_the_zip_is_found_by_its_rule(edit, rule, fmus, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_an_entry_that_is_there_twice_is_found(fmus, tmp_path):
+def test_a_duplicate_entry_is_found(fmus, tmp_path):
     path = shutil.copy(fmus["lpnl2"], tmp_path / "lpnl2.fmu")
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("documentation/index.html", b"another")
     assert "archive-duplicate" in {finding.rule.identifier for finding in check(path, groups=STATIC).findings}
 
 
-def test_a_file_of_another_name_is_hinted_at(fmus, tmp_path):
+def test_a_file_with_another_name_gives_a_hint(fmus, tmp_path):
     path = shutil.copy(fmus["lpnl2"], tmp_path / "other.fmu")
     assert [finding.rule.identifier for finding in check(path, groups=STATIC).findings] == ["file-name"]

@@ -1,4 +1,4 @@
-"""modelDescription.xml says everything an importer asks, and only what is true."""
+"""modelDescription.xml is complete and correct."""
 
 import tomllib
 import xml.etree.ElementTree as ET
@@ -67,7 +67,7 @@ def test_outputs_and_initial_unknowns_list_every_output_with_dependencies(fmus, 
 
 
 def depends(fmu, outputs, name, size, time):
-    """The outputs that move when one input moves, across one step (too short for the clock) or in initialization."""
+    """Return the outputs that change with one input, over one very short step or in initialization."""
     before = np.array(fmu.get(outputs))
     start = fmu.get((name,))[0]
     fmu.set((name,), (start + size,))
@@ -82,7 +82,7 @@ def depends(fmu, outputs, name, size, time):
 
 @pytest.mark.parametrize("name", ALL)
 def test_the_declared_dependencies_are_true(fmus, component, name):
-    """After a step of 1e-12 s an output moves with an input exactly where a direct term is declared."""
+    """Check that after a step of 1e-12 s an output depends on an input exactly if feedthrough is declared."""
     description = read_model_description(str(fmus[name]))
     extra = {"seal_friction": 20.0, "gas_stiffness": 500.0} if name in LAWS else {}
     inputs = [v for v in description.modelVariables if v.causality == "input"]
@@ -124,7 +124,7 @@ def test_every_folder_of_fmus_holds_the_same_files():
     for folder in source_folder().iterdir():
         if folder.is_dir() and folder.name != "common":
             alike = {"interface.toml", "slave.py", "model.c", "README.md"}
-            alike -= {"slave.py"} if folder.name == "assembly" else set()  # it is native only
+            alike -= {"slave.py"} if folder.name == "assembly" else set()  # an assembly is always native
             assert {p.name for p in folder.iterdir() if p.is_file()} >= alike
 
 

@@ -1,4 +1,4 @@
-"""What a native FMU's archive holds, openly and confidentially, and that its sources are what its binaries are."""
+"""The archive of open and confidential native FMUs, and the agreement of its sources with its binaries."""
 
 import shutil
 import tempfile
@@ -49,7 +49,7 @@ def test_every_listed_source_is_there_and_every_c_file_is_listed(fmus, name):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_binary_knows_its_guid_and_it_is_drawn_from_the_content(fmus, name):
+def test_the_binary_contains_its_guid_which_is_a_digest_of_the_content(fmus, name):
     members = read_archive(fmus[name])
     guid = ET.fromstring(members["modelDescription.xml"]).get("guid")
     assert guid.encode() in members[this_platform().member(name)]
@@ -80,12 +80,12 @@ def test_fmpy_compile_rebuilds_the_fmu_and_the_rebuilt_one_gives_the_same_output
     assert found[0].tobytes() == found[1].tobytes()
 
 
-def told(value, content):
-    """Whether a double stands in a file that people read: with six of its digits or more."""
+def is_disclosed(value, content):
+    """Return whether a double is in a text file, with six or more of its digits."""
     return any(f"{value:.{digits}g}".encode() in content for digits in (6, 9, 12, 17))
 
 
-def test_a_confidential_fmu_tells_neither_the_curve_nor_its_sources(shocks, tmp_path):
+def test_a_confidential_fmu_discloses_neither_the_curve_nor_its_sources(shocks, tmp_path):
     law = shocks["lpnl2"].law
     inner = (1812.34567, *law.curve.inner[1:14], 31.4159265)
     curve = replace(law.curve, inner=inner, compression=(1487.65432, 900.123456, 40.0, 5.0))
@@ -99,10 +99,10 @@ def test_a_confidential_fmu_tells_neither_the_curve_nor_its_sources(shocks, tmp_
         for word in (b"uesday", b"records/", b"model.c", b"shock.c", b"front.json", str(tmp_path).encode()):
             assert word not in content, (name, word)
         if not name.startswith("binaries/"):
-            if name.endswith((".xml", ".csv")):  # the page may say what open FMUs call their coefficients
+            if name.endswith((".xml", ".csv")):  # the page may contain the names of coefficients
                 assert b"curve." not in content, name
             for value in (*inner[:1], *inner[14:], *curve.compression[:2]):
-                assert not told(value, content), (name, value)
+                assert not is_disclosed(value, content), (name, value)
 
 
 def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path):
@@ -143,7 +143,7 @@ def test_the_target_all_writes_both_side_by_side(shocks, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"front.fmu", "front_python.fmu"}
 
 
-def test_without_zig_the_build_is_for_this_platform_and_says_so(shocks, tmp_path, monkeypatch):
+def test_without_zig_the_build_is_for_this_platform_and_reports_that(shocks, tmp_path, monkeypatch):
     system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
     monkeypatch.setattr("builder.build.find_toolchain", lambda: system)
     write_shock(shocks["lpf1"], tmp_path / "front.json")
@@ -166,11 +166,11 @@ def test_nothing_is_written_when_one_of_several_cannot_be_built(shocks, tmp_path
     ("stem", "identifier"),
     [("con", "con_"), ("LPT1", "LPT1_"), ("int", "int_"), ("2x", "_2x"), ("my shock", "my_shock"), ("front", "front")],
 )
-def test_an_fmu_has_a_name_that_c_and_windows_take(stem, identifier):
+def test_an_fmu_has_a_name_that_is_valid_for_c_and_windows(stem, identifier):
     assert fmu_identifier(stem) == identifier
 
 
-def test_names_that_differ_in_case_only_are_refused_since_windows_keeps_one_of_them(shocks, tmp_path):
+def test_names_that_differ_in_case_only_are_rejected_because_windows_ignores_case(shocks, tmp_path):
     for name in ("A", "a"):
         write_shock(shocks["lpf1"], tmp_path / f"{name}.json")
     with pytest.raises(FmuError, match="several sources would be written to"):
@@ -185,7 +185,7 @@ def test_names_that_differ_in_case_only_are_refused_since_windows_keeps_one_of_t
         ("gone.json", None, "the file does not exist"),
     ],
 )
-def test_what_cannot_be_built_is_refused_with_the_way_out(tmp_path, name, content, advice):
+def test_files_that_cannot_be_built_are_rejected_with_what_to_do(tmp_path, name, content, advice):
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(FmuError, match=advice):

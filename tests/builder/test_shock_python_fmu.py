@@ -1,4 +1,4 @@
-"""A python shock FMU is its law: the same file, the same numbers, and a state that really restores."""
+"""A Python shock FMU contains its law's file, gives the same numbers, and restores its state completely."""
 
 import zipfile
 from pathlib import Path
@@ -29,7 +29,7 @@ PARAMETERS = {
     "curve.rebound[4]": st.floats(-5e2, 5e2),
     "curve.transition_speed": st.floats(0.2, 0.6),
 }
-#: Of a law that takes no curve that falls.
+#: Parameters for a law that does not accept a falling curve.
 RISING = {
     "compression_scale": st.floats(0.2, 2.0),
     "rebound_scale": st.floats(0.2, 2.0),
@@ -41,13 +41,13 @@ steps = st.lists(st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.float
 
 
 def parameters_of(name, variables):
-    """Values for those of the parameters that an FMU has."""
+    """Return values for the parameters that an FMU has."""
     ranges = PARAMETERS | (RISING if name == "maxwell" else {})
     return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
 
 
 def law_with(law, values):
-    """The library's law with the FMU's parameter values."""
+    """Return the library's law with the FMU's parameter values."""
     curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
     for name, value in values.items():
         if name.startswith("curve."):
@@ -113,7 +113,7 @@ def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(python_compo
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_fmu_ships_the_librarys_own_files_to_the_byte(python_fmus, name):
+def test_the_fmu_contains_unchanged_copies_of_library_files(python_fmus, name):
     library = Path(eightpost.shock.__file__).parent
     with zipfile.ZipFile(python_fmus[name]) as archive:
         shipped = [n for n in archive.namelist() if "_law/" in n and (library / Path(n).name).is_file()]
@@ -177,7 +177,7 @@ def test_reset_restores_every_default(python_component, name):
 
 
 @pytest.mark.parametrize(
-    ("variable", "value", "said"),
+    ("variable", "value", "message"),
     [
         ("velocity", float("nan"), "velocity = nan is not finite"),
         ("motion_ratio", -1.0, "motion_ratio = -1.0"),
@@ -186,19 +186,19 @@ def test_reset_restores_every_default(python_component, name):
     ],
 )
 def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fine(
-    python_component, variable, value, said
+    python_component, variable, value, message
 ):
     fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set((variable,), (value,))
-    with pytest.raises(StepError, match=said):
+    with pytest.raises(StepError, match=message):
         fmu.step(0.0, 1e-3)
     fmu.set(("velocity",), (0.1,))
     fmu.step(0.0, 1e-3)
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, float("nan"), float("inf")])
-def test_a_step_that_is_not_positive_is_refused_and_the_next_one_is_fine(python_component, step):
+def test_a_step_that_is_not_positive_is_rejected_and_the_next_one_succeeds(python_component, step):
     fmu = python_component("lpf1")
     fmu.end_initialization()
     with pytest.raises(StepError, match="must be positive"):
@@ -236,7 +236,7 @@ def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(python_comp
     fmu.step(1e-3, 1e-3)
 
 
-def test_parameters_that_do_not_fit_each_other_end_initialization_with_the_reason(python_component):
+def test_inconsistent_parameters_end_initialization_with_the_reason(python_component):
     fmu = python_component("lpnl2", lag_zero_force=1.0)
     assert fmu.get(("force",)) == [0.0]
     with pytest.raises(StepError, match="lag_zero_force"):

@@ -1,4 +1,4 @@
-"""An SSP package holds the system, and libcosim runs it as our master does at the same scheme."""
+"""An SSP package contains the system, and libcosim gives the same results as our master with the same scheme."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def car(fmus):
     return SspSystem("car", tuple(components), tuple(connections), STEP, 30.0)
 
 
-def test_the_package_holds_each_fmu_once_and_names_what_is_left_open(car, tmp_path):
+def test_the_package_contains_each_fmu_once_and_unconnected_inputs_are_returned(car, tmp_path):
     left = write_ssp(tmp_path / "car.ssp", car)
     setups = {f"resources/{name}.ssv" for name in ("car", *CORNERS)}
     fmus = {"resources/seven_dof.fmu", "resources/lpf1.fmu"}
@@ -51,7 +51,7 @@ def test_the_same_system_gives_the_same_bytes(car, tmp_path):
     assert (tmp_path / "a.ssp").read_bytes() == (tmp_path / "b.ssp").read_bytes()
 
 
-def test_the_description_is_valid_to_the_schema_and_carries_what_tools_ask_for(car, tmp_path):
+def test_the_description_is_valid_and_contains_the_annotations_that_tools_need(car, tmp_path):
     import pyssp_standard  # noqa: PLC0415
     import xmlschema  # noqa: PLC0415
     from fmpy.ssp.ssd import read_ssd  # noqa: PLC0415
@@ -70,7 +70,7 @@ def test_the_description_is_valid_to_the_schema_and_carries_what_tools_ask_for(c
     assert read_ssd(str(tmp_path / "car.ssp")).system.name == "car"
 
 
-def test_the_setups_name_only_what_can_be_set(car, tmp_path):
+def test_the_setup_files_contain_only_variables_that_can_be_set(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
     for component in car.components:
@@ -89,7 +89,7 @@ def test_a_gain_becomes_a_transformation(car, tmp_path):
     assert found == {"factor": "-1.0", "offset": "0.0"}
 
 
-def test_what_ssp_cannot_hold_is_refused_with_the_reason(car, tmp_path):
+def test_systems_that_ssp_cannot_represent_are_rejected_with_the_reason(car, tmp_path):
     doubled = replace(car, connections=(*car.connections, SspConnection("rf.force", "car.lf.force")))
     with pytest.raises(WiringError, match=r"car\.lf\.force is connected to lf\.force and to rf\.force"):
         write_ssp(tmp_path / "car.ssp", doubled)
@@ -140,7 +140,7 @@ def libcosim(package):
 
 
 def jacobi(system, **parameters):
-    """The same exchange by hand: set everything, step everything, hand over."""
+    """Run a simple Jacobi loop: set all inputs, step all FMUs, exchange values."""
     parts = {c.name: cosim.FmuComponent(c.fmu, c.name) for c in system.components}
     for name, part in parts.items():
         part.begin(0.0, 30.0, parameters.get(name, {}))
@@ -172,7 +172,7 @@ def test_libcosim_runs_the_package_and_gives_our_results(car, tmp_path):
     agree(libcosim(tmp_path / "car.ssp"), expected)
 
 
-def test_a_changed_setup_file_alone_changes_one_corners_shock(car, tmp_path):
+def test_changing_only_a_setup_file_changes_the_shock_of_one_corner(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
     entry = rb'(name="compression_scale">\s*<ssv:Real value=")1.0"'

@@ -1,4 +1,4 @@
-"""Binaries for six platforms: the right machines, the oldest systems, no names but FMI's, the same bytes each time."""
+"""Binaries for six platforms: right processors, old systems, only FMI symbols, reproducible bytes."""
 
 import ctypes
 import hashlib
@@ -22,8 +22,8 @@ from builder.sources import source_folder
 from eightpost import cache
 from eightpost.errors import FmuError
 
-#: Sizes and contents are known at run time only, so that the calls are not optimized away. quick_exit is there because
-#: glibc has two of it, of version 2.24 and of an older one: a library for a newer glibc than 2.17 would ask for 2.24.
+#: Sizes and contents are only known at run time, so that the calls are not optimized away. quick_exit is used because
+#: glibc has two versions of it, 2.24 and an older one: a library for a newer glibc than 2.17 would need 2.24.
 SOURCE = """
 #include <stdlib.h>
 #include <string.h>
@@ -45,7 +45,7 @@ fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
   value[0] = strcmp(c, "yes") == 0 && large[vr[nvr - 1]] == (char)vr[nvr - 1]; return fmi2OK; }
 """
 
-#: Marks that zig's linker puts into a Mach-O file; there is no code behind them.
+#: Symbols without code that zig's linker adds to a Mach-O file.
 LINKER_MARKS = {"___dso_handle", "__mh_dylib_header"}
 EXPORTS = {"fmi2GetVersion", "fmi2FreeInstance", "fmi2GetReal", "fmi2GetBoolean"}
 LIBRARY = Library("little", {"little.c": SOURCE.encode()})
@@ -70,7 +70,7 @@ def parsed(content):
 
 
 def assert_runs(path):
-    """Call what a library has: 3 (1 + 2 + 3) + 7 from a copy, and a comparison on a stack of several pages."""
+    """Call the functions of a library: 3 (1 + 2 + 3) + 7 from a copy, and a comparison with a large stack frame."""
     library = ctypes.CDLL(str(path))
     value, flag = ctypes.c_double(), ctypes.c_int()
     assert (
@@ -82,7 +82,7 @@ def assert_runs(path):
 
 
 def zig_of(folder):
-    """A cache folder with what zig made of the C libraries, and none of our own entries."""
+    """Return a cache folder with zig's compiled C libraries and without our entries."""
     (cache.cache_folder() / "zig").mkdir(parents=True, exist_ok=True)
     folder.mkdir(exist_ok=True)
     (folder / "zig").symlink_to(cache.cache_folder() / "zig", target_is_directory=True)
@@ -128,7 +128,7 @@ def test_windows_libraries_import_windows_own_run_time_only(binaries, platform, 
     assert {e.name for e in library.get_export().entries} == EXPORTS
 
 
-def test_the_mac_library_holds_both_processors_and_each_asks_for_macos_11(binaries):
+def test_the_mac_library_supports_both_processors_and_each_slice_needs_macos_11(binaries):
     fat = lief.MachO.parse(list(binaries["binaries/darwin64/little.dylib"]))
     thin = lief.MachO.parse(list(binaries["binaries/aarch64-darwin/little.dylib"]))
     assert [s.header.cpu_type for s in fat] == [lief.MachO.Header.CPU_TYPE.X86_64, lief.MachO.Header.CPU_TYPE.ARM64]
@@ -140,7 +140,7 @@ def test_the_mac_library_holds_both_processors_and_each_asks_for_macos_11(binari
 
 
 def code_directory(content):
-    """The page hashes of a thin Mach-O file's signature, and those computed from its pages here.
+    """Return the page hashes in a thin Mach-O file's signature, and those computed from its pages.
 
     Source: Apple, <mach-o/loader.h> (LC_CODE_SIGNATURE) and xnu's osfmk/kern/cs_blobs.h (CS_CodeDirectory).
     """
@@ -176,18 +176,18 @@ def test_the_same_sources_give_the_same_bytes_in_another_folder_without_the_cach
     assert again == binaries
 
 
-def test_no_library_tells_where_it_was_built(binaries):
+def test_no_library_contains_the_path_of_its_build(binaries):
     here = (f"{tempfile.gettempdir()}/", f"{Path.home()}/", Path.cwd())
     places = [b"/home/", b"/Users/", *map(os.fsencode, here)]
     for name, content in binaries.items():
         assert not [place for place in places if place in content], name
 
 
-def test_zig_keeps_nothing_of_a_library_in_the_cache_that_is_never_emptied(zig, binaries):
+def test_zig_keeps_no_library_in_its_permanent_cache(zig, binaries):
     name = f"only_here_{os.urandom(8).hex()}"
     only_here = Library(name, {f"{name}.c": SOURCE.encode()})
     compile_libraries([only_here], toolchain=zig)
-    walk = os.walk(cache.cache_folder() / "zig")  # which does not mind what others delete meanwhile
+    walk = os.walk(cache.cache_folder() / "zig")  # os.walk ignores folders that other processes delete meanwhile
     assert not [file for _, _, files in walk for file in files if name in file]
 
 
@@ -206,13 +206,13 @@ def test_a_damaged_or_cut_cache_entry_is_compiled_again(tmp_path, monkeypatch):
         assert again == first and entry.read_bytes() == whole
 
 
-def test_the_cache_drops_what_was_not_used_for_longest(tmp_path, monkeypatch):
+def test_the_cache_drops_the_least_recently_used_entry(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
     monkeypatch.setattr(cache, "KEPT", 3)
     for age, key in enumerate("abc"):
         cache.keep("binaries", key, key.encode())
         os.utime(tmp_path / "binaries" / key, (1e9 + age, 1e9 + age))
-    assert cache.recall("binaries", "a") == b"a"  # used now, so that b is the oldest
+    assert cache.recall("binaries", "a") == b"a"  # used now, so that b is the least recently used
     cache.keep("binaries", "d", b"d")
     assert {path.name for path in (tmp_path / "binaries").iterdir()} == {"a", "c", "d"}
 
@@ -223,7 +223,7 @@ def key_of(zig, library, platform):
     return compiler._key(zig, library, target, command)
 
 
-def test_the_cache_knows_all_that_a_binary_is_made_of_and_no_folder_of_the_machine(zig, tmp_path, monkeypatch):
+def test_the_cache_key_covers_everything_a_binary_depends_on_and_no_folder_name(zig, tmp_path, monkeypatch):
     windows = PLATFORMS["win64"]
     key = key_of(zig, LIBRARY, windows)
     assert key_of(zig, LIBRARY, PLATFORMS["win32"]) != key
@@ -242,7 +242,7 @@ def test_the_cache_knows_all_that_a_binary_is_made_of_and_no_folder_of_the_machi
         (tmp_path / name).write_bytes(old)
 
 
-def test_machines_that_share_a_cache_folder_do_not_share_what_their_own_compilers_made():
+def test_machines_that_share_a_cache_folder_do_not_share_binaries_of_different_compilers():
     system = system_compiler()
     command = system.command("little", PLATFORMS["linux64"], "", ["little.c"])
     assert len({compiler._key(system, LIBRARY, name, command) for name in ("linux64", "aarch64-linux")}) == 2
@@ -261,7 +261,7 @@ def test_progress_counts_to_the_number_of_binaries(binaries, zig):
     assert told == [(done, 6) for done in range(1, 7)]
 
 
-def test_the_systems_compiler_builds_for_this_platform_and_says_so(tmp_path):
+def test_the_systems_compiler_builds_for_this_platform_and_reports_that(tmp_path):
     system = system_compiler()
     (members,) = compile_libraries([LIBRARY], toolchain=system)
     assert list(members) == [this_platform().member("little")]
@@ -274,19 +274,19 @@ def test_the_systems_compiler_builds_for_this_platform_and_says_so(tmp_path):
 def test_this_platforms_library_runs(binaries, tmp_path):
     platform = this_platform()
     if platform.name not in PLATFORMS:
-        pytest.skip(f"{platform.name} is none of the six")
+        pytest.skip(f"{platform.name} is not one of the six platforms")
     path = tmp_path / f"little{platform.suffix}"
     path.write_bytes(binaries[platform.member("little")])
     assert_runs(path)
 
 
-def test_a_mistake_in_the_source_is_reported_with_the_platform_and_the_compilers_words(zig):
+def test_an_error_in_the_source_is_reported_with_the_platform_and_the_compilers_message(zig):
     wrong = Library("wrong", {"wrong.c": b"int f(void) { return undeclared; }\n"})
     with pytest.raises(FmuError, match=r"wrong: zig .* could not compile it for linux64: .*undeclared"):
         compile_libraries([wrong], toolchain=zig)
 
 
-def test_without_any_compiler_the_error_says_what_to_install(monkeypatch):
+def test_without_any_compiler_the_error_message_names_the_package_to_install(monkeypatch):
     monkeypatch.setattr("builder.native.toolchain._zig", lambda: None)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)

@@ -1,4 +1,4 @@
-"""A python vehicle FMU is its state space, stepped exactly, starting in equilibrium."""
+"""A Python vehicle FMU steps its state-space model exactly and starts in equilibrium."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(python
     np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
 
 
-def test_start_at_equilibrium_can_be_declined(python_component):
+def test_start_at_equilibrium_can_be_switched_off(python_component):
     fmu = python_component("quarter_car", start_at_equilibrium=False)
     fmu.set(("aero_force",), (1000.0,))
     fmu.end_initialization()
@@ -123,7 +123,7 @@ def test_friction_is_the_librarys_and_tunable_during_the_run(python_component, n
     fmu.end_initialization()
     x, time, size = np.zeros(len(model.A)), 0.0, np.where([c.unit == "m" for c in model.inputs], 0.01, 300.0)
     for k, step in enumerate(10.0 ** rng.uniform(-5, -2, 60)):
-        if k % 10 == 5:  # differs from port to port, and is none at some
+        if k % 10 == 5:  # differs between ports, and is zero at some
             force, width = rng.uniform(0.0, 300.0, count) * (k != 25), rng.uniform(1e-3, 0.01, count)
             fmu.set(at_ports(name, "friction_force"), force)
             fmu.set(at_ports(name, "friction_velocity"), width)
@@ -153,7 +153,7 @@ def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(python_component
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_friction_has_no_part_in_the_equilibrium_start(python_component, name):
+def test_friction_does_not_affect_the_equilibrium_start(python_component, name):
     model = model_of(name)
     u = np.where([c.unit == "m" for c in model.inputs], 0.01, 500.0) * np.linspace(-1.0, 1.0, len(model.inputs))
     found = []
@@ -207,11 +207,11 @@ def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes
     with pytest.raises(StepError, match=r"too stiff for a step of 0\.05 s"):
         fmu.step(1e-6, 0.05)
     assert fmu.get(model_of("quarter_car").output_names) == before
-    fmu.step(1e-6, 1e-6)  # the next good one is fine
+    fmu.step(1e-6, 1e-6)  # the next valid step succeeds
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_every_port_has_tunable_friction_with_units_for_people(python_fmus, name):
+def test_every_port_has_tunable_friction_with_display_units(python_fmus, name):
     variables = {v.name: v for v in read_model_description(str(python_fmus[name])).modelVariables}
     assert [n for n in variables if "friction" in n] == [
         *at_ports(name, "friction_force"),
@@ -259,7 +259,7 @@ def test_a_model_without_a_steady_state_refuses_to_start_in_one(tmp_path):
     fmu.finish()
 
 
-def test_a_shock_velocity_with_a_direct_term_is_refused(tmp_path):
+def test_a_shock_velocity_with_feedthrough_is_rejected(tmp_path):
     model = free_mass()
     loop = StateSpace(model.A, model.B, model.C, np.ones((1, 1)), model.inputs, model.outputs, name="loop")
     write_vehicle(tmp_path / "loop.json", IdentifiedVehicle("loop", loop))
@@ -267,7 +267,7 @@ def test_a_shock_velocity_with_a_direct_term_is_refused(tmp_path):
         build([tmp_path / "loop.json"], tmp_path)
 
 
-def test_a_channel_that_is_no_port_is_refused(tmp_path):
+def test_an_unknown_channel_is_rejected(tmp_path):
     model = free_mass()
     odd = StateSpace(model.A, model.B, model.C, model.D, model.inputs, (Channel("sideways", "m/s"),), name="odd")
     write_vehicle(tmp_path / "odd.json", IdentifiedVehicle("odd", odd))

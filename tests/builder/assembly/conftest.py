@@ -63,14 +63,14 @@ stop = 1.0
 
 @pytest.fixture(scope="session")
 def toolchain():
-    """For this platform alone where there is a compiler: a build for all takes a minute."""
+    """Return a compiler for this platform only, because a build for all platforms takes a minute."""
     found = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
     return SystemCompiler(found) if found else find_toolchain()
 
 
 @pytest.fixture
 def build_here(toolchain, monkeypatch):
-    """Build FMUs with that compiler."""
+    """Build FMUs with the compiler for this platform."""
     monkeypatch.setattr("builder.build.find_toolchain", lambda: toolchain)
     return build
 
@@ -105,14 +105,14 @@ def car(made, case):
 
 @pytest.fixture(scope="session")
 def measured(car, case):
-    """Outputs of the car and the exact answer at 125 Hz: (names, exact)."""
+    """Return names of outputs of the car and the exact response at 125 Hz: (names, exact)."""
     names = [f"car.{corner}.{name}" for name in ("velocity", "tire_force") for corner in CORNERS]
     return names, host(car, 0.008, parameters={"coupling_step": 1e-5}, outputs=names)
 
 
 @pytest.fixture(scope="session")
 def corner_file(fmus, tmp_path_factory):
-    """A quarter car, whose gas spring shows in every start."""
+    """Write a system file of a quarter car, whose gas spring affects every start."""
     path = tmp_path_factory.mktemp("corner") / "corner.toml"
     path.write_text(
         f"""

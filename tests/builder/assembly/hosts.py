@@ -14,7 +14,7 @@ STOP = 1.0
 
 
 def road(time):
-    """Four roads (4, K), none like another."""
+    """Return four different roads (4, K)."""
     phases = np.arange(4)[:, None]
     slow, fast = 2.0 * np.pi * (1.1 + 0.3 * phases) * time, 2.0 * np.pi * (9.0 + 1.7 * phases) * time
     return 0.008 * np.sin(slow) + 0.002 * np.sin(fast + phases)
@@ -25,7 +25,7 @@ def grid(step):
 
 
 def host(path, step, *, ramped=True, parameters=None, later=None, outputs=None):
-    """Run an assembly in a loop of its own; return outputs (P, K+1)."""
+    """Run an assembly in a simple host loop; return outputs (P, K+1)."""
     fmu = FmuComponent(path, "car")
     time = grid(step)
     u = road(time)
@@ -48,12 +48,12 @@ def host(path, step, *, ramped=True, parameters=None, later=None, outputs=None):
 
 
 def observed(fmu):
-    """Every output of the parts; the assembly's own estimates are no variables of theirs."""
+    """Return every output of the parts, without the error estimates of the assembly."""
     return [n for n, v in fmu.variables.items() if v.causality == "output" and not n.endswith("coupling_error")]
 
 
 def master(case, step, *, drive_step, outputs, algorithm=None):
-    """Run the separate FMUs in the master; return outputs (P, K+1) at the drive's steps, and the result."""
+    """Run the separate FMUs in the master; return outputs (P, K+1) at the steps of the drive, and the result."""
     time = grid(drive_step)
     rows = dict(zip(ROADS, road(time), strict=True))
     drive = Drivefile(TimeSeries.from_channels(time, {n.removeprefix("car."): ("m", v) for n, v in rows.items()}))
@@ -71,19 +71,19 @@ def master(case, step, *, drive_step, outputs, algorithm=None):
 
 
 def difference(one, other):
-    """Largest difference of each output, of its largest value."""
+    """Return the largest difference of each output, relative to its largest value."""
     return np.abs(one - other).max(axis=1) / (np.abs(other).max(axis=1) + 1e-12)
 
 
 def percent(rows, reference):
-    """RMS error of each row in percent of the reference's standard deviation, after the first 0.2 s."""
+    """Return the RMS error of each row in percent of the reference's standard deviation, after the first 0.2 s."""
     start = rows.shape[1] // 5
     error = np.sqrt(np.mean((rows - reference)[:, start:] ** 2, axis=1))
     return 100.0 * error / reference[:, start:].std(axis=1)
 
 
 def held_separately(fmus, case, step, names):
-    """A plain host of separate FMUs: everything held, all stepped at once; (P, K+1)."""
+    """Return outputs (P, K+1) of a plain host of separate FMUs: parallel steps with held inputs."""
     parts = {name: FmuComponent(path, name) for name, path in case.fmus.items()}
     links = [(*c.source.split(".", 1), *c.target.split(".", 1), c.gain) for c in case.system.all_connections]
     time = grid(step)

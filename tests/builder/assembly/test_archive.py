@@ -1,4 +1,4 @@
-"""The archive of an assembly is that of a native FMU: clean, true and the same bytes each time."""
+"""The archive of an assembly is like that of a native FMU: clean, correct and reproducible."""
 
 import shutil
 import xml.etree.ElementTree as ET
@@ -20,7 +20,7 @@ def test_check_finds_no_error_and_nothing_that_breaks_an_import(corner):
 
 
 def test_the_reference_results_are_what_the_fmu_gives(car):
-    """Of the whole car: the check of the quarter car compares its own."""
+    """Compare the results of the whole car; those of the quarter car are compared by the check."""
     report = check(car, groups=("reference",))
     assert report.findings == ()
     members = read_archive(car)

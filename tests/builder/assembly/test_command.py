@@ -6,13 +6,13 @@ from builder.native.platforms import this_platform
 from eightpost.verbs.build import build as command
 
 
-def test_the_command_says_what_was_put_together(system_file, tmp_path, toolchain, monkeypatch):
+def test_the_command_reports_the_assembled_parts(system_file, tmp_path, toolchain, monkeypatch):
     monkeypatch.setattr("builder.assembly.assembled.find_toolchain", lambda: toolchain)
     output = tmp_path / "dist" / "car_with_shocks.fmu"
     ran = CliRunner().invoke(command, ["--assemble", str(system_file), "-o", str(output)], env={"COLUMNS": "200"})
     assert ran.exit_code == 0, ran.output
-    for said in ("lpf1.fmu", "car.lf.velocity", "0.5 ms", "coupling_step", this_platform().name):
-        assert said in ran.output
+    for text in ("lpf1.fmu", "car.lf.velocity", "0.5 ms", "coupling_step", this_platform().name):
+        assert text in ran.output
     assert output.is_file()
 
 

@@ -1,4 +1,4 @@
-"""An assembly equals the master, is of second order, and keeps that in hosts that hold their inputs."""
+"""An assembly equals the master and is of second order, also in hosts that hold their inputs."""
 
 from itertools import pairwise
 
@@ -26,7 +26,7 @@ def test_its_error_estimates_are_those_of_the_masters_result(car, case):
     assert found[4] == pytest.approx(max(c.percent for c in result.coupled.values()), rel=1e-6)
 
 
-def test_a_communication_step_that_is_no_whole_number_of_micro_steps_is_cut_into_equal_ones(car, case):
+def test_a_communication_step_that_is_not_a_multiple_of_the_micro_step_is_divided_into_equal_ones(car, case):
     outputs = observed(FmuComponent(car, "car"))
     expected, _ = master(case, 0.0004, drive_step=0.002, outputs=outputs)
     assert difference(host(car, 0.002, parameters={"coupling_step": 0.00045}), expected).max() < 1e-9
@@ -41,10 +41,10 @@ def test_the_error_is_of_second_order_in_the_coupling_step(car, measured):
     assert errors[-1].max() < 0.2
 
 
-def test_in_a_host_that_holds_inputs_at_125_hz_it_is_a_hundred_times_nearer_than_separate_fmus(
+def test_in_a_host_that_holds_inputs_at_125_hz_it_is_a_hundred_times_more_accurate_than_separate_fmus(
     car, case, fmus, measured
 ):
-    """The exact answer to the held roads: what is left is the coupling's error alone."""
+    """Compare with the exact response to the held roads, so that only the error of the coupling remains."""
     names, _ = measured
     exact = host(car, 0.008, ramped=False, parameters={"coupling_step": 1e-5}, outputs=names)
     inside = percent(host(car, 0.008, ramped=False, outputs=names), exact).max()

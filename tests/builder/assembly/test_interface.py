@@ -1,4 +1,4 @@
-"""The variables of an assembly are those of its parts, and depend on what those of its parts do."""
+"""The variables of an assembly are those of its parts, with the same dependencies."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -29,7 +29,7 @@ def test_its_interface_is_that_of_its_parts_by_component(car, case):
     assert float(variables["car.lr.force"].start) == 25.0
 
 
-def test_value_references_are_those_of_the_parts_in_thousands(car, fmus):
+def test_value_references_are_those_of_the_parts_plus_multiples_of_a_thousand(car, fmus):
     def references(path):
         root = ET.fromstring(read_archive(path)["modelDescription.xml"])
         return {v.get("name"): int(v.get("valueReference")) for v in root.iter("ScalarVariable")}
@@ -41,7 +41,7 @@ def test_value_references_are_those_of_the_parts_in_thousands(car, fmus):
             assert found.get(f"{name}.{own}", 1000 * number + reference) == 1000 * number + reference
 
 
-def test_a_shock_force_without_delay_comes_to_no_output_but_its_own(car):
+def test_a_shock_force_has_feedthrough_to_its_own_output_only(car):
     variables = FmuComponent(car, "car").variables
     assert variables["lf.force"].direct == frozenset()
     assert variables["car.lf.velocity"].direct == frozenset()
@@ -49,7 +49,7 @@ def test_a_shock_force_without_delay_comes_to_no_output_but_its_own(car):
     assert variables["car.lr.hub_acceleration"].direct == {"car.lr.road", "car.lr.force"}
 
 
-def test_dependencies_at_the_start_name_the_springs_but_no_curve(case):
+def test_dependencies_at_the_start_include_the_springs_but_not_the_curves(case):
     known = assembly_interface(assembly_of(case, "car")).initial["lf.force"]
     assert {"lf.gas_preload", "lf.gas_stiffness", "rr.gas_preload", "car.lf.road", "car.start_at_equilibrium"} <= set(
         known

@@ -35,7 +35,7 @@ def test_setting_the_parameters_of_one_corner_is_the_same_as_another_fmu_there(
     assert difference(found, expected).max() < 1e-9
 
 
-def test_a_tunable_parameter_set_between_steps_counts_from_there(car):
+def test_a_tunable_parameter_set_between_steps_has_an_effect_from_then_on(car):
     names = ["lf.force", "car.lf.velocity"]
     at_once = host(car, 0.004, parameters={"lf.rebound_scale": 1.5}, outputs=names)
     later = host(car, 0.004, later={"lf.rebound_scale": 1.5}, outputs=names)
@@ -43,7 +43,7 @@ def test_a_tunable_parameter_set_between_steps_counts_from_there(car):
     assert not np.allclose(later, host(car, 0.004, outputs=names))
 
 
-def test_a_restored_state_goes_on_bit_for_bit(car):
+def test_a_restored_state_continues_bit_for_bit(car):
     folder = extract(str(car))
     description = read_model_description(folder)
     references = {v.name: v.valueReference for v in description.modelVariables}

@@ -1,4 +1,4 @@
-"""What cannot be assembled is refused with the reason and what to do."""
+"""Systems that cannot be assembled are rejected with the reason and what to do."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from eightpost.commands.assemble import assembly_of
 from eightpost.errors import FmuError
 
 
-def test_every_component_that_cannot_be_a_part_is_named_with_what_to_do(
+def test_every_component_that_cannot_be_a_part_is_listed_with_what_to_do(
     fmus, python_fmus, model_files, build_here, tmp_path
 ):
     shock = next(path for path in model_files if path.stem == "lpnl2")
@@ -26,8 +26,8 @@ def test_every_component_that_cannot_be_a_part_is_named_with_what_to_do(
     with pytest.raises(FmuError) as refused:
         read_parts({"car": fmus["seven_dof"], **files})
     message = str(refused.value)
-    for said in ("a (", "--target native", "b (", "confidential", "c (", "eightpost run", "d (", "build it again"):
-        assert said in message
+    for text in ("a (", "--target native", "b (", "confidential", "c (", "eightpost run", "d (", "build it again"):
+        assert text in message
     assert "car (" not in message
 
 
@@ -35,7 +35,7 @@ def _plan(case, **changes):
     return replace(assembly_of(case, "car"), **changes)
 
 
-def test_systems_that_are_no_vehicle_with_its_shocks_are_refused_with_the_reason(case, fmus):
+def test_systems_other_than_a_vehicle_with_its_shocks_are_rejected_with_the_reason(case, fmus):
     plan = assembly_of(case, "car")
     vehicle = plan.vehicle
     with pytest.raises(FmuError, match="there are 2 vehicles"):

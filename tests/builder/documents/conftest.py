@@ -1,4 +1,4 @@
-"""Documents of all models, and of a shock as a fit leaves it."""
+"""Documents of all models, and of a shock as a fit writes it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FITTED = {
 
 @pytest.fixture(scope="session")
 def fitted() -> Product:
-    """A shock as `eightpost fit` leaves it: coefficients with all their digits, conditions, a fit, source files."""
+    """Return a shock as `eightpost fit` writes it: coefficients with all digits, conditions, a fit, source files."""
     rng = np.random.default_rng(7)
     curve = StaticCurve(
         inner=(2605.7363180956877, *rng.uniform(-300.0, 300.0, 14).tolist()),

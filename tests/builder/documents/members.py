@@ -1,4 +1,4 @@
-"""The members of an archive that are documents, and how tests read them."""
+"""Functions that read the documents of an archive."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def page_of(members: dict[str, bytes]) -> str:
 
 
 class Reader(HTMLParser):
-    """Refuses tags that do not close in order; keeps what a browser would show and what it would load."""
+    """Parser that rejects tags that are not closed in order; it keeps the visible text and the loaded resources."""
 
     VOID = ("meta", "img")
 

@@ -1,4 +1,4 @@
-"""A confidential archive's documents tell what they may."""
+"""The documents of a confidential archive disclose only permitted information."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from .members import PICTURE, members_of, page_of, reference_of
 
 
 def spellings(value: float) -> set[str]:
-    """How a coefficient may be written; with six digits and more, for the fitted range is told with four."""
+    """Return the possible spellings of a coefficient with six or more digits; the fitted range is shown with four."""
     return {repr(value), *(f"{value:.{digits}g}" for digits in range(6, 17))}
 
 
-def test_a_confidential_archive_holds_no_coefficient(fitted):
+def test_a_confidential_archive_contains_no_coefficient(fitted):
     everything = b"\n".join(members_of(fitted, Disclosure.CONFIDENTIAL).values()).decode("latin-1")
     curve = fitted.source.law.curve
     numbers = [n for field in curve.__slots__ for n in np.atleast_1d(getattr(curve, field)).tolist()]
     assert len(numbers) == 29
     assert not [text for number in numbers for text in spellings(number) if text in everything]
-    assert "2605.74" in page_of(members_of(fitted))  # the same search finds it in an open one
+    assert "2605.74" in page_of(members_of(fitted))  # the same search finds it in an open archive
 
 
-def test_a_confidential_archive_names_no_source_file_build_or_digest(fitted):
+def test_a_confidential_archive_contains_no_source_file_name_build_or_digest(fitted):
     members = members_of(fitted, Disclosure.CONFIDENTIAL)
     everything = b"\n".join([*members.values(), *(name.encode() for name in members)]).decode("latin-1")
     for text in ("dyno_7", "run_7", "build 7", "84a0a12e", "14 from closed", "150 psi", "few samples"):
@@ -39,7 +39,7 @@ def test_a_confidential_archive_has_an_icon_in_place_of_the_curve(archives, fitt
         assert members[PICTURE] != full[PICTURE]
 
 
-def test_a_confidential_page_still_tells_what_the_shock_may_be_used_for(fitted):
+def test_a_confidential_page_still_shows_the_range_of_validity(fitted):
     page = page_of(members_of(fitted, Disclosure.CONFIDENTIAL))
     assert "-32.56 to 30.91 in/s" in page
     assert "1.35 %" in page
@@ -47,7 +47,7 @@ def test_a_confidential_page_still_tells_what_the_shock_may_be_used_for(fitted):
     assert set(shown) == {v.name for v in fitted.interface.variables if not v.name.startswith("curve.")}
 
 
-def test_a_confidential_vehicle_tells_no_parameter_and_no_mode(archives, products):
+def test_a_confidential_vehicle_discloses_no_parameter_and_no_mode(archives, products):
     page = page_of(members_of(products["seven_dof"], Disclosure.CONFIDENTIAL))
     for text in ("2550 lbm", "1280 lbf/in", "damping ratio", "Boggs"):
         assert text in page_of(archives["seven_dof"])

@@ -1,4 +1,4 @@
-"""The page is complete, self-contained and true."""
+"""The page is complete, self-contained and correct."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .members import ALL, Reader, members_of, page_of
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_page_is_well_formed_and_loads_nothing(archives, name):
+def test_the_page_is_well_formed_and_has_no_external_resources(archives, name):
     page = page_of(archives[name])
     reader = Reader(page)
     assert not reader.open
@@ -26,7 +26,7 @@ def test_the_page_is_well_formed_and_loads_nothing(archives, name):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_link_of_the_page_leads_to_a_place_on_it(archives, name):
+def test_every_link_of_the_page_refers_to_an_anchor_on_it(archives, name):
     reader = Reader(page_of(archives[name]))
     assert {link.removeprefix("#") for link in reader.links} <= reader.places
     assert all(link.startswith("#") for link in reader.links)
@@ -53,7 +53,7 @@ def test_a_parameters_row_has_unit_start_display_value_range_and_variability(arc
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_page_draws_every_equation_of_its_text_and_leaves_no_latex_over(archives, products, name):
+def test_the_page_shows_every_equation_of_its_text_and_no_latex(archives, products, name):
     kind = products[name].interface.kind
     texts = [(source_folder() / kind / "README.md").read_text(encoding="utf-8")]
     if kind.startswith("shock_"):
@@ -66,7 +66,7 @@ def test_the_page_draws_every_equation_of_its_text_and_leaves_no_latex_over(arch
     assert not re.search(r"[$\\`]", "".join(Reader(page).shown))
 
 
-def test_mathematics_becomes_mathml_in_the_line_and_by_itself():
+def test_mathematics_becomes_inline_and_block_mathml():
     inline = '<p>so <math display="inline"><mrow><msub><mi>F</mi><mi>s</mi></msub></mrow></math> is</p>\n'
     assert render("so $F_s$ is") == inline
     assert render("```math\nF\n```").startswith('<div class="equation"><math display="block">')
@@ -74,7 +74,7 @@ def test_mathematics_becomes_mathml_in_the_line_and_by_itself():
     assert render("5 $ is a price") == "<p>5 $ is a price</p>\n"
 
 
-def test_the_page_tells_conditions_fit_and_digest_in_customary_units_and_si(fitted):
+def test_the_page_shows_conditions_fit_and_digest_in_customary_units_and_si(fitted):
     shown = "".join(Reader(page_of(members_of(fitted))).shown)
     for text in ("build 7", "14 from closed", "150 psi", "1.034e+06 Pa", "80.3 to 84.1 °F", "-32.56 to 30.91 in/s"):
         assert text in shown
@@ -84,7 +84,7 @@ def test_the_page_tells_conditions_fit_and_digest_in_customary_units_and_si(fitt
         assert text in shown
 
 
-def test_the_page_of_a_vehicle_tells_its_parameters_and_modes(archives):
+def test_the_page_of_a_vehicle_shows_its_parameters_and_modes(archives):
     page = page_of(archives["quarter_car"])
     assert "<td>1280 lbf/in</td><td>2.242e+05 N/m</td>" in page  # Table 4.1
     modes = read_vehicle(shipped("quarter_car")).with_damper().modes()
@@ -92,7 +92,7 @@ def test_the_page_of_a_vehicle_tells_its_parameters_and_modes(archives):
         assert f"{mode.frequency_hz:.3g} Hz" in page
 
 
-def test_what_people_name_cannot_break_the_page(shocks):
+def test_names_with_special_characters_do_not_break_the_page(shocks):
     shock = dataclasses.replace(shocks["lpf1"], name="<b>R$5 & x_1$", conditions={"note": "</td><script>"})
     page = page_of(members_of(shock_product(shock, "odd")))
     assert "<b>" not in page and "<script>" not in page

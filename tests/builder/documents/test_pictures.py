@@ -17,14 +17,14 @@ from .members import ALL, PICTURE, members_of
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_pictures_are_the_same_bytes_twice_whatever_the_users_style(archives, products, name):
+def test_the_pictures_are_reproducible_whatever_the_users_style(archives, products, name):
     with matplotlib.rc_context({"lines.linewidth": 9.0, "font.size": 30.0, "axes.grid": True, "savefig.dpi": 30}):
         again = members_of(products[name])
     assert again == archives[name]
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_picture_is_legible_and_the_icon_square_and_neither_tells_who_made_it(archives, name):
+def test_the_picture_is_legible_and_the_icon_square_and_neither_names_its_software(archives, name):
     for member, size in ((PICTURE, (900, 600)), ("terminalsAndIcons/icon.png", (256, 256))):
         image = Image.open(io.BytesIO(archives[name][member]))
         assert image.size == size
@@ -39,7 +39,7 @@ def test_the_curve_in_the_picture_is_the_shocks_own(shocks):
     gassed = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, gas_preload=400.0)))  # fmt: skip # noqa: E501
     first, second, third = (members_of(shock_product(s, "x"))[PICTURE] for s in (shock, stiffer, gassed))
     assert first != second
-    assert first == third  # the gas force is left out
+    assert first == third  # the gas force is not drawn
 
 
 def test_a_model_without_roads_and_tires_has_a_picture_too():

@@ -1,4 +1,4 @@
-"""Reference results keep the cross-check rules and are the models' equations written down again."""
+"""Reference results follow the cross-check rules and equal an independent implementation of the models' equations."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .members import ALL, CARS, EXTRA, LAWS, assert_close, members_of, page_of, 
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_reference_files_keep_the_cross_check_rules(archives, products, name):
+def test_the_reference_files_follow_the_cross_check_rules(archives, products, name):
     (input_names, u), (output_names, y) = (
         table_of(archives[name][f"{EXTRA}/{name}_{kind}.csv"]) for kind in ("in", "ref")
     )
@@ -47,7 +47,7 @@ def test_the_reference_files_keep_the_cross_check_rules(archives, products, name
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_shocks_reference_goes_beyond_the_fit_on_both_sides_and_moves_as_its_velocity_says(archives, shocks, name):
+def test_a_shocks_reference_exceeds_the_fitted_range_on_both_sides_and_its_motion_is_consistent(archives, shocks, name):
     inputs, outputs = reference_of(archives[name], name)
     damper = shocks[name].law.port.motion_ratio * inputs["velocity"]
     assert damper.max() > shocks[name].law.curve.compression_speed
@@ -58,7 +58,7 @@ def test_a_shocks_reference_goes_beyond_the_fit_on_both_sides_and_moves_as_its_v
 
 
 def curve_by_numpy(curve: StaticCurve, velocity: np.ndarray) -> np.ndarray:
-    """Eq 3.23 by arrays: everything everywhere, then the pieces chosen."""
+    """Compute Eq 3.23 with arrays: all pieces everywhere, then the selection of pieces."""
 
     def fitted(v: np.ndarray) -> np.ndarray:
         s = v / curve.transition_speed
@@ -76,9 +76,9 @@ def curve_by_numpy(curve: StaticCurve, velocity: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_shocks_reference_is_its_equation_written_down_again(archives, shocks, name):
+def test_a_shocks_reference_equals_an_independent_implementation(archives, shocks, name):
     law, (inputs, outputs) = shocks[name].law, reference_of(archives[name], name)
-    port, velocity = law.port, np.concatenate([[0.0], inputs["velocity"][:-1]])  # held over the step that ends here
+    port, velocity = law.port, np.concatenate([[0.0], inputs["velocity"][:-1]])  # held over the step before this point
     displacement = np.concatenate([[0.0], inputs["displacement"][:-1]])
     damper = port.motion_ratio * velocity
     static = curve_by_numpy(law.curve, damper) * np.where(damper > 0.0, port.compression_scale, port.rebound_scale)
@@ -113,7 +113,7 @@ def test_a_vehicles_reference_is_scipys_zero_order_hold(archives, name):
 
 
 def test_friction_at_the_ports_is_part_of_an_identified_vehicles_reference():
-    """A car that rubs moves less than one that does not; the law alone makes the difference."""
+    """Check that a car with friction moves less than the same car without friction."""
     model = read_vehicle(shipped("quarter_car")).coupled()
     smooth = IdentifiedVehicle("car", model)
     rubbing = IdentifiedVehicle("car", model, friction={"": Friction(200.0, 0.01)})
@@ -132,7 +132,7 @@ def test_static_values_are_part_of_a_vehicles_reference():
     np.testing.assert_array_equal(shifted["velocity"], plain["velocity"])
 
 
-def test_a_vehicle_without_an_equilibrium_ships_no_reference_and_says_nothing_of_one():
+def test_a_vehicle_without_an_equilibrium_has_no_reference_results_and_does_not_mention_them():
     model = StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], (Channel("force", "N"),), (Channel("velocity", "m/s"),))
     members = members_of(vehicle_product(IdentifiedVehicle("free mass", model), "free"))
     assert not [name for name in members if name.startswith(EXTRA)]

@@ -1,4 +1,4 @@
-"""Terminals: one port per corner, whose force flows as the standard's words say."""
+"""Terminals: one port per corner, with the flow direction of the force as in the standard."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_terminals_and_icons_is_valid_against_the_schema_of_fmi_3(archives, name
 
 
 def test_a_shock_has_one_port_whose_force_flows_out():
-    # Read from the file that the standard's rules are for, not from the type behind it.
+    # Read from the file, to which the standard's rules apply, not from the Python type.
     product = shock_product(Shock("x", _any_law()), "x")
     assert kinds_of(members_of(product)[TERMINALS]) == {
         "port": {
@@ -56,7 +56,7 @@ def test_a_vehicle_has_one_port_per_corner_whose_force_flows_in(archives):
 
 
 def test_kirchhoffs_law_at_the_terminals_gives_the_vehicle_the_shocks_force(archives):
-    """Inflows minus outflows are zero at a connection: with force 1 out of the shock, 1 goes into the vehicle."""
+    """Check that inflows equal outflows at a connection: a force of 1 leaves the shock and enters the vehicle."""
     sign = {"inflow": 1.0, "outflow": -1.0}
     shock = sign[kinds_of(archives["lpnl2"][TERMINALS])["port"]["force"][1]]
     vehicle = sign[kinds_of(archives["quarter_car"][TERMINALS])["port"]["force"][1]]
@@ -66,7 +66,7 @@ def test_kirchhoffs_law_at_the_terminals_gives_the_vehicle_the_shocks_force(arch
 def test_fmutool_connects_a_shock_to_a_corner(archives):
     shock = next(iter(Terminals.from_xml_source(io.BytesIO(archives["lpnl2"][TERMINALS]))))
     corner = Terminals.from_xml_source(io.BytesIO(archives["seven_dof"][TERMINALS])).terminals["rr"]
-    assert shock == corner  # of one kind
+    assert shock == corner  # terminals of the same kind
     assert set(corner.connect(shock)) == {(f"rr.{name}", name) for name in ("velocity", "displacement", "force")}
 
 
