@@ -212,7 +212,7 @@ def test_the_cache_drops_the_least_recently_used_entry(tmp_path, monkeypatch):
     for age, key in enumerate("abc"):
         cache.keep("binaries", key, key.encode())
         os.utime(tmp_path / "binaries" / key, (1e9 + age, 1e9 + age))
-    assert cache.recall("binaries", "a") == b"a"  # used now, so that b is the least recently used
+    assert cache.recall("binaries", "a") == b"a"  # used now, so that b is dropped first
     cache.keep("binaries", "d", b"d")
     assert {path.name for path in (tmp_path / "binaries").iterdir()} == {"a", "c", "d"}
 
