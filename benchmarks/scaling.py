@@ -1,8 +1,8 @@
-"""Many vehicles in one system: cost per component and memory.
+"""Cost per component and memory of systems with many vehicles.
 
     python -m benchmarks.scaling FOLDER VEHICLES STOP
 
-Each size runs in a process of its own, so that memory is that size's. FOLDER holds car.fmu and shock.fmu.
+Each size runs in its own process, so that the memory is that of this size. FOLDER contains car.fmu and shock.fmu.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SIZES = (1, 10, 100)
 
 @dataclass(frozen=True)
 class Size:
-    """What a system of some vehicles and four shocks each took; memory in MB, of the process."""
+    """Time and memory [MB] of a process with a system of vehicles with four shocks each."""
 
     vehicles: int
     load_seconds: float
@@ -38,12 +38,12 @@ class Size:
 
     @property
     def components(self) -> int:
-        """Vehicles and shocks."""
+        """Number of vehicles and shocks."""
         return 5 * self.vehicles
 
 
 def measure(folder: Path, vehicles: int, stop: float) -> Size:
-    """Load, run twice at 1 kHz, keep the quicker."""
+    """Load a system, run it twice at 1 kHz and return the faster run."""
     drive = _drive(vehicles, stop)
     cosim.run(
         _system(folder, 1), _scenario(_drive(1, 0.1), 1, 0.1), algorithm=cosim.GaussSeidel(), step=1e-3, compared=False
@@ -74,17 +74,17 @@ def _system(folder: Path, vehicles: int) -> cosim.System:
 
 
 def _drive(vehicles: int, stop: float) -> Drivefile:
-    """The track for every vehicle."""
+    """Return the track as drive file for every vehicle."""
     series = track().series.window(0.0, stop)
-    wanted = {name: k for k, name in enumerate(series.names)}
-    rows = [wanted[name] for _ in range(vehicles) for name in DRIVEN]
+    places = {name: k for k, name in enumerate(series.names)}
+    rows = [places[name] for _ in range(vehicles) for name in DRIVEN]
     names = tuple(f"car{k}.{name}" for k in range(vehicles) for name in DRIVEN)
     units = tuple(series.units[row] for row in rows)
     return Drivefile(TimeSeries(series.time, series.values[rows], names, units))
 
 
 def _resident() -> float:
-    """Memory of this process [MB]."""
+    """Return the memory of this process [MB]."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * 4096 / 1e6
 
@@ -119,8 +119,8 @@ def _in_process(folder: Path, vehicles: int, stop: float) -> Size:
     ran = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
     if ran.returncode:
         raise RuntimeError(f"{vehicles} vehicles could not run: {ran.stderr[-2000:]}")
-    told: dict[str, Any] = json.loads(ran.stdout.strip().splitlines()[-1])
-    return Size(**told)
+    result: dict[str, Any] = json.loads(ran.stdout.strip().splitlines()[-1])
+    return Size(**result)
 
 
 def main() -> None:

@@ -1,15 +1,16 @@
-"""The setup study: what 2401 setups of seven builds cost on the shipped car, and how well they are coupled.
+"""Cost and coupling accuracy of the setup study: 2401 setups of seven builds on the shipped car.
 
     python benchmarks/study.py [--quick] [--workers NUMBERS] [--peers] [--json FILE]
 
 Seven builds (examples/bank) at four corners, a 33 s lap, 26 measures, accuracy 0.2 %; with --quick three builds: 81
-setups. Prints Markdown; --json leaves rows {path, setups, seconds, workers, coupling_error_percent, checked_percent,
-cpu_seconds}. `seconds` is wall time of all but building FMUs: beginning the workers, choosing the coupling,
-running, measuring, writing the table. `coupling_error_percent` is the largest that a row states; `checked_percent` the
-largest found on five drawn setups against runs at an eighth of the step, over bond velocities and forces and tire
-forces, in percent of each signal's standard deviation. `cpu_seconds` is the workers' processor time. With --workers
-1,2 a second table has the parallel efficiency: time of one worker over time of all times their number. --peers adds
-what other engines would take (benchmarks/study_peers.py). Times are of this machine and this run.
+setups. Prints Markdown; --json writes rows {path, setups, seconds, workers, coupling_error_percent, checked_percent,
+cpu_seconds}. `seconds` is the wall time of everything except building FMUs: starting the workers, choosing the
+coupling, running, measuring, writing the table. `coupling_error_percent` is the largest estimate in the table;
+`checked_percent` is the largest error of five random setups against runs at an eighth of the step, over bond velocities
+and forces and tire forces, in percent of each signal's standard deviation. `cpu_seconds` is the workers' processor
+time. With --workers 1,2 a second table shows the parallel efficiency: time of one worker divided by the time of all
+times their number. --peers adds the time that other engines would need (benchmarks/study_peers.py). All times are of
+this machine and this run.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Length of the lap [s], and the seed of its road.
 LAP, SEED = 33.0, 11
 
-#: Setups that are checked, and the seed that they are drawn by.
+#: Number of random setups that are checked, and their seed.
 CHECKED, DRAW = 5, 7
 
 Row = dict[str, Any]
 
 
 def main() -> None:
-    """Run the tables."""
+    """Measure and print the tables."""
     options = _options()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -57,14 +58,14 @@ def main() -> None:
             print(f"\n{efficiency(found)}")
         if options.peers:
             result = StudyResult.load(folder / f"{options.workers[-1]}" / "results.parquet")
-            print(f"\n{beside_peers(result, found[-1], folder / 'peers')}")
+            print(f"\n{peer_comparison(result, found[-1], folder / 'peers')}")
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 def shipped_study(folder: Path, *, builds: int) -> Study:
-    """Return examples/study.toml on a whole lap, with the first builds of its bank, FMUs built into the folder."""
-    # Workers import this file too, and nothing of these.
+    """Return examples/study.toml on a whole lap with the first builds of its bank; its FMUs are built in the folder."""
+    # Imported here, because workers import this file and do not need these.
     from builder.build import build  # noqa: PLC0415
     from eightpost.rig.track import track_drivefile  # noqa: PLC0415
 
@@ -83,8 +84,8 @@ def shipped_study(folder: Path, *, builds: int) -> Study:
 
 
 def measure(study: Study, folder: Path, count: int) -> Row:
-    """Run the study with so many workers."""
-    spent, began = _children(), time.perf_counter()
+    """Run the study with a number of workers and return its costs and errors."""
+    used, began = _children(), time.perf_counter()
     workers = ProcessWorkers(count)
     try:
         result = run_study(study, folder, workers)
@@ -99,12 +100,12 @@ def measure(study: Study, folder: Path, count: int) -> Row:
         "workers": count,
         "coupling_error_percent": float(np.max(errors)),
         "checked_percent": checked(result),
-        "cpu_seconds": _children() - spent,
+        "cpu_seconds": _children() - used,
     }
 
 
 def checked(result: StudyResult) -> float:
-    """Return the largest coupling error of drawn setups, against runs at an eighth of the step [%]."""
+    """Return the largest coupling error of random setups against runs at an eighth of the step [%]."""
     evaluator, coupling, drive = Evaluator(result.study), coupling_of(result), result.study.drives[0]
     worst = 0.0
     for index in np.random.default_rng(DRAW).choice(result.setups, CHECKED, replace=False):
@@ -128,7 +129,7 @@ def markdown(rows: list[Row]) -> str:
 
 
 def efficiency(rows: list[Row]) -> str:
-    """Return how well more workers than the first row's share the work."""
+    """Return a table of the parallel efficiency relative to the first row."""
     first = rows[0]
     head = "| workers | wall [s] | speed-up | parallel efficiency |"
     cells = (
@@ -139,8 +140,8 @@ def efficiency(rows: list[Row]) -> str:
     return "\n".join([head, f"|{'---|' * 4}", *cells])
 
 
-def beside_peers(result: StudyResult, row: Row, folder: Path) -> str:
-    """Return what other engines would take for the study, as a table."""
+def peer_comparison(result: StudyResult, row: Row, folder: Path) -> str:
+    """Return a table of the costs of the study in other engines."""
     from benchmarks import study_peers  # noqa: PLC0415 -- as above
 
     step, setups, workers = coupling_of(result).step, row["setups"], row["workers"]
@@ -151,7 +152,7 @@ def beside_peers(result: StudyResult, row: Row, folder: Path) -> str:
 
 
 def _children() -> float:
-    """Processor time of worker processes that have ended [s]."""
+    """Return the processor time of worker processes that have ended [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
 
@@ -159,8 +160,10 @@ def _children() -> float:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three builds: 81 setups")
-    parser.add_argument("--workers", type=_counts, default=(usable_processors(),), help="numbers, by commas: 1,2")
-    parser.add_argument("--peers", action="store_true", help="other engines too: fmpy, libcosim")
+    parser.add_argument(
+        "--workers", type=_counts, default=(usable_processors(),), help="numbers of workers, separated by commas: 1,2"
+    )
+    parser.add_argument("--peers", action="store_true", help="also measure other engines: fmpy, libcosim")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

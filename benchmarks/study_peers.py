@@ -1,11 +1,12 @@
-"""What the study of 2401 setups would take with other engines, beside ours and the dissertation's 20 hours.
+"""Cost of the study of 2401 setups in other engines, compared with ours and the dissertation's 20 hours.
 
 One setup of the study (its baseline) runs in a loop over fmpy and in libcosim (benchmarks/engines): the same FMUs, the
-same lap, values exchanged at the start of each step and held, which is what both do. Measured is the time of the loop
-alone, without loading, recording ten outputs and four forces; all else that a study does is left out in their favour.
-Errors are against our own run at an eighth of the study's step, as those of the study's rows: of shock velocities and
-tire forces, worst corner, in percent of the standard deviation. The exchange is of first order, so the rate at which
-its error would be the study's accuracy follows from the finest rate's error; time is in proportion to the rate.
+same lap, values exchanged at the start of each step and held, as both engines do. The time of the loop alone is
+measured, without loading, with recording of ten outputs and four forces; all other costs of a study are neglected in
+their favour. Errors are relative to our own run at an eighth of the study's step, like those of the study's rows: of
+shock velocities and tire forces, worst corner, in percent of the standard deviation. The exchange is of first order, so
+the rate that would meet the study's accuracy is computed from the error at the finest rate; time is proportional to the
+rate.
 """
 
 from __future__ import annotations
@@ -28,24 +29,24 @@ from eightpost.signals import Drivefile, TimeSeries
 
 Array = NDArray[np.float64]
 
-#: Engines that are run, and at which rates [Hz].
+#: Engines to run, and their rates [Hz].
 ENGINES, RATES = ("fmpy", "libcosim"), (1000.0, 4000.0)
 
-#: An error that is no error any more [%].
+#: Error above which a run counts as diverged [%].
 _LOST = 100.0
 
-#: What the dissertation estimates for a setup (Table 7.1: 20 hours for 2401) [s].
+#: Time of a setup estimated in the dissertation (Table 7.1: 20 hours for 2401) [s].
 DISSERTATION = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one setup costs in an engine.
+    """Cost of one setup in an engine.
 
     Attributes:
-        engine: Its name.
+        engine: Name of the engine.
         rate: Coupling steps per second [Hz].
-        error: The larger one of shock velocity and tire force [%]; None where it diverged.
+        error: Larger of the errors of shock velocity and tire force [%]; None if the run diverged.
         seconds: Wall time of the steps [s].
     """
 
@@ -55,7 +56,7 @@ class Cost:
     seconds: float
 
     def at(self, accuracy: float) -> Cost | None:
-        """Return the cost at the rate at which a scheme of first order has this error [%]; None where it diverged."""
+        """Return the cost at the rate at which a first-order scheme has this error [%]; None if the run diverged."""
         if self.error is None:
             return None
         more = max(self.error / accuracy, 1.0)
@@ -63,9 +64,9 @@ class Cost:
 
 
 def peer_costs(result: StudyResult, folder: Path, rates: Sequence[float] = RATES) -> Iterator[Cost]:
-    """Run the baseline of a study in the engines that are installed."""
+    """Run the baseline of a study in the installed engines and yield the costs."""
     fine = _reference(result)
-    _lay_out(result, folder)
+    _write_inputs(result, folder)
     for peer in (peer for peer in PEERS if peer.engine in ENGINES and peer.version):
         works = {rate: folder / f"{peer.module}_{rate:g}" for rate in rates}
         for work in works.values():
@@ -85,13 +86,13 @@ def _cost(engine: str, rate: float, found: Recording | Diverged, fine: TimeSerie
 
 
 def _error(found: Array, fine: Array) -> float | None:
-    """The worst signal's error [%] of its standard deviation; None where it is as large as the signal itself."""
+    """Return the largest error of a signal [%] of its standard deviation; None if the run diverged."""
     worst = float(np.max(100.0 * np.sqrt(np.mean((found - fine) ** 2, axis=1)) / np.std(fine, axis=1)))
     return worst if worst < _LOST else None
 
 
 def _reference(result: StudyResult) -> TimeSeries:
-    """Shock velocities and tire forces of the baseline at an eighth of the study's step."""
+    """Return shock velocities and tire forces of the baseline at an eighth of the study's step."""
     study, coupling = result.study, coupling_of(result)
     evaluator, drive = Evaluator(study), study.drives[0]
     names = [f"{study.vehicle.name}.{c}.{what}" for what in ("velocity", "tire_force") for c in CORNERS]
@@ -100,8 +101,8 @@ def _reference(result: StudyResult) -> TimeSeries:
     return fine.select(names)
 
 
-def _lay_out(result: StudyResult, folder: Path) -> None:
-    """What the engines look for: car.fmu, shock.fmu and the drive."""
+def _write_inputs(result: StudyResult, folder: Path) -> None:
+    """Write the engines' input files: car.fmu, shock.fmu and the drive."""
     folder.mkdir(parents=True, exist_ok=True)
     builds = set(result.study.baseline.values())
     shutil.copy(result.study.vehicle.fmu, folder / "car.fmu")
@@ -110,7 +111,7 @@ def _lay_out(result: StudyResult, folder: Path) -> None:
 
 
 def markdown(costs: Sequence[Cost], ours: Cost, accuracy: float, setups: int, workers: int) -> str:
-    """Return the costs as a table; times of all setups are those of one, shared by the workers without loss."""
+    """Return the costs as a table; the time of all setups is that of one, divided among the workers without loss."""
     head = f"| | rate [Hz] | error [%] | a setup [s] | {setups} setups, {workers} workers |"
     lines = [head, "|---" * 5 + "|", _line("eightpost study, measured as a whole", ours, setups, workers)]
     for cost in costs:

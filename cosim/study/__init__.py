@@ -1,4 +1,4 @@
-"""The setup study of chapter 7: setups, response measures, their table. It needs FMUs only."""
+"""Setup study of chapter 7: setups, response measures and their table. It needs FMUs only."""
 
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult

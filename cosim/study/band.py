@@ -14,24 +14,24 @@ from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
-#: Of the Butterworth filter, which is run forward and backward: no phase, half the amplitude at each edge.
+#: Order of the Butterworth filter. It runs forward and backward: no phase shift, half the amplitude at each edge.
 _ORDER = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sections:
-    """A filter and the state in which it answers a unit step with its final value: it is long to find anew.
+    """A filter and its steady state for a unit step; both are cached because computing them is slow.
 
     Args:
         rows: Second-order sections (S, 6).
-        rest: State (S, 2).
+        rest: State of the filter in which a unit step gives its final value (S, 2).
     """
 
     rows: Array
     rest: Array
 
     def forward_and_backward(self, values: Array, pad: int) -> Array:
-        """Return what scipy's sosfiltfilt does, values (N,) continued by `pad` samples turned about their ends."""
+        """Return values (N,) filtered like scipy's sosfiltfilt, with `pad` samples of odd reflection at each end."""
         before = 2.0 * values[0] - values[pad:0:-1]
         after = 2.0 * values[-1] - values[-2 : -(pad + 2) : -1]
         forward = self._once(np.concatenate((before, values, after)))
@@ -43,35 +43,37 @@ class _Sections:
 
 
 def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) -> Array:
-    """Return what lies within a band, without phase; the mean stays where the band begins at 0.
+    """Return values filtered to a band without phase shift; the mean remains if the band begins at 0.
 
     Args:
-        values: (N,).
+        values: Samples (N,).
         rate: Samples per second [Hz].
         band: Lower and upper edge [Hz]; 0 and infinity leave a side open.
-        what: The measure, for the message.
+        what: Name of the measure, for messages.
 
     Raises:
-        InputError: The band lies beyond half the sample rate, or the record is too short for its filter.
+        InputError: The band exceeds half the sample rate, or the record is too short for the filter.
     """
     low, high = band
     if low >= 0.5 * rate or (np.isfinite(high) and high >= 0.5 * rate):
         raise InputError(
-            f"measure {what!r}: the band {low:g} to {high:g} Hz needs more than {rate:g} samples a second: take a "
-            "smaller record_step, or inf as its upper edge"
+            f"measure {what!r}: the band {low:g} to {high:g} Hz exceeds half the sample rate of {rate:g} Hz; use a "
+            "smaller record_step, or inf as the upper edge"
         )
     sections = _sections(low, high, rate)
     if sections is None:
         return values
     pad = 3 * (2 * len(sections.rows) + 1)
     if values.shape[-1] <= pad:
-        raise InputError(f"measure {what!r}: {values.shape[-1]} samples are too few for a band-pass filter")
+        raise InputError(
+            f"measure {what!r}: {values.shape[-1]} samples are too few for the band-pass filter; it needs {pad + 1}"
+        )
     return sections.forward_and_backward(values, pad)
 
 
 @lru_cache(maxsize=64)
 def _sections(low: float, high: float, rate: float) -> _Sections | None:
-    """The filter; None where both sides are open."""
+    """Return the filter, or None if both sides are open."""
     if low > 0.0 and np.isfinite(high):
         rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
     elif low > 0.0:
@@ -85,7 +87,7 @@ def _sections(low: float, high: float, rate: float) -> _Sections | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filtered:
-    """A run and what bands and windows leave of it: found once, whatever number of measures asks.
+    """A run with cached band-passed channels and windows, so that several measures share them.
 
     Args:
         series: The run.
@@ -96,14 +98,14 @@ class Filtered:
     _windows: dict[tuple[float, float], slice] = field(init=False, repr=False, default_factory=dict)
 
     def samples(self, first: float, last: float) -> slice:
-        """Return the samples from one time to another [s], both among them."""
+        """Return the slice of the samples from one time to another [s], including both."""
         if (first, last) not in self._windows:
             begin, end = np.searchsorted(self.series.time, (first - 1e-9, last + 1e-9)).tolist()
             self._windows[first, last] = slice(begin, end)
         return self._windows[first, last]
 
     def channel(self, name: str, band: tuple[float, float] | None, what: str) -> Array:
-        """Return a channel (N,) in SI, as it is or within a band [Hz]; `what` is the measure, for the message.
+        """Return a channel (N,) in SI, unfiltered or filtered to a band [Hz]; `what` is the measure, for messages.
 
         Raises:
             MissingChannelError: There is no such channel.

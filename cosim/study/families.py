@@ -1,4 +1,4 @@
-"""Families of measures by name, for whatever a vehicle and its shocks have (2.5, docs/ports.md)."""
+"""Families of measures by name, for the channels that a vehicle and its shocks have (2.5, docs/ports.md)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from cosim.study.measures import Measure, ride_measures
 from eightpost.errors import InputError
 from eightpost.units import convert
 
-#: Between low and high speed of a shock, as teams count it [m/s].
+#: Limit between low and high shock speed, as commonly used by teams [m/s].
 LOW_SPEED = convert(2.0, "in/s", "m/s")
 
-#: Bands of tire load [Hz]: motion of the chassis, and hop of the wheels (Tables 4.2 and 5.2 have modes in both).
+#: Bands of tire load [Hz]: chassis motion and wheel hop (Tables 4.2 and 5.2 have modes in both).
 BANDS = (("chassis", (0.5, 8.0)), ("wheel hop", (8.0, 30.0)))
 
-#: Octaves of a spectrum of tire load [Hz]: from below the chassis' modes to beyond the wheels'.
+#: Octaves of the tire load spectra [Hz], from below the chassis modes to above the wheel modes.
 OCTAVES = tuple((0.5 * 2.0**k, 2.0**k) for k in range(6))
 
 #: Signs of lf, rf, lr, rr in each mode of the four tire loads.
@@ -26,18 +26,18 @@ MODES: Mapping[str, tuple[float, float, float, float]] = {
     "warp": (1.0, -1.0, -1.0, 1.0),
 }
 
-#: Corners in the order that the modes' signs have.
+#: Corners in the order of the modes' signs.
 _FOUR = ("lf", "rf", "lr", "rr")
 
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """What families are made for.
+    """Names and channels of a car for which measures are defined.
 
     Args:
-        name: Of the vehicle's component.
-        corners: Of the shocks' components.
-        channels: All that can be recorded, as `component.variable`.
+        name: Name of the vehicle's component.
+        corners: Names of the shocks' components.
+        channels: All channels that can be recorded, as `component.variable`.
     """
 
     name: str
@@ -45,13 +45,13 @@ class Car:
     channels: Collection[str]
 
     def port(self, corner: str, variable: str) -> str:
-        """Return a channel of a corner; a quarter car's has no corner in its name."""
+        """Return the channel of a variable at a corner; those of a quarter car have no corner in the name."""
         own = f"{self.name}.{corner}.{variable}"
         return own if own in self.channels else f"{self.name}.{variable}"
 
 
 def family(name: str, car: Car) -> tuple[Measure, ...]:
-    """Return a family's measures whose channels are there.
+    """Return those measures of a family whose channels exist.
 
     Raises:
         InputError: There is no such family, or the vehicle has none of its channels.
@@ -65,12 +65,12 @@ def family(name: str, car: Car) -> tuple[Measure, ...]:
 
 
 def _ride(car: Car) -> Iterator[Measure]:
-    """The measures of chapter 7."""
+    """Yield the measures of chapter 7."""
     yield from ride_measures(car.name, car.corners)
 
 
 def _numbers(car: Car) -> Iterator[Measure]:
-    """Grip number and aero number (2.5): less is better."""
+    """Yield grip number and aero number (2.5); lower is better."""
     tires = tuple(car.port(corner, "tire_force") for corner in car.corners)
     heights = tuple(f"{car.name}.{axle}.ride_height" for axle in ("front", "rear"))
     yield Measure("grip number", tires, "rms", "lbf")
@@ -108,7 +108,7 @@ def _energy(car: Car) -> Iterator[Measure]:
 
 
 def _velocities(car: Car) -> Iterator[Measure]:
-    """Histogram of shock velocity in four bins: share of time."""
+    """Yield the shares of time in four ranges of shock velocity."""
     inf = float("inf")
     bins = {
         "high-speed rebound": (-inf, -LOW_SPEED),
@@ -123,14 +123,14 @@ def _velocities(car: Car) -> Iterator[Measure]:
 
 
 def _tire_modes(car: Car) -> Iterator[Measure]:
-    """Heave, pitch, roll and warp of the four tire loads, each in two bands."""
+    """Yield heave, pitch, roll and warp of the four tire loads, each in two bands."""
     for mode in MODES:
         for label, band in BANDS:
             yield _tire_mode(car, mode, f"{label} ({band[0]:g} to {band[1]:g} Hz)", band)
 
 
 def _tire_spectra(car: Car) -> Iterator[Measure]:
-    """Spectra of the same, by octaves."""
+    """Yield octave spectra of heave, pitch, roll and warp."""
     for mode in MODES:
         for band in OCTAVES:
             yield _tire_mode(car, mode, f"{band[0]:g} to {band[1]:g} Hz", band)
@@ -141,7 +141,7 @@ def _tire_mode(car: Car, mode: str, label: str, band: tuple[float, float]) -> Me
     return Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=MODES[mode], band=band)
 
 
-#: By the name that study files use.
+#: Functions that yield the measures of a family, by the family's name in study files.
 FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "ride": _ride,
     "numbers": _numbers,

@@ -1,4 +1,4 @@
-"""Response measures: a run in a few numbers (2.5, chapter 7)."""
+"""Response measures: scalar values computed from a run (2.5, chapter 7)."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number drawn from a run.
+    """A scalar value computed from the channels of a run.
 
     Args:
-        name: As people say it.
-        channels: What it looks at; most statistics add several up sample by sample first.
-        statistic: A name of cosim.study.statistics; `rms` has the mean removed.
-        display: Unit to show it in; empty: its SI unit.
-        weights: Factor on each channel; empty: all 1.
-        band: Only what lies between two frequencies [Hz]; 0 and infinity leave a side open.
-        section: Only between two times of the drive [s]: a section of the lap.
-        options: Of the statistic, in SI.
-        drive: Name of the drive that it is of; empty: of any.
-        function: In place of a statistic, your own: `file.py:name` (docs/study.md).
-        function_unit: SI unit of what your function returns; empty: that of the first channel.
+        name: Display name.
+        channels: Channels to evaluate; most statistics first sum several channels sample by sample.
+        statistic: Name of a statistic of cosim.study.statistics; `rms` removes the mean.
+        display: Display unit; empty: the SI unit.
+        weights: Factor for each channel; empty: all 1.
+        band: Frequency band to which the channels are filtered [Hz]; 0 and infinity leave a side open.
+        section: First and last time of the section of the drive to evaluate [s].
+        options: Options of the statistic, in SI.
+        drive: Name of the drive on which to evaluate the measure; empty: any.
+        function: User-defined function that replaces the statistic, as `file.py:name` (docs/study.md).
+        function_unit: SI unit of the function's return value; empty: that of the first channel.
 
     Raises:
         InputError: There is no such statistic, an option is missing or unknown, there are no channels, or weights, band
-            or section make no sense.
+            or section are invalid.
     """
 
     name: str
@@ -56,40 +56,45 @@ class Measure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
         if not self.channels:
-            raise InputError(f"measure {self.name!r}: names no channel")
+            raise InputError(f"measure {self.name!r}: it has no channels; name at least one")
         if self.weights and len(self.weights) != len(self.channels):
-            raise InputError(f"measure {self.name!r}: {len(self.channels)} channels need as many weights")
+            raise InputError(
+                f"measure {self.name!r}: {len(self.channels)} channels need {len(self.channels)} weights, "
+                f"not {len(self.weights)}"
+            )
         for what, pair in (("band", self.band), ("section", self.section)):
             if pair is not None and not 0.0 <= pair[0] < pair[1]:
-                raise InputError(f"measure {self.name!r}: its {what} must go from low to high, not {pair}")
+                raise InputError(
+                    f"measure {self.name!r}: its {what} must be two increasing values of 0 or more, not {pair}"
+                )
         try:
             options = options_for(self.statistic, self.options)
         except InputError as error:
             raise InputError(f"measure {self.name!r}: {error}") from error
         object.__setattr__(self, "options", options if not self.function else dict(self.options))
         if self.statistic == "work" and len(self.channels) != 2:
-            raise InputError(f"measure {self.name!r}: work takes two channels, a force and a velocity")
+            raise InputError(f"measure {self.name!r}: the statistic work needs two channels, a force and a velocity")
 
     @property
     def absolute(self) -> bool:
-        """Whether it hangs on the mean of its channels."""
+        """Whether the measure depends on the mean of its channels."""
         return not self.function and statistic(self.statistic).absolute and (self.band is None or self.band[0] == 0.0)
 
     def of(self, series: TimeSeries, *, start: float = -np.inf) -> float:
-        """Return the measure in SI.
+        """Return the value of the measure in SI.
 
         Args:
-            series: The run; what lies before `start` is filtered with the rest, then left out.
+            series: The run; samples before `start` are filtered with the others, then excluded.
             start: End of the settling time [s].
 
         Raises:
-            MissingChannelError: The series lacks one of its channels.
-            InputError: Its section holds no two samples, or its band does not fit the sample rate.
+            MissingChannelError: The series lacks a channel of the measure.
+            InputError: The section contains fewer than two samples, or the band does not fit the sample rate.
         """
         return self.drawn_from(Filtered(series), start=start)
 
     def drawn_from(self, run: Filtered, *, start: float = -np.inf) -> float:
-        """Return the same as `of`, from a run that keeps what several measures filter."""
+        """Return the same value as `of`, from a run with cached filtered channels."""
         response = Response(self._rows(run, start), _step(run.series), self.options)
         if self.function:
             return float(own_function(self.function)(response))
@@ -100,25 +105,26 @@ class Measure:
         return self.unit_for(series.unit(self.channels[0]))
 
     def unit_for(self, channel: str) -> str:
-        """Return the SI unit of the measure for channels in the SI unit `channel`."""
+        """Return the SI unit of the measure if its channels have the SI unit `channel`."""
         own = self.function_unit if self.function else statistic(self.statistic).unit
         return own or channel
 
     def _rows(self, run: Filtered, start: float) -> Array:
-        """Its channels (C, N): filtered, within its window, weighted."""
+        """Return the channels (C, N): filtered, restricted to the window, weighted."""
         window = self._window(run, start)
         channels = [run.channel(name, self.band, self.name)[window] for name in self.channels]
         rows: Array = channels[0][np.newaxis] if len(channels) == 1 else np.stack(channels)
         return rows * np.array(self.weights)[:, None] if self.weights else rows
 
     def _window(self, run: Filtered, start: float) -> slice:
-        """Its samples: those of its section that lie behind the settling time."""
+        """Return the samples of the section after the settling time."""
         first, last = self.section or (-np.inf, np.inf)
         window = run.samples(max(first, start), last)
         if window.stop - window.start < 2:
             span = f"{run.series.time[0]:g} to {run.series.time[-1]:g} s"
             raise InputError(
-                f"measure {self.name!r}: no two samples from {max(first, start):g} to {last:g} s in {span}"
+                f"measure {self.name!r}: fewer than two samples from {max(first, start):g} to {last:g} s; the run is "
+                f"{span}"
             )
         return window
 
@@ -128,12 +134,12 @@ def _step(series: TimeSeries) -> float:
 
 
 def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, ...]:
-    """Return the measures whose channels every run has."""
+    """Return the measures whose channels are in every run."""
     return tuple(m for m in measures if all(channel in run for run in runs for channel in m.channels))
 
 
 def channel_measures(series: TimeSeries, display: Mapping[str, str]) -> tuple[Measure, ...]:
-    """Return RMS and mean of every channel; `display` gives the unit to show by SI unit."""
+    """Return measures for RMS and mean of every channel; `display` gives the display unit by SI unit."""
     return tuple(
         Measure(f"{name}, {label}", (name,), kind, display.get(unit, unit))
         for name, unit in zip(series.names, series.units, strict=True)
@@ -144,8 +150,8 @@ def channel_measures(series: TimeSeries, display: Mapping[str, str]) -> tuple[Me
 def ride_measures(vehicle: str, corners: Sequence[str] = ("lf", "rf", "lr", "rr")) -> tuple[Measure, ...]:
     """Return the measures of chapter 7 for a car with the channels of docs/ports.md.
 
-    Total tire force (the grip number is drawn from it), ride heights (the aero number), hub accelerations and shock
-    velocities.
+    They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
+    accelerations and shock velocities.
     """
     tires = tuple(f"{vehicle}.{corner}.tire_force" for corner in corners)
     measures = [

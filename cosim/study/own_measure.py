@@ -1,4 +1,4 @@
-"""Measures of your own: a function in a Python file of yours."""
+"""User-defined measures: functions in a Python file."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ OwnFunction = Callable[[Response], float]
 def own_function(entry: str) -> OwnFunction:
     """Return the function that `file.py:name` names.
 
-    It takes a Response: `rows` (C, N) in SI, `total` (N,), `step` [s], `options`; and returns a number in SI.
+    The function takes a Response (`rows` (C, N) in SI, `total` (N,), `step` [s], `options`) and returns a number in SI.
 
     Raises:
-        InputError: The file or the function is not there, or the file cannot be run.
+        InputError: The file or the function does not exist, or the file cannot be run.
     """
     file, colon, name = entry.rpartition(":")
     if not colon or not name.isidentifier():
-        raise InputError(f"{entry!r}: write a measure of your own as FILE.py:FUNCTION")
+        raise InputError(f"{entry!r}: a user-defined measure must be written as FILE.py:FUNCTION")
     path = Path(file)
     specification = importlib.util.spec_from_file_location(f"_measures_of_{path.stem}", path)
     if specification is None or specification.loader is None or not path.is_file():
@@ -32,7 +32,7 @@ def own_function(entry: str) -> OwnFunction:
     module = importlib.util.module_from_spec(specification)
     try:
         specification.loader.exec_module(module)
-    except Exception as error:  # whatever a person's file raises
+    except Exception as error:  # the file may raise anything
         raise InputError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
     found = getattr(module, name, None)
     if not callable(found):

@@ -1,4 +1,4 @@
-"""What a study leaves: a row per setup, with all that a figure needs to be traced."""
+"""Result of a study: one row per setup, with the provenance of its values."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, parse_json
 from eightpost.signals.parquet_table import read_table
 
-#: Version of the file that is written, and the newest that is read.
+#: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1
 
 #: Values of the column `status`.
 DONE, FAILED = "done", "failed"
 
-#: Columns beside corners and measures, before and after them.
+#: Names of the columns before and after those of corners and measures.
 HEAD, TAIL = ("setup",), ("status", "message", "coupling_error_percent", "marks", "seconds")
 
 _KEY = b"eightpost"
 
 
 def error_column(measure: str) -> str:
-    """Return the column with the coupling error of a measure, in the measure's SI unit."""
+    """Return the name of the column with the coupling error of a measure, in the measure's SI unit."""
     return f"coupling error of {measure}"
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a study's figures come from.
+    """Provenance of a study's values.
 
     Args:
-        digest: Of all that the figures hang on (SHA-256).
-        guids: GUID of every FMU, by its file.
-        digests: SHA-256 of every file that was read, by its path.
-        settings: How it was run: scheme, coupling step [s], its stated error, and what else was decided.
-        tool_version: Of eightpost.
+        digest: SHA-256 of everything that affects the values.
+        guids: GUID of every FMU, by file.
+        digests: SHA-256 of every input file, by path.
+        settings: Settings of the runs: scheme, coupling step [s], its estimated error, and others.
+        tool_version: Version of eightpost.
         measure_units: SI unit of every measure.
-        models: Range of use that each FMU states (Validity), by its file; None where it states none.
+        models: Range of validity that each FMU states (Validity), by file; None if it states none.
     """
 
     digest: str
@@ -69,15 +69,15 @@ _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 class StudyResult:
     """A study and its table.
 
-    Columns: `setup` (its number), one per corner (the build's name), one per measure (SI; unit, display unit and label
+    Columns: `setup` (number), one per corner (name of the build), one per measure (SI; unit, display unit and label
     in the field's metadata), `status` (done or failed), `message`, `coupling_error_percent`, `marks` (beyond a shock's
     fitted range, a tire off the ground), `seconds` (wall time of its runs), and one `coupling error of ...` per measure
     (SI).
 
     Args:
-        study: What was run.
+        study: Definition of the study.
         table: One row per setup, by number.
-        provenance: Where it comes from.
+        provenance: Provenance of the values.
         partial: Whether setups are missing because the study was interrupted.
     """
 
@@ -92,7 +92,7 @@ class StudyResult:
 
     @property
     def measures(self) -> tuple[Measure, ...]:
-        """Those of the study, in the table's order."""
+        """Measures of the study, in the table's order."""
         return self.study.measures
 
     @property
@@ -102,7 +102,7 @@ class StudyResult:
 
     @property
     def done(self) -> NDArray[np.bool_]:
-        """Which setups ran to the end (R,)."""
+        """Whether each setup ran successfully (R,)."""
         return np.array([status == DONE for status in self.table["status"].to_pylist()], dtype=np.bool_)
 
     def setup(self, row: int) -> Setup:
@@ -110,13 +110,13 @@ class StudyResult:
         return self.study.space.setup(int(self.setups[row]))
 
     def row(self, builds: Mapping[str, str]) -> int | None:
-        """Return the row of a setup; None where it was not run."""
+        """Return the row of a setup, or None if it was not run."""
         found = np.flatnonzero(self.setups == self.study.space.find(builds).index)
         return int(found[0]) if found.size else None
 
     @property
     def baseline_row(self) -> int | None:
-        """The baseline's row; None where there is none or it was not run."""
+        """Row of the baseline; None if the study has no baseline or did not run it."""
         return self.row(self.study.baseline) if self.study.baseline else None
 
     def builds(self, corner: str) -> list[str]:
@@ -129,11 +129,11 @@ class StudyResult:
         return self.provenance.measure_units[measure]
 
     def display(self, measure: str) -> str:
-        """Return the unit to show a measure in."""
+        """Return a measure's display unit."""
         return self.study.measure(measure).display or self.unit(measure)
 
     def values(self, measure: str) -> NDArray[np.float64]:
-        """Return a measure of every row (R,) in SI, NaN where the setup failed.
+        """Return a measure of every row (R,) in SI; NaN if the setup failed.
 
         Raises:
             InputError: There is no such measure.
@@ -148,7 +148,7 @@ class StudyResult:
         return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
 
     def coupling_errors(self, measure: str) -> NDArray[np.float64]:
-        """Return the coupling error of a measure of every row (R,) in SI; NaN where it is not known."""
+        """Return the coupling error of a measure for every row (R,) in SI; NaN if not known."""
         name = error_column(self.study.measure(measure).name)
         if name not in self.table.column_names:
             return np.full(len(self), np.nan)
@@ -156,7 +156,7 @@ class StudyResult:
 
     @property
     def objective(self) -> NDArray[np.float64] | None:
-        """The objective of every row (R,) (Eq 2.6); None where the study has none."""
+        """Objective of every row (R,) (Eq 2.6); None if the study has none."""
         if not self.study.objective:
             return None
         return np.asarray(np.sum([self._term(term) for term in self.study.objective], axis=0))
@@ -167,7 +167,7 @@ class StudyResult:
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """Which setups ran and keep all constraints (R,) (Eq 2.3)."""
+        """Whether each setup ran and meets all constraints (R,) (Eq 2.3)."""
         kept = self.done
         for constraint in self.study.constraints:
             values = self.values(constraint.measure)
@@ -178,7 +178,7 @@ class StudyResult:
         """Return the rows of feasible setups, best first.
 
         Args:
-            measure: To rank by, least first; None: the objective, or where there is none the first measure.
+            measure: Measure to rank by, lowest first; None: the objective, or the first measure if the study has none.
         """
         by = self.objective if measure is None else self.values(measure)
         by = self.values(self.measures[0].name) if by is None else by
@@ -186,7 +186,7 @@ class StudyResult:
         return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
 
     def save(self, path: str | Path) -> None:
-        """Write a Parquet file; it replaces an old one only when it is whole."""
+        """Write a Parquet file; an existing file is replaced only after the new one is complete."""
         header = {
             "schema": "eightpost.study",
             "schema_version": SCHEMA,
@@ -200,10 +200,10 @@ class StudyResult:
 
     @classmethod
     def load(cls, path: str | Path) -> StudyResult:
-        """Read what `save` wrote.
+        """Read a result that `save` wrote.
 
         Raises:
-            FileFormatError: The file is not there, is no study's result, or a newer version wrote it.
+            FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
         """
         path = Path(path)
         table = read_table(path, advice="name the results.parquet of a study")
@@ -215,7 +215,7 @@ class StudyResult:
             _check_columns(table, study_schema(study, made_by.measure_units))
             return cls(study, table, made_by, bool(header["partial"]))
         except (pa.ArrowException, *MALFORMED) as error:
-            what = f"does not hold the result of a study as this version writes it ({error})"
+            what = f"is not a study result that this version can read ({error})"
             raise FileFormatError(what, path=path) from error
 
 
@@ -224,9 +224,9 @@ def _check_columns(table: pa.Table, schema: pa.Schema) -> None:
         if column.name not in table.column_names:
             raise ValueError(f"the column {column.name!r} is missing")
         if not table.schema.field(column.name).type.equals(column.type):
-            raise ValueError(f"the column {column.name!r} is not of {column.type}")
+            raise ValueError(f"the column {column.name!r} does not have the type {column.type}")
     if table["setup"].null_count:
-        raise ValueError("a row has no setup")
+        raise ValueError("a row has no setup number")
 
 
 def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
@@ -244,24 +244,24 @@ def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
 
 
 def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
-    """Return rows by column name as a table, by number of setup.
+    """Return rows, given by column name, as a table sorted by setup number.
 
     Raises:
-        InputError: Two rows are of one setup.
+        InputError: Two rows have the same setup number.
     """
     return in_order(pa.Table.from_pylist(list(rows), schema=schema))
 
 
 def in_order(table: pa.Table) -> pa.Table:
-    """Return a table by number of setup.
+    """Return a table sorted by setup number.
 
     Raises:
-        InputError: Two rows are of one setup.
+        InputError: Two rows have the same setup number.
     """
     table = table.sort_by("setup")
     numbers = table["setup"].to_numpy()
     if np.unique(numbers).size < numbers.size:
-        raise InputError("two rows are of one setup")
+        raise InputError("two rows have the same setup number")
     return table
 
 
@@ -277,17 +277,17 @@ def _words(measure: Measure, unit: str) -> dict[str, str]:
 def _header(path: Path, table: pa.Table) -> dict[str, Any]:
     metadata = table.schema.metadata or {}
     if _KEY not in metadata:
-        raise FileFormatError("is no result of a study: it has no header of ours", path=path)
+        raise FileFormatError("is not a study result: it has no eightpost header", path=path)
     header: dict[str, Any] = parse_json(metadata[_KEY], path, finite=False)
     if not isinstance(header, dict) or header.get("schema") != "eightpost.study":
-        said = header.get("schema") if isinstance(header, dict) else header
-        raise FileFormatError(f"is {said!r}, no result of a study", path=path)
+        found = header.get("schema") if isinstance(header, dict) else header
+        raise FileFormatError(f"is not a study result but {found!r}", path=path)
     if type(header.get("schema_version")) is not int:
-        raise FileFormatError(f"has schema version {header.get('schema_version')!r}, no number", path=path)
+        raise FileFormatError(f"has schema version {header.get('schema_version')!r}, which is not a number", path=path)
     if header["schema_version"] > SCHEMA:
         raise FileFormatError(
-            f"has schema version {header['schema_version']} (eightpost {header.get('tool_version')}), this eightpost "
-            f"{__version__} reads up to {SCHEMA}; update eightpost",
+            f"has schema version {header['schema_version']} (eightpost {header.get('tool_version')}); this eightpost "
+            f"{__version__} reads versions up to {SCHEMA}; update eightpost",
             path=path,
         )
     return header

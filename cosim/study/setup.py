@@ -21,7 +21,7 @@ class Setup:
     """A build at every corner.
 
     Args:
-        index: Its number in the space that it comes from.
+        index: Number of the setup in its space.
         builds: Name of the build by corner.
     """
 
@@ -29,24 +29,24 @@ class Setup:
     builds: Mapping[str, str]
 
     def __str__(self) -> str:
-        """Corner by corner: `lf C/B, rf C/B, lr AA/B, rr C/C`."""
+        """Return the builds corner by corner: `lf C/B, rf C/B, lr AA/B, rr C/C`."""
         return ", ".join(f"{corner} {build}" for corner, build in self.builds.items())
 
 
 @dataclass(frozen=True)
 class SetupSpace:
-    """All setups that a study may choose from, Theta of Eq 2.3.
+    """All setups that a study may choose from (Theta of Eq 2.3).
 
-    A setup's number is a mixed radix number: its digits are the places of the corners' builds among those that each
-    corner may have; the last corner counts fastest.
+    A setup's number is a mixed-radix number: its digits are the positions of the corners' builds among the builds
+    allowed there. The last corner is the last digit.
 
     Args:
-        corners: Builds that each corner may have.
-        alike: Corners that have the same build, in groups: `(("lf", "rf"),)`.
+        corners: Allowed builds by corner.
+        alike: Groups of corners that always have the same build: `(("lf", "rf"),)`.
 
     Raises:
-        InputError: A corner has no build or has one twice, or a group names a corner that is not there, or its corners
-            have no build in common.
+        InputError: A corner has no build or the same build twice, a group names an unknown corner, or the corners of a
+            group have no build in common.
     """
 
     corners: Mapping[str, tuple[str, ...]]
@@ -57,18 +57,18 @@ class SetupSpace:
         object.__setattr__(self, "alike", tuple(tuple(group) for group in self.alike))
         for corner, builds in self.corners.items():
             if not builds or len(set(builds)) < len(builds):
-                raise InputError(f"corners: {corner} needs a build or more, each once, not {list(builds)}")
+                raise InputError(f"corners: {corner} needs one or more different builds, not {list(builds)}")
         for group in self.alike:
             self._check_group(group)
 
     @property
     def radices(self) -> tuple[int, ...]:
-        """How many builds each corner may have."""
+        """Number of allowed builds at each corner."""
         return tuple(len(builds) for builds in self.corners.values())
 
     @property
     def full(self) -> int:
-        """How many setups there would be if no corners were alike; every number is below it."""
+        """Number of setups without the restriction `alike`; every setup number is below it."""
         return prod(self.radices)
 
     def __len__(self) -> int:
@@ -79,7 +79,7 @@ class SetupSpace:
 
     @cached_property
     def indices(self) -> Indices:
-        """The numbers of all setups (S,), in order."""
+        """Numbers of all setups in increasing order (S,)."""
         every = np.arange(self.full, dtype=np.int64)
         if not self.alike:
             return every
@@ -92,14 +92,14 @@ class SetupSpace:
         return every[keep]
 
     def digits(self, indices: Indices) -> Indices:
-        """Return the place of each corner's build (S, corners) for setups by number (S,)."""
+        """Return the positions of the corners' builds (S, corners) for setups by number (S,)."""
         return np.stack(np.unravel_index(indices, self.radices), axis=-1).astype(np.int64)
 
     def setup(self, index: int) -> Setup:
         """Return a setup by its number.
 
         Raises:
-            InputError: There is no such number.
+            InputError: No setup has this number.
         """
         if not 0 <= index < self.full:
             raise InputError(f"there is no setup {index}; they are numbered 0 to {self.full - 1}")
@@ -108,13 +108,15 @@ class SetupSpace:
         return Setup(int(index), {corner: builds[int(place)] for (corner, builds), place in pairs})
 
     def find(self, builds: Mapping[str, str]) -> Setup:
-        """Return the setup with these builds by corner.
+        """Return the setup with the given builds by corner.
 
         Raises:
-            InputError: A corner is missing or unknown, or may not have its build.
+            InputError: A corner is missing or unknown, or its build is not allowed there.
         """
         if set(builds) != set(self.corners):
-            raise InputError(f"a setup names the corners {', '.join(self.corners)}, not {', '.join(builds) or 'none'}")
+            raise InputError(
+                f"a setup must give builds at {', '.join(self.corners)}, not at {', '.join(builds) or 'no corner'}"
+            )
         return self.setup(int(np.ravel_multi_index([self._place(c, builds[c]) for c in self.corners], self.radices)))
 
     def _place(self, corner: str, build: str) -> int:
@@ -122,12 +124,14 @@ class SetupSpace:
         if build not in allowed:
             close = get_close_matches(build, allowed, n=1)
             advice = f"; did you mean {close[0]}?" if close else ""
-            raise InputError(f"{corner} cannot have the build {build!r}, only {', '.join(allowed)}{advice}")
+            raise InputError(f"{corner} cannot have the build {build!r}, only one of {', '.join(allowed)}{advice}")
         return allowed.index(build)
 
     def _check_group(self, group: tuple[str, ...]) -> None:
         if len(group) < 2 or (unknown := sorted(set(group) - set(self.corners))):
-            what = f"there is no corner {unknown[0]!r}" if len(group) > 1 else "it names fewer than two corners"
-            raise InputError(f"alike: {list(group)}: {what}; there are {', '.join(self.corners)}")
+            what = f"there is no corner {unknown[0]!r}" if len(group) > 1 else "a group needs two or more corners"
+            raise InputError(f"alike: {list(group)}: {what}; the corners are {', '.join(self.corners)}")
         if not set.intersection(*(set(self.corners[corner]) for corner in group)):
-            raise InputError(f"alike: the corners {', '.join(group)} have no build in common")
+            raise InputError(
+                f"alike: the corners {', '.join(group)} have no build in common; change [corners] or alike"
+            )

@@ -1,4 +1,4 @@
-"""Statistics of a response: what a measure does with its channels."""
+"""Statistics that measures compute from their channels."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Channels of a run as a statistic sees them: weighted, filtered, within the measure's window.
+    """Channels of a run as input to a statistic: filtered, restricted to the measure's window, weighted.
 
     Args:
-        rows: (C, N), each in its SI unit.
+        rows: Channels (C, N), each in its SI unit.
         step: Time between samples [s].
-        options: Of the statistic, in SI.
+        options: Options of the statistic, in SI.
     """
 
     rows: Array
@@ -31,19 +31,19 @@ class Response:
 
     @property
     def total(self) -> Array:
-        """The channels added up sample by sample (N,)."""
+        """Sum of the channels, sample by sample (N,)."""
         values: Array = self.rows[0] if len(self.rows) == 1 else self.rows.sum(axis=0)
         return values
 
 
 class Statistic(NamedTuple):
-    """How a statistic is drawn, and what kind of number it is.
+    """Function and properties of a statistic.
 
     Args:
-        of: The function.
-        unit: Its SI unit; empty: that of the channels.
-        absolute: Whether it hangs on the mean, which a vehicle without a trusted gain at 0 Hz does not know.
-        options: That it takes, with their defaults; a missing default is None.
+        of: Function that computes the statistic of a response.
+        unit: SI unit of the statistic; empty: that of the channels.
+        absolute: Whether the statistic depends on the mean, which is unreliable without a trusted gain at 0 Hz.
+        options: Options of the statistic with their defaults; None if there is no default.
     """
 
     of: Callable[[Response], float]
@@ -53,12 +53,12 @@ class Statistic(NamedTuple):
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square of the values less their mean, in their unit."""
+    """Return the root mean square of the values after removing their mean."""
     return float(np.std(values))
 
 
 def _joint_rms(response: Response) -> float:
-    """Quadratic mean of the channels' RMS."""
+    """Return the root mean square of the channels' RMS values."""
     return float(np.sqrt(np.mean(np.var(response.rows, axis=1))))
 
 
@@ -68,16 +68,18 @@ def _peak(response: Response) -> float:
 
 
 def _variation(response: Response) -> float:
-    """Coefficient of variation: RMS over the mean."""
+    """Return the coefficient of variation: RMS divided by the mean."""
     total = response.total
     mean = float(total.mean())
     if mean == 0.0:
-        raise InputError("variation: the mean is zero; give the vehicle its static load, or use rms")
+        raise InputError(
+            "variation: the mean is zero, so the ratio is not defined; give the vehicle its static load, or use rms"
+        )
     return rms(total) / abs(mean)
 
 
 def _work(response: Response) -> float:
-    """Integral of the product of force and velocity by the trapezoidal rule."""
+    """Return the integral of force times velocity by the trapezoidal rule."""
     power = response.rows[0] * response.rows[1]
     return float(scipy.integrate.trapezoid(power, dx=response.step))
 
@@ -88,7 +90,7 @@ def _share(response: Response) -> float:
     return float(np.mean((total >= low) & (total < high)))
 
 
-#: By the name that study files use.
+#: Statistics by their name in study files.
 STATISTICS: Mapping[str, Statistic] = {
     "rms": Statistic(lambda r: rms(r.total)),
     "rms_with_mean": Statistic(lambda r: float(np.sqrt(np.mean(r.total**2))), absolute=True),
@@ -111,22 +113,22 @@ def statistic(name: str) -> Statistic:
     """Return a statistic by its name.
 
     Raises:
-        InputError: There is none of that name.
+        InputError: There is no statistic of that name.
     """
     if name not in STATISTICS:
-        raise InputError(f"there is no statistic {name!r}; there are {', '.join(STATISTICS)}")
+        raise InputError(f"there is no statistic {name!r}; the statistics are {', '.join(STATISTICS)}")
     return STATISTICS[name]
 
 
 def options_for(name: str, given: Mapping[str, float]) -> dict[str, float]:
-    """Return a statistic's options, defaults filled in.
+    """Return the options of a statistic, completed by defaults.
 
     Raises:
-        InputError: An option is missing, or is none of that statistic.
+        InputError: An option is missing, or the statistic has no such option.
     """
     known = statistic(name).options
     if unknown := sorted(set(given) - set(known)):
-        raise InputError(f"{name} takes no option {unknown[0]!r}; it takes {', '.join(known) or 'none'}")
+        raise InputError(f"{name} has no option {unknown[0]!r}; its options: {', '.join(known) or 'none'}")
     filled = {key: given.get(key, default) for key, default in known.items()}
     if missing := [key for key, value in filled.items() if value is None]:
         raise InputError(f"{name} needs the option {missing[0]!r}")

@@ -1,4 +1,4 @@
-"""A study: which shocks may go where, on which drive, and what is asked of them (2.1.4, chapter 7)."""
+"""Definition of a study: allowed shocks, drives, measures, objective and constraints (2.1.4, chapter 7)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.study.measures import Measure
 from cosim.study.setup import Setup, SetupSpace
 from eightpost.errors import InputError
 
-#: A parameter's value in its own unit.
+#: Parameter values by name, each in the parameter's unit.
 Parameters = Mapping[str, float | bool | str]
 
 
@@ -24,8 +24,8 @@ class Build:
     """A shock of the bank.
 
     Args:
-        fmu: Its file.
-        parameters: Values that differ from the FMU's own, in their own units.
+        fmu: FMU file.
+        parameters: Values that differ from the FMU's defaults, in the parameters' units.
     """
 
     fmu: Path
@@ -37,11 +37,11 @@ class Vehicle:
     """The vehicle.
 
     Args:
-        fmu: Its file.
-        name: Of its component, with which channels begin: `car.lf.tire_force`.
-        parameters: Values that differ from the FMU's own, in their own units.
-        inputs: Constant inputs, in their own units.
-        means_trusted: Whether its response to constant inputs is known; if not, measures that hang on a mean are
+        fmu: FMU file.
+        name: Name of the component, the first part of its channel names: `car.lf.tire_force`.
+        parameters: Values that differ from the FMU's defaults, in the parameters' units.
+        inputs: Constant inputs, in the inputs' units.
+        means_trusted: Whether the response to constant inputs is reliable; if not, measures that depend on a mean are
             refused.
     """
 
@@ -54,16 +54,16 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drivefile and what of it is run.
+    """A drive file and the part of it to run.
 
     Args:
-        name: In the names of measures, where there are several drives.
-        file: The drivefile.
+        name: Name of the drive, used in the names of measures if there are several drives.
+        file: Path of the drive file.
         stop: Duration of the run [s].
-        start: Time in the drivefile at which the run starts [s].
-        units: Of channels whose header states none.
-        channel_map: A channel-map file.
-        targets: Which input each channel goes to; empty: the one of its name.
+        start: Time in the drive file at which the run starts [s].
+        units: Units of channels whose header states none.
+        channel_map: Path of a channel-map file.
+        targets: Input by channel; empty: each channel drives the input of the same name.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One term of the objective (Eq 2.6): `weight * value of the measure in unit`; without a unit, in SI."""
+    """One term of the objective (Eq 2.6): `weight` times the measure in `unit`; empty unit: SI."""
 
     measure: str
     weight: float = 1.0
@@ -86,7 +86,7 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Bounds on a measure (G of Eq 2.3), in SI."""
+    """Limits of a measure (G of Eq 2.3), in SI."""
 
     measure: str
     at_least: float = -inf
@@ -95,26 +95,26 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Study:
-    """What is to be run and measured.
+    """Definition of a study.
 
     Args:
-        name: Of the study.
-        vehicle: Any vehicle FMU with the ports of docs/ports.md.
-        bank: Shocks by the name of the build.
-        corners: Names of the builds that each corner may have.
-        drives: One run of every setup on each.
-        measures: What is drawn from the runs.
+        name: Name of the study.
+        vehicle: Vehicle FMU with the ports of docs/ports.md.
+        bank: Shocks by build name.
+        corners: Names of the allowed builds by corner.
+        drives: Drives; every setup is run on each.
+        measures: Measures to compute from the runs.
         objective: Weighted sum to minimise (Eq 2.6); empty: none.
-        constraints: Setups outside them are not feasible (Eq 2.3).
-        baseline: Build by corner of the setup that others are compared with; empty: none.
-        alike: Groups of corners that have the same build.
-        settling: Time at the start of every run that measures leave out [s].
-        accuracy: Coupling error that is aimed at, in percent of each signal's standard deviation.
-        record_step: Time between the samples that measures see [s].
+        constraints: Constraints (Eq 2.3); setups that break one are not feasible.
+        baseline: Build by corner of the setup that others are compared with; empty: no baseline.
+        alike: Groups of corners that always have the same build.
+        settling: Time at the start of every run that measures exclude [s].
+        accuracy: Target coupling error, in percent of each signal's standard deviation.
+        record_step: Sampling interval of the signals from which measures are computed [s].
 
     Raises:
-        InputError: A corner may have a build that the bank lacks, names come twice, an objective or constraint names no
-            measure, or the baseline is no setup.
+        InputError: A corner allows a build that is not in the bank, names are not unique, an objective or constraint
+            names no measure, or the baseline is not a setup of the study.
     """
 
     name: str
@@ -131,7 +131,7 @@ class Study:
     accuracy: float = 0.2
     record_step: float = 4e-3
 
-    # An open bound is infinite, which JSON has no word for: it is written as the string "Infinity".
+    # An open limit is infinite, which JSON cannot represent as a number: it is written as the string "Infinity".
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
 
     def __post_init__(self) -> None:
@@ -142,7 +142,10 @@ class Study:
             self._check_times(drive)
         for measure in self.measures:
             if measure.drive and measure.drive not in [drive.name for drive in self.drives]:
-                raise InputError(f"measure {measure.name!r}: there is no drive {measure.drive!r}")
+                raise InputError(
+                    f"measure {measure.name!r}: there is no drive {measure.drive!r}; the drives are "
+                    f"{', '.join(drive.name for drive in self.drives)}"
+                )
         for name in (*(term.measure for term in self.objective), *(c.measure for c in self.constraints)):
             self.measure(name)
         if self.baseline:
@@ -150,29 +153,29 @@ class Study:
 
     @property
     def space(self) -> SetupSpace:
-        """All setups."""
+        """Space of all setups."""
         return SetupSpace(self.corners, self.alike)
 
     @property
     def baseline_setup(self) -> Setup | None:
-        """The setup that others are compared with."""
+        """Setup that others are compared with; None if the study has no baseline."""
         return self.space.find(self.baseline) if self.baseline else None
 
     def measure(self, name: str) -> Measure:
         """Return a measure by its name.
 
         Raises:
-            InputError: There is none of that name; the message says which is close.
+            InputError: There is no measure of that name; the message suggests a similar one.
         """
         found = {measure.name: measure for measure in self.measures}
         if name not in found:
             close = get_close_matches(name, found, n=1)
-            advice = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(found)}"
+            advice = f"did you mean {close[0]!r}?" if close else f"the measures are {', '.join(found)}"
             raise InputError(f"there is no measure {name!r}; {advice}")
         return found[name]
 
     def measures_of(self, drive: Drive) -> tuple[Measure, ...]:
-        """Return the measures that are drawn from the runs on a drive; those that name none are of the first."""
+        """Return the measures that are computed from the runs on a drive; those without a drive belong to the first."""
         first = drive is self.drives[0] or drive == self.drives[0]
         return tuple(m for m in self.measures if m.drive == drive.name or (not m.drive and first))
 
@@ -187,29 +190,29 @@ class Study:
 
     def _check_builds(self) -> None:
         if not self.corners:
-            raise InputError("the study has no corners: the vehicle needs a port, or name them in [corners]")
+            raise InputError("the study has no corners: the vehicle has no ports; name the corners in [corners]")
         for corner, builds in self.corners.items():
             if not builds:
-                raise InputError(f"corners: {corner} has no shock; name a build or more of the bank")
+                raise InputError(f"corners: {corner} has no shock; name one or more builds of the bank")
             for build in builds:
                 if build not in self.bank:
                     close = get_close_matches(build, self.bank, n=1)
                     advice = f"; did you mean {close[0]}?" if close else ""
                     raise InputError(
-                        f"corners: {corner} may have {build!r}, which is no build of the bank "
+                        f"corners: {corner} allows {build!r}, which is not a build of the bank "
                         f"({', '.join(self.bank) or 'it is empty'}){advice}"
                     )
 
     def _check_unique(self, what: str, names: list[str]) -> None:
         if not names:
-            raise InputError(f"the study has no {what}: it needs one or more")
-        if doubled := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"two {what}s are called {doubled[0]!r}: give each a name of its own")
+            raise InputError(f"the study has no {what}; add one or more")
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(f"two {what}s are called {repeated[0]!r}; names must be unique")
 
     def _check_times(self, drive: Drive) -> None:
         if not 0.0 <= self.settling < drive.stop:
             raise InputError(
-                f"settling must be shorter than the run on {drive.name!r} ({drive.stop:g} s), not {self.settling:g} s"
+                f"settling is {self.settling:g} s; it must be shorter than the run on {drive.name!r} ({drive.stop:g} s)"
             )
 
 

@@ -1,4 +1,4 @@
-"""A study as a TOML file that a person can write (docs/study.md)."""
+"""Reader of study files (TOML, docs/study.md)."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
 
-#: A number in SI (of parameters and inputs: in the variable's own unit), or a value with its unit: "2 in/s".
+#: A number in SI (for parameters and inputs in the variable's own unit), or a value with its unit: "2 in/s".
 Value = float | str
 
-#: What makes an FMU of a source: the path of the FMU.
+#: Function that returns the FMU of a source file, building it if necessary.
 Sources = Callable[[Path], Path]
 
-_WORDS = {"extra_forbidden": "is no entry of a study file (docs/study.md lists them)", "missing": "is missing"}
+_WORDS = {
+    "extra_forbidden": "is not an entry of a study file (docs/study.md lists the entries)",
+    "missing": "is missing",
+}
 
 
 class _Strict(BaseModel):
@@ -108,10 +111,10 @@ def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
 
     Args:
         path: The file.
-        fmu: Gives the FMU of a path in the file, which may be a source that an FMU is built from.
+        fmu: Function that returns the FMU of a path in the file; the path may be a source from which an FMU is built.
 
     Raises:
-        InputError: The file cannot be read, or an entry is unknown, missing or wrong; the message has its line.
+        InputError: The file cannot be read, or an entry is unknown, missing or wrong; the message states the line.
         FmuError: An FMU cannot be used.
     """
     path = Path(path)
@@ -127,10 +130,10 @@ def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
 
 
 def source_files(path: str | Path) -> tuple[Path, ...]:
-    """Return the files in a study file that an FMU must first be built from: all that are no .fmu.
+    """Return the files named in a study file from which an FMU must first be built: all that are not .fmu files.
 
     Raises:
-        InputError: As `read_study`.
+        InputError: The file cannot be read, or an entry is unknown, missing or wrong.
     """
     path = Path(path)
     content = _content(path, _text(path))
@@ -145,7 +148,9 @@ def _text(path: Path) -> str:
 def _content(path: Path, text: str) -> _File:
     found = parse_toml(text, path)
     if found.get("schema", SCHEMA) != SCHEMA:
-        raise InputError(f"{path}: has schema {found['schema']!r}, this version reads {SCHEMA}; update eightpost")
+        raise InputError(
+            f"{path}: has schema {found['schema']!r}, but this version reads schema {SCHEMA}; update eightpost"
+        )
     try:
         return _File.model_validate({"schema": SCHEMA, **found})
     except ValidationError as error:
@@ -160,7 +165,7 @@ def _fault(path: Path, text: str, place: tuple[str | int, ...], kind: str, messa
 
 
 class _Reader:
-    """A file's content with what its FMUs say."""
+    """Conversion of a file's content into a study, with the variables of its FMUs."""
 
     def __init__(self, path: Path, content: _File, fmu: Sources) -> None:
         self._folder, self._path, self._content, self._fmu = path.parent, path, content, fmu
@@ -195,7 +200,7 @@ class _Reader:
         source = self._folder / part.fmu
         fmu = self._fmu(source)
         car = FmuComponent(fmu, part.name)
-        # A model of masses and springs knows its steady state; one that was identified from a rig does not.
+        # A model of masses and springs has a valid steady state; one that was identified on a rig does not.
         trusted = part.means == "trusted" if part.means else source.suffix == ".toml"
         parameters = {name: _own(car, name, value) for name, value in part.parameters.items()}
         inputs = {name: float(_own(car, name, value)) for name, value in part.inputs.items()}
@@ -227,7 +232,7 @@ class _Reader:
         bank: Mapping[str, Build],
         drives: tuple[Drive, ...],
     ) -> tuple[Measure, ...]:
-        """Those of the families, on every drive, then the file's own."""
+        """Return the measures of the families, on every drive, followed by the file's own."""
         shock = FmuComponent(next(iter(bank.values())).fmu, "shock") if bank else None
         channels = {f"{vehicle.name}.{name}" for name in car.variables}
         channels |= {f"{corner}.{name}" for corner in corners for name in (shock.variables if shock else ())}
@@ -279,7 +284,7 @@ def _pair(pair: tuple[Value, Value] | None, what: str) -> tuple[float, float] | 
 
 
 def _si(value: Value, what: str) -> float:
-    """A number, or a value with its unit, in SI."""
+    """Return a number, or a value with its unit, in SI."""
     if not isinstance(value, str):
         return value
     try:
@@ -290,7 +295,7 @@ def _si(value: Value, what: str) -> float:
 
 
 def _own(component: FmuComponent, name: str, value: bool | Value) -> bool | Value:
-    """A value in the variable's own unit; numbers are in it already."""
+    """Return a value in the variable's own unit; numbers already are."""
     variable: Variable | None = component.variables.get(name)
     if variable is None:
         raise WiringError(f"{component.source} has no variable {name!r}")

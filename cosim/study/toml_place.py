@@ -1,4 +1,4 @@
-"""Where in a TOML file something stands, for messages: the reader of the standard library does not say."""
+"""Line numbers of entries in a TOML file, for messages: the standard library's reader does not provide them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 
 def line_of(text: str, place: Sequence[str | int]) -> int | None:
-    """Return the one-based line of an entry; the line of its table where the entry itself is not found.
+    """Return the one-based line of an entry, or the line of its table if the entry itself is not found.
 
     Args:
-        text: Of the file.
-        place: Keys and, in lists of tables, positions: `("measure", 2, "band")`.
+        text: Text of the file.
+        place: Keys and, for lists of tables, positions: `("measure", 2, "band")`.
     """
     lines, begin = text.splitlines(), 0
     found = None
@@ -27,9 +27,9 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
 
 
 def line_with(text: str, message: str) -> int | None:
-    """Return the one-based line of what a message is about: its last name in quotes that the file has too.
+    """Return the one-based line that a message refers to: the last quoted name in it that the file contains.
 
-    What comes after a semicolon is advice.
+    The text after a semicolon is advice and is ignored.
     """
     lines = text.splitlines()
     for name in reversed(re.findall(r"'([^']+)'", message.partition(";")[0])):
@@ -40,7 +40,7 @@ def line_with(text: str, message: str) -> int | None:
 
 
 def _nth(lines: Sequence[str], key: str, begin: int, position: int) -> int | None:
-    """The line of a key, or of the header of the table or of the `position`-th table of a list, from `begin` on."""
+    """Return the line of a key, of a table's header, or of the `position`-th table of a list, from `begin` on."""
     name = rf"(?:\"{re.escape(key)}\"|'{re.escape(key)}'|{re.escape(key)})"
     pattern = re.compile(rf"\s*(?:\[\[?\s*(?:[^\[\]]*\.\s*)?{name}\s*\]|{name}\s*[=.]|.*[{{,]\s*{name}\s*=)")
     found = [k for k in range(begin, len(lines)) if pattern.match(lines[k])]

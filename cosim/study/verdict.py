@@ -1,4 +1,4 @@
-"""The verdict on a study: how much of it ran, how well its setups are known, what its models say of themselves."""
+"""Verdict on a study: how much of it ran, how precise its values are, and what its models state of their validity."""
 
 from __future__ import annotations
 
@@ -19,68 +19,68 @@ NOTHING_RAN = Rule(
     "no setup ran", "setups", Grade.NOT_USABLE,
     condition="every setup failed",
     why="there is nothing to rank",
-    remedy="read why in the column message of the table",
+    remedy="see the reason in the column message of the table",
 )  # fmt: skip
 NONE_FEASIBLE = Rule(
     "no setup keeps all constraints", "setups", Grade.NOT_USABLE,
     condition="every setup that ran breaks a constraint",
     why="no setup of the study can be chosen",
-    remedy="loosen the constraints, or give other builds",
+    remedy="relax the constraints, or allow other builds",
 )  # fmt: skip
 FAILED = Rule(
     "setups failed", "setups", Grade.LIMITED,
     condition="a setup failed",
-    why="the best one may be among them",
-    remedy="read why in the column message of the table",
+    why="the best setup may be among them",
+    remedy="see the reason in the column message of the table",
 )  # fmt: skip
 PARTIAL = Rule(
     "study not complete", "setups", Grade.LIMITED,
-    condition="the study was stopped before all setups were run",
-    why="levels and ranks are of those that ran",
-    remedy="call it again with the same folder",
+    condition="the study was stopped before all setups had run",
+    why="levels and ranks cover only the setups that ran",
+    remedy="run it again with the same output folder; it resumes where it stopped",
 )  # fmt: skip
 MARKED = Rule(
     "setups marked", "marks", Grade.LIMITED,
     condition="a setup is marked: a shock beyond its fitted velocities, a tire off the ground, a coupling error above "
     "the tolerance",
-    why="its figures hold less well than those of the others",
-    remedy="see the column marks; choose among setups without a mark, or run the marked ones by themselves",
+    why="its values are less reliable than those of the others",
+    remedy="see the column marks; choose among setups without a mark, or run the marked ones separately",
 )  # fmt: skip
 UNMARKED = Rule(
     "no setup marked", "marks", Grade.USABLE,
     condition="no setup is marked",
-    why="all figures hold alike",
+    why="all values are equally reliable",
     remedy="nothing",
 )  # fmt: skip
 LARGE_ERROR = Rule(
     "coupling error of a setup too large", "coupling", Grade.NOT_USABLE,
     condition=f"the coupling error of the best setup is above {LARGEST_ERROR:g} %",
-    why="as in a run",
-    remedy="ask for a smaller error (accuracy in the study file)",
+    why="the same limit applies to a single run",
+    remedy="set a smaller accuracy in the study file",
 )  # fmt: skip
 NOTABLE_ERROR = Rule(
     "coupling error of a setup above the tolerance", "coupling", Grade.LIMITED,
-    condition="the coupling error of a setup is above what was asked for",
-    why="such a setup is told from others less well than was asked for",
-    remedy="run these setups by themselves (eightpost run), or ask for a smaller error (accuracy in the study file)",
+    condition="the coupling error of a setup is above the accuracy of the study file",
+    why="differences between this setup and others are less certain than requested",
+    remedy="run these setups separately (eightpost run), or set a smaller accuracy in the study file",
 )  # fmt: skip
 UNKNOWN_ERROR = Rule(
     "coupling error of setups not stated", "coupling", Grade.UNKNOWN,
-    condition="no setup states a coupling error",
-    why="differences between setups may be those of the coupling",
+    condition="no setup has a coupling error in the table",
+    why="differences between setups may be due to the coupling",
     remedy="run the study again with this version",
 )  # fmt: skip
 SMALL_ERROR = Rule(
     "coupling errors of all setups small", "coupling", Grade.USABLE,
-    condition="the coupling error of every setup is within what was asked for",
-    why="setups differ by more",
+    condition="the coupling error of every setup is within the accuracy of the study file",
+    why="the differences between setups are larger",
     remedy="nothing",
 )  # fmt: skip
 NO_MEANS = Rule(
     "means not trusted", "vehicle", Grade.LIMITED,
-    condition="the study file says that the vehicle's response to constant inputs is not to be trusted",
-    why="levels that hang on a mean are left out",
-    remedy="judge setups by the other measures",
+    condition="the vehicle's response to constant inputs is not trusted (means in the study file)",
+    why="measures that depend on a mean are omitted",
+    remedy="compare setups by the other measures",
 )  # fmt: skip
 
 RULES: tuple[Rule, ...] = tuple(
@@ -123,31 +123,31 @@ def _marks(result: StudyResult) -> Iterator[Reason]:
 
 
 def _coupling(result: StudyResult) -> Iterator[Reason]:
-    asked = result.study.accuracy
+    accuracy = result.study.accuracy
     rows = np.flatnonzero(result.feasible if result.feasible.any() else result.done)
     known = result.table["coupling_error_percent"].to_numpy(zero_copy_only=False).astype(np.float64)[rows]
     errors, numbers = known[np.isfinite(known)], result.setups[rows][np.isfinite(known)]
     if not errors.size:
         figure = f"known for 0 of {len(result)} setups"
-        yield UNKNOWN_ERROR.reason("no coupling error is stated", figure=figure, origin="column coupling_error_percent")
+        yield UNKNOWN_ERROR.reason("no coupling error is known", figure=figure, origin="column coupling_error_percent")
         return
     worst, best = int(np.argmax(errors)), result.ranking()[:1]
     at_best = errors[np.isin(numbers, result.setups[best])] if best.size else errors
-    above = int(np.sum(errors > asked))
-    figure = f"up to {errors[worst]:.2g} %; asked for {asked:g} %; {above} of {errors.size} setups are above"
+    above = int(np.sum(errors > accuracy))
+    figure = f"up to {errors[worst]:.2g} %; target {accuracy:g} %; {above} of {errors.size} setups are above it"
     rule = SMALL_ERROR if not above else LARGE_ERROR if at_best.max(initial=0.0) > LARGEST_ERROR else NOTABLE_ERROR
-    said = "coupling errors are small" if rule is SMALL_ERROR else "a coupling error is larger than asked for"
-    yield rule.reason(said, figure=figure, origin=f"setup {numbers[worst]}")
+    statement = "coupling errors are small" if rule is SMALL_ERROR else "a coupling error is above the target"
+    yield rule.reason(statement, figure=figure, origin=f"setup {numbers[worst]}")
 
 
 def _models(result: StudyResult) -> Iterator[Reason]:
-    """Yield what the models of a study say of themselves."""
+    """Yield the reasons that the models of a study state about their own validity."""
     for file, document in result.provenance.models.items():
         name = PurePath(file).name
         try:
             validity = Validity.from_json(document)
         except InputError:
-            said = "how far the model can be used is not known to this program"
-            yield MODEL_UNKNOWN.reason(said, figure="0 ranges stated", origin=name)
+            statement = "the validity of the model is not known to this program"
+            yield MODEL_UNKNOWN.reason(statement, figure="0 ranges stated", origin=name)
             continue
         yield from (replace(reason, origin=f"{name}: {reason.origin}") for reason in validity.verdict.reasons)

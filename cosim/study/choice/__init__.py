@@ -1,1 +1,1 @@
-"""From rows to a choice: which corner matters, what differs beyond its uncertainty, what to confirm on the rig."""
+"""Choice of setups from a study's table: sensitivity, robustness, selection, comparison with the rig, search."""

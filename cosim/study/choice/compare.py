@@ -1,4 +1,4 @@
-"""Measured against predicted: do the setups rank, and lie, as the study said (7.3, Fig 7.7)?"""
+"""Comparison of measured with predicted levels: rank correlations and best-fit line (7.3, Fig 7.7)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: Fewest setups that a line with an uncertainty can be laid through.
+#: Minimum number of setups for a best-fit line with an uncertainty.
 FEWEST = 3
 
-#: Simulated rig days behind the rank correlation that the noise permits, and the share of them that does better.
+#: Number of simulated rig days for the attainable rank correlation, and share of them that must exceed it.
 _DAYS, _BETTER = 2000, 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Best-fit line, measured = intercept + slope predicted, by least squares.
+    """Best-fit line by least squares: measured = intercept + slope * predicted.
 
     Attributes:
-        slope: [1].
-        intercept: [unit of the measure].
-        scatter: Standard deviation of the measured levels about it.
-        setups: That it was laid through.
+        slope: Slope [1].
+        intercept: Intercept, in the unit of the measure.
+        scatter: Standard deviation of the measured levels about the line.
+        setups: Number of setups to which the line was fitted.
         center: Mean of the predicted levels.
         breadth: Sum of squares of the predicted levels about their mean.
     """
@@ -57,25 +57,26 @@ class Line:
         return self.scatter * np.sqrt(1.0 / self.setups + (predicted - self.center) ** 2 / self.breadth)
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the confidence interval of the slope, Student's t with two fewer degrees of freedom than setups."""
+        """Return the confidence interval of the slope (Student's t; degrees of freedom: setups minus 2)."""
         reach = float(stats.t.ppf(0.5 + 0.5 * level, self.setups - 2)) * self.slope_error
         return self.slope - reach, self.slope + reach
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One measure of K setups, predicted and measured, in one unit.
+    """Predicted and measured levels of one measure for K setups, in one unit.
 
     Attributes:
-        measure: Its name.
-        setups: (K,) their numbers.
-        predicted: (K,) by the study.
-        measured: (K,) on the rig, repeated runs of a setup averaged.
-        runs: (K,) rig runs of each setup.
-        run_to_run: Standard deviation of one rig run; 0 where it is not known.
+        measure: Name of the measure.
+        setups: Numbers of the setups (K,).
+        predicted: Levels predicted by the study (K,).
+        measured: Levels measured on the rig (K,), averaged over repeated runs of a setup.
+        runs: Number of rig runs of each setup (K,).
+        run_to_run: Standard deviation of one rig run; 0 if not known.
 
     Raises:
-        InputError: Shapes disagree, there are fewer than three setups, or all predicted or measured levels are alike.
+        InputError: The shapes disagree, there are fewer than three setups, or all predicted or measured levels are
+            equal.
     """
 
     measure: str
@@ -88,17 +89,20 @@ class Comparison:
     def __post_init__(self) -> None:
         shapes = {self.setups.shape, self.predicted.shape, self.measured.shape, self.runs.shape}
         if len(shapes) > 1 or self.setups.size < FEWEST:
-            raise InputError(f"{self.measure}: {FEWEST} setups or more must be predicted and measured, not {shapes}")
+            raise InputError(
+                f"{self.measure}: predicted and measured levels need the same shape, with {FEWEST} or more setups; "
+                f"their shapes are {shapes}"
+            )
         for what, levels in (("predicted", self.predicted), ("measured", self.measured)):
             if not np.ptp(levels) > 0.0:
                 raise InputError(
-                    f"{self.measure}: all {what} levels are {levels[0]:g}; setups that are alike in a measure cannot "
-                    "be ranked by it, so select others"
+                    f"{self.measure}: all {what} levels are {levels[0]:g}, so that the setups cannot be ranked by this "
+                    "measure; select setups that differ in it"
                 )
 
     @cached_property
     def line(self) -> Line:
-        """The best-fit line of measured on predicted levels."""
+        """Best-fit line of the measured over the predicted levels."""
         slope, intercept, *_ = stats.linregress(self.predicted, self.measured)
         residual = self.measured - intercept - slope * self.predicted
         count, center = self.setups.size, float(self.predicted.mean())
@@ -108,19 +112,20 @@ class Comparison:
 
     @cached_property
     def spearman(self) -> float:
-        """Rank correlation, Spearman's rho: 1 where the rig ranks the setups as the study does."""
+        """Spearman's rank correlation: 1 if the rig ranks the setups as the study does."""
         return float(stats.spearmanr(self.predicted, self.measured).statistic)
 
     @cached_property
     def kendall(self) -> float:
-        """Rank correlation, Kendall's tau b: share of pairs in the right order less that of pairs in the wrong one."""
+        """Kendall's rank correlation tau-b: share of pairs in the same order minus share in the opposite order."""
         return float(stats.kendalltau(self.predicted, self.measured).statistic)
 
     @cached_property
     def attainable(self) -> float:
-        """Spearman's rho that 95 % of rig days would reach if the true levels lay on the line: noise takes the rest.
+        """Spearman's rank correlation that 95 % of rig days would reach if the true levels were on the line.
 
-        1 where the run-to-run deviation is not known. Seeded: the same data give the same number.
+        Run-to-run noise causes the difference from 1; the value is 1 if the run-to-run deviation is not known. The
+        random numbers are seeded: the same data give the same value.
         """
         if self.run_to_run == 0.0:
             return 1.0
@@ -131,26 +136,26 @@ class Comparison:
 
     @property
     def band(self) -> float:
-        """Half the height of the band about the line: two standard deviations of a run, else of the scatter."""
+        """Half-width of the band about the line: two standard deviations of a run, or of the scatter if unknown."""
         return REACH * (self.run_to_run or self.line.scatter)
 
     @property
     def within(self) -> Flags:
-        """(K,) which measured levels lie in the band."""
+        """Whether each measured level is in the band (K,)."""
         return np.asarray(np.abs(self.measured - self.line.at(self.predicted)) <= self.band, dtype=np.bool_)
 
     @property
     def level_error(self) -> float:
-        """RMS of predicted over measured less 1 [%]."""
+        """RMS of predicted/measured - 1 [%]."""
         return float(100.0 * np.sqrt(np.mean((self.predicted / self.measured - 1.0) ** 2)))
 
     @property
     def bias(self) -> float:
-        """Mean of predicted over measured less 1 [%]."""
+        """Mean of predicted/measured - 1 [%]."""
         return float(100.0 * np.mean(self.predicted / self.measured - 1.0))
 
 
 def _standard(ranks: Array) -> Array:
-    """Return rows (..., K) less their mean, of length 1: their products are correlations."""
+    """Return rows (..., K) minus their mean and scaled to length 1, so that their products are correlations."""
     centered = ranks - ranks.mean(axis=-1, keepdims=True)
     return np.asarray(centered / np.linalg.norm(centered, axis=-1, keepdims=True), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Comparisons as a file for other programs."""
+"""JSON file of the comparisons of measured with predicted levels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.verdict import Verdict
 
-#: Version of the file that is written.
+#: Schema version of the files that are written.
 SCHEMA = 1
 
 
@@ -23,10 +23,10 @@ def write_comparisons(
     """Write comparisons as JSON, levels in SI.
 
     Args:
-        comparisons: Of the measures.
-        units: SI unit by measure.
+        comparisons: Comparisons of the measures.
+        units: SI units by measure.
         path: The file.
-        verdict: On all of them.
+        verdict: Verdict on all comparisons.
     """
     document = {
         "schema": SCHEMA,
@@ -40,18 +40,18 @@ def write_comparisons(
 
 
 def read_run_to_run(path: str | Path) -> dict[str, float]:
-    """Return the standard deviation of one rig run by measure [SI] that a comparison found in repeated runs.
+    """Return the standard deviation of one rig run by measure [SI], as a comparison found it from repeated runs.
 
     Raises:
-        FileFormatError: It is no comparison, or no setup was run twice.
+        FileFormatError: The file is not a comparison, or no setup was run twice.
     """
     document = json_content(path, advice="`eightpost compare --measured` writes it")
     try:
         found = {str(entry["measure"]): float(entry["run_to_run"]) for entry in document["measures"]}
     except MALFORMED as error:
-        raise FileFormatError(f"is no comparison of a study with the rig ({error!r})", path=path) from error
+        raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
     if not any(found.values()):
-        raise FileFormatError("does not say how runs differ: no setup was run twice on the rig", path=path)
+        raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Measured against predicted as a picture (Fig 7.7)."""
+"""Plot of measured and predicted levels (Fig 7.7)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def plot_comparisons(
     shown: Mapping[str, tuple[str, str]],
     selected: Mapping[str, Collection[int]] | None = None,
 ) -> None:
-    """Draw, a row per measure, levels by setup with bars of two standard deviations, and measured over predicted.
+    """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
 
     Args:
-        comparisons: Of the measures.
-        path: A .png or .svg file.
-        shown: SI unit and unit to show by measure.
-        selected: Setups by measure that were selected for it: filled markers; the others are hollow.
+        comparisons: Comparisons of the measures.
+        path: Output file, .png or .svg.
+        shown: SI unit and display unit by measure.
+        selected: Setups that were selected for each measure; they have filled markers, the others hollow ones.
     """
     figure = Figure(figsize=(11, 3.4 * len(comparisons) + 0.4), layout="constrained")
     panels = figure.subplots(len(comparisons), 2, squeeze=False, width_ratios=(1.3, 1.0))

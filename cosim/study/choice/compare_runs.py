@@ -1,4 +1,4 @@
-"""Measured runs of a study's setups: a list of files, and the study's measures drawn from them."""
+"""Measured runs of a study's setups: list of records, and the study's measures computed from them."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
-#: Samples that a record may be shorter than the drive.
+#: Number of samples by which a record may be shorter than the drive.
 _MISSING = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """A run on the rig.
+    """One run on the rig.
 
     Attributes:
-        file: Its record.
+        file: Record of the run.
         setup: Number of the setup.
         drive: Name of the drive.
     """
@@ -43,12 +43,12 @@ class MeasuredRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Measures of R runs on one drive or several.
+    """Measures of R runs on one or several drives.
 
     Attributes:
-        setups: (R,) number of each run's setup.
-        values: By measure (R,) [SI], NaN for a run on another drive.
-        missing: Measures that no run has the channels of, each with one that is not there.
+        setups: Setup number of each run (R,).
+        values: Values of each measure (R,) [SI]; NaN for runs on another drive.
+        missing: Measures that cannot be computed from any run, with the channels that they need.
     """
 
     setups: NDArray[np.int64]
@@ -57,18 +57,18 @@ class Measured:
 
 
 def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
-    """Read which record is of which setup: a CSV with a header.
+    """Read the list of rig runs: a CSV with a header.
 
-    Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (the build's name), and, where
-    the study has several, `drive`. Other columns are ignored, as are lines that begin with #. A setup may come several
-    times: its runs are averaged and say how runs differ.
+    Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (name of the build), and, if the
+    study has several drives, `drive`. Other columns and lines that begin with # are ignored. A setup may be listed
+    several times: its runs are averaged and give the run-to-run deviation.
 
     Args:
-        path: The list; the selection.csv of a study is one.
-        study: That the setups are of.
+        path: List of runs, such as the selection.csv of a study.
+        study: Study to which the setups belong.
 
     Raises:
-        FileFormatError: It cannot be read, a column is missing, or a line names no setup of the study.
+        FileFormatError: The file cannot be read, a column is missing, or a line does not name a setup of the study.
     """
     path = Path(path)
     lines = read_text(path, advice="name the list of measured runs").splitlines()
@@ -80,26 +80,26 @@ def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
     except csv.Error as error:
         raise FileFormatError(f"cannot be read as a list of runs ({error})", path=path) from error
     if len(rows) != max(0, len(numbered) - 1):
-        raise FileFormatError("a cell in quotes goes over several lines; write each run in one line", path=path)
+        raise FileFormatError("a quoted cell spans several lines; write each run on one line", path=path)
     return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
 
 
 def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
-    """Draw a study's measures from measured runs.
+    """Compute a study's measures from measured runs.
 
-    A channel of the vehicle is looked for under its name without the component: `car.lf.tire_force` as `lf.tire_force`.
-    The record's first sample is the start of the run; settling is left out as in the study.
+    A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
+    first sample of a record is the start of the run; the settling time is excluded as in the study.
 
     Args:
-        runs: What was measured.
-        study: Whose measures are drawn.
-        read: Returns the channels of a record.
+        runs: Measured runs.
+        study: Study that defines the measures.
+        read: Function that returns the channels of a record.
 
     Raises:
         InputError: There are no runs, or a record is shorter than its drive.
     """
     if not runs:
-        raise InputError("there are no measured runs to compare with")
+        raise InputError("the list contains no measured runs")
     drives = {drive.name: drive for drive in study.drives}
     rows = [dict(_measures(read(run.file), drives[run.drive], study, run.file)) for run in runs]
     names = [measure.name for measure in study.measures]
@@ -110,13 +110,15 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
 
 
 def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ...]:
-    """Compare every measure that was measured; the run-to-run deviation is pooled from setups with several runs.
+    """Compare every measure that was measured; the run-to-run deviation is pooled over setups with several runs.
 
     Raises:
         InputError: A setup was not run in the study, or fewer than three setups were measured.
     """
     if unknown := sorted(set(measured.setups.tolist()) - set(result.setups.tolist())):
-        raise InputError(f"setup {unknown[0]} was measured, but the study did not run it: run it, or leave it out")
+        raise InputError(
+            f"setup {unknown[0]} was measured but not run in the study; run it, or remove it from the list"
+        )
     return tuple(_comparison(result, name, measured.setups, values) for name, values in measured.values.items())
 
 
@@ -136,7 +138,9 @@ def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], value
 def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
     cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
-        raise FileFormatError("names no record: the list needs a column `file`", path=path, line=line)
+        raise FileFormatError(
+            "has no record; the list needs a column `file` with the name of the record", path=path, line=line
+        )
     drive = cells.get("drive") or study.drives[0].name
     if drive not in [d.name for d in study.drives]:
         raise FileFormatError(f"there is no drive {drive!r} in the study", path=path, line=line)
@@ -148,14 +152,17 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
 
 
 def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
-    """Return the setup of a line: by its builds, else by its number; where both are there they must agree."""
+    """Return the setup of a line, by its builds or else by its number; if both are given, they must agree."""
     builds = {corner: cells[corner] for corner in space.corners if cells.get(corner)}
     number = _number(cells["setup"]) if cells.get("setup") else None
     if not builds and number is not None:
         return space.setup(number).index
     found = space.find(builds).index
     if number is not None and found != number:
-        raise InputError(f"setup {number} is {space.setup(number)}, not {space.setup(found)}: correct one of the two")
+        raise InputError(
+            f"setup {number} is {space.setup(number)}, but the line has {space.setup(found)}; correct the number or "
+            "the builds"
+        )
     return found
 
 
@@ -169,7 +176,7 @@ def _measures(series: TimeSeries, drive: Drive, study: Study, file: Path) -> Ite
     step = series.duration / (len(series) - 1) if len(series) > 1 else 0.0
     if series.duration < drive.stop - _MISSING * step:
         raise InputError(
-            f"{file}: {series.duration:g} s of record; the study's run on {drive.name!r} is {drive.stop:g} s"
+            f"{file}: the record is {series.duration:g} s long, but the study's run on {drive.name!r} {drive.stop:g} s"
         )
     run = TimeSeries(series.time - series.time[0], series.values, series.names, series.units).window(0.0, drive.stop)
     for measure in study.measures_of(drive):

@@ -1,4 +1,4 @@
-"""The verdict on a comparison: of a study with the rig, and of runs with each other."""
+"""Verdicts on a comparison of a study with the rig and on a comparison of runs."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ ABOUT = "prediction of the rig"
 WRONG_RANK = Rule(
     "setups ranked otherwise than measured", ABOUT, Grade.NOT_USABLE,
     condition="rank correlation (Spearman) of a measure below --rank",
-    why="the order of setups is what a study is for",
-    remedy="do not choose by this measure; validate the car and the shocks on records of the rig (eightpost validate)",
+    why="a study is run to rank setups",
+    remedy="do not choose by this measure; validate the car and the shocks on rig records (eightpost validate)",
 )  # fmt: skip
 WRONG_LEVEL = Rule(
     "levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
     condition="RMS error of a measure's levels above --level",
-    why="it was asked for",
-    remedy="use the measure for the order of setups alone, or validate the car on records of the rig",
+    why="the limits are set by the user",
+    remedy="use the measure only to rank setups, or validate the car on rig records",
 )  # fmt: skip
 PREDICTED = Rule(
     "ranked as measured", ABOUT, Grade.USABLE,
-    condition="--rank and --level are kept in every measure",
-    why="it was asked for",
+    condition="every measure is within --rank and --level",
+    why="the limits are set by the user",
     remedy="nothing",
 )  # fmt: skip
 OLD_RUN = Rule(
     "run without a verdict", "run", Grade.UNKNOWN,
-    condition="the result.json of a run that is compared states no verdict: an older version wrote it",
+    condition="the result.json of a compared run contains no verdict, because an older version wrote it",
     why="whether the run can be used was not recorded",
     remedy="run it again",
 )  # fmt: skip
@@ -45,8 +45,8 @@ def comparison_verdict(found: Sequence[Comparison], *, rank: float, level: float
 
     Args:
         found: Comparison of each measure.
-        rank: Least rank correlation (Spearman).
-        level: Largest level error [%]; None where levels do not matter.
+        rank: Minimum rank correlation (Spearman).
+        level: Maximum level error [%]; None for no limit.
     """
     reasons = [reason for one in found for reason in _faults(one, rank, level)]
     if not reasons:
@@ -59,16 +59,16 @@ def comparison_verdict(found: Sequence[Comparison], *, rank: float, level: float
 
 def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reason]:
     if not one.spearman >= rank:
-        noise = "; run-to-run noise alone could take it so low" if one.spearman >= one.attainable else ""
+        noise = "; run-to-run noise alone can explain this" if one.spearman >= one.attainable else ""
         figure = f"rank correlation {one.spearman:.3f}; limit {rank:g}{noise}"
-        yield WRONG_RANK.reason("the study ranks setups otherwise than the rig", figure=figure, origin=one.measure)
+        yield WRONG_RANK.reason("the study ranks setups differently than the rig", figure=figure, origin=one.measure)
     if level is not None and not one.level_error <= level:
         figure = f"level error {one.level_error:.1f} %; limit {level:g} %"
-        yield WRONG_LEVEL.reason("the study's levels are not the rig's", figure=figure, origin=one.measure)
+        yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
 
 
 def verdict_of_runs(documents: Mapping[str, Mapping[str, Any]]) -> Verdict:
-    """Return the verdict on runs that are compared, from their result.json by folder."""
+    """Return the verdict on compared runs, given their result.json by folder."""
     return Verdict(
         replace(reason, origin=f"{folder}: {reason.origin}")
         for folder, document in documents.items()
@@ -80,5 +80,5 @@ def _of_run(document: Mapping[str, Any]) -> Verdict:
     try:
         return Verdict.from_json(document.get("verdict"))
     except InputError:
-        said = "the run states no verdict"
-        return Verdict([OLD_RUN.reason(said, figure="0 reasons stated", origin="result.json")])
+        statement = "the run has no verdict"
+        return Verdict([OLD_RUN.reason(statement, figure="0 reasons stated", origin="result.json")])

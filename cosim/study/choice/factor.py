@@ -1,4 +1,4 @@
-"""Factors: the places of a space of setups where a build is chosen freely."""
+"""Factors: the positions of a setup space at which a build can be chosen independently."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A place where builds are swapped: a corner, or corners that are kept alike.
+    """A position at which builds are exchanged: a corner, or corners that always have the same build.
 
     Attributes:
-        name: The corner, or the corners as `lf+rf`.
-        builds: That may go there; their order means nothing.
+        name: Name of the corner, or of the corners as `lf+rf`.
+        builds: Allowed builds; their order has no meaning.
     """
 
     name: str
@@ -27,7 +27,7 @@ class Factor:
 
 
 def factors_of(space: SetupSpace) -> tuple[Factor, ...]:
-    """Return the factors of a space, F of them; a place with one build is one, though nothing can be chosen there."""
+    """Return the F factors of a space, including those with a single build."""
     found = []
     for group in _groups(space):
         first, *others = (space.corners[corner] for corner in group)
@@ -37,14 +37,14 @@ def factors_of(space: SetupSpace) -> tuple[Factor, ...]:
 
 
 def levels_of(space: SetupSpace, indices: Integers) -> Integers:
-    """Return which of its factors' builds setups have.
+    """Return the builds of setups as indices into the factors' builds.
 
     Args:
-        space: That the setups are of.
-        indices: (N,) numbers of setups whose corners are alike where the space says so.
+        space: Space of the setups.
+        indices: Numbers of setups (N,); each must satisfy `alike` of the space.
 
     Returns:
-        (N, F) places among each factor's builds.
+        Index of the build of each factor (N, F).
     """
     digits, corners = space.digits(indices), list(space.corners)
     columns = []
@@ -56,7 +56,7 @@ def levels_of(space: SetupSpace, indices: Integers) -> Integers:
 
 
 def indices_of(space: SetupSpace, levels: Integers) -> Integers:
-    """Return the numbers (N,) of the setups with these levels (N, F): `levels_of` turned round."""
+    """Return the numbers (N,) of the setups with these levels (N, F); the inverse of `levels_of`."""
     digits = np.empty((levels.shape[0], len(space.corners)), dtype=np.int64)
     corners = list(space.corners)
     for group, factor, level in zip(_groups(space), factors_of(space), levels.T, strict=True):
@@ -67,7 +67,7 @@ def indices_of(space: SetupSpace, levels: Integers) -> Integers:
 
 
 def _groups(space: SetupSpace) -> list[tuple[str, ...]]:
-    """Return the corners in groups that are alike, groups that share a corner joined, in the corners' order."""
+    """Return the corners in groups with the same build, in the corners' order; overlapping groups are merged."""
     group = {corner: {corner} for corner in space.corners}
     for alike in space.alike:
         joined = set().union(*(group[corner] for corner in alike))
@@ -77,5 +77,5 @@ def _groups(space: SetupSpace) -> list[tuple[str, ...]]:
 
 
 def varied(factors: Sequence[Factor]) -> list[int]:
-    """Return the places, among the factors, of those with two builds or more."""
+    """Return the indices of the factors with two or more builds."""
     return [place for place, factor in enumerate(factors) if len(factor.builds) > 1]

@@ -1,4 +1,4 @@
-"""Integer optimisation: the best setups of a bank too large to try them all (Eq 2.3)."""
+"""Integer optimisation: search for the best setups of a bank that is too large for an exhaustive study (Eq 2.3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: Setups in a generation: with 7 builds at 4 corners 10 to 40 take the same number of evaluations.
+#: Number of setups in a generation; with 7 builds at 4 corners, 10 to 40 need the same number of evaluations.
 POPULATION = 20
 
 Evaluate = Callable[[Integers], Scores]
@@ -27,14 +27,14 @@ Evaluate = Callable[[Integers], Scores]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimum:
-    """All setups that an optimisation tried. N setups, O objectives, C constraints.
+    """All setups that an optimisation evaluated. N setups, O objectives, C constraints.
 
     Attributes:
-        indices: (N,) their numbers, in the order in which they were tried, none twice.
-        objectives: (N, O), the lower the better.
-        violations: (N, C), as shares of the limits.
-        seed: Of the random numbers.
-        status: Why it ended, in words.
+        indices: Numbers of the setups (N,) in the order of evaluation, each once.
+        objectives: Objectives (N, O); lower is better.
+        violations: Constraint violations (N, C), as shares of the limits.
+        seed: Seed of the random number generator.
+        status: Reason why the search ended.
     """
 
     indices: Integers
@@ -45,13 +45,13 @@ class Optimum:
 
     @property
     def allowed(self) -> Flags:
-        """(N,) which setups ran and keep every constraint."""
+        """Whether each setup ran and meets every constraint (N,)."""
         ran, kept = np.isfinite(self.objectives).all(axis=1), (self.violations <= 0.0).all(axis=1)
         return np.asarray(ran & kept, dtype=np.bool_)
 
     @property
     def best(self) -> int | None:
-        """Number of the setup with the lowest first objective among the allowed ones; None where none is."""
+        """Number of the feasible setup with the lowest first objective; None if no setup is feasible."""
         rows = np.flatnonzero(self.allowed)
         if rows.size == 0:
             return None
@@ -59,12 +59,12 @@ class Optimum:
 
     @property
     def front(self) -> Integers:
-        """Numbers of the allowed setups that no other allowed one beats in every objective, in order."""
+        """Numbers of the setups on the Pareto front of the feasible ones, in increasing order."""
         values = np.where(self.allowed[:, None], self.objectives, np.nan)
         return np.sort(self.indices[pareto_front(values)])
 
     def after(self, evaluations: int) -> Optimum:
-        """Return what was known after so many evaluations."""
+        """Return the state of the search after a number of evaluations."""
         kept = slice(evaluations)
         return Optimum(
             self.indices[kept], self.objectives[kept], self.violations[kept], self.seed, f"after {evaluations}"
@@ -83,25 +83,27 @@ def optimise(
     """Search a space of setups for the lowest objectives; the same seed gives the same setups.
 
     Args:
-        space: Theta of Eq 2.3. If it has no more setups than evaluations all are tried.
-        evaluate: Runs setups by their numbers (K,).
-        evaluations: Most setups to try.
-        seed: Of the random numbers.
-        population: Setups in a generation; no more than evaluations.
-        start: Setups by number that the first generation contains, such as the baseline.
+        space: Space to search (Theta of Eq 2.3); it is evaluated completely if `evaluations` suffices.
+        evaluate: Function that runs setups by number (K,).
+        evaluations: Maximum number of setups to evaluate.
+        seed: Seed of the random number generator.
+        population: Number of setups in a generation, at most `evaluations`.
+        start: Numbers of setups that the first generation contains, such as the baseline.
 
     Raises:
-        InputError: The numbers make no sense, or the extra `optimise` is not installed.
+        InputError: `evaluations` or `population` is below 2, or the extra `optimise` is not installed.
     """
     population = min(population, evaluations)
     if population < 2:
-        raise InputError(f"a search needs generations of two setups or more, and as many evaluations, not {population}")
+        raise InputError(
+            f"a search needs two setups or more per generation and two evaluations or more, not {population}"
+        )
     factors = factors_of(space)
     counts = tuple(len(factor.builds) for factor in factors)
     trials = Trials(space, evaluate)
     if prod(counts) <= evaluations:
         trials.run(np.stack(np.unravel_index(np.arange(prod(counts)), counts), axis=-1))
-        return trials.optimum(seed, "every setup was tried")
+        return trials.optimum(seed, "every setup was evaluated")
     first = _first_generation(counts, population, levels_of(space, np.array(start, dtype=np.int64)), seed)
     status = evolve(trials.run, counts, first, evaluations=evaluations, seed=seed)
     return trials.optimum(seed, status)
@@ -109,13 +111,13 @@ def optimise(
 
 @dataclass(slots=True)
 class Trials:
-    """Setups tried so far, and the way to try more.
+    """Setups evaluated so far.
 
     Attributes:
-        space: That they are of.
-        evaluate: Runs them.
-        indices: Their numbers, batch by batch.
-        scores: What they reached, batch by batch.
+        space: Space of the setups.
+        evaluate: Function that runs setups by number.
+        indices: Numbers of the setups, batch by batch.
+        scores: Objectives and violations of the setups, batch by batch.
     """
 
     space: SetupSpace
@@ -124,19 +126,19 @@ class Trials:
     scores: list[Scores] = field(default_factory=list)
 
     def run(self, levels: Integers) -> Scores:
-        """Try a batch of setups by their levels (K, F)."""
+        """Evaluate a batch of setups by their levels (K, F)."""
         self.indices.append(indices_of(self.space, levels))
         self.scores.append(self.evaluate(self.indices[-1]))
         return self.scores[-1]
 
     def optimum(self, seed: int, status: str) -> Optimum:
-        """Return what was found, and why no more was tried."""
+        """Return the evaluated setups with the reason why the search ended."""
         objectives, violations = (np.concatenate(part) for part in zip(*self.scores, strict=True))
         return Optimum(np.concatenate(self.indices), objectives, violations, seed, status)
 
 
 def _first_generation(counts: tuple[int, ...], population: int, start: Integers, seed: int) -> Integers:
-    """Return different setups (P, F): those to start with, then such that every build is at every place as often."""
+    """Return different setups (P, F): `start`, then setups with every build equally frequent at every position."""
     generator = np.random.default_rng(seed)
     chosen = dict.fromkeys(tuple(row) for row in start.tolist())
     while len(chosen) < population:

@@ -1,7 +1,7 @@
-"""Genetic search over builds as choices without an order, by pymoo.
+"""Genetic search over builds as unordered choices, with pymoo.
 
-For one objective its GA, for several its NSGA-II: uniform crossover, a build drawn anew in mutation. Setups are asked
-for in batches, one generation each, so that all cores have work; none is asked for twice.
+It uses GA for one objective and NSGA-II for several, with uniform crossover and random mutation of builds. Setups are
+evaluated in batches of one generation, so that all cores are busy; none is evaluated twice.
 
 J. Blank, K. Deb, IEEE Access 8 (2020) 89497, doi:10.1109/ACCESS.2020.2990567; K. Deb et al., IEEE Transactions on
 Evolutionary Computation 6 (2002) 182, doi:10.1109/4235.996017.
@@ -20,16 +20,16 @@ from eightpost.errors import InputError
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: What a failed setup violates its constraints by: more than any that ran.
+#: Constraint violation of a failed setup: larger than that of any setup that ran.
 _FAILED = 1e12
 
 
 class Scores(NamedTuple):
-    """What a batch of K setups reached.
+    """Objectives and constraint violations of a batch of K setups.
 
     Attributes:
-        objectives: (K, O), the lower the better; a row with NaN: the setup failed.
-        violations: (K, C) by how much each constraint is violated, as a share of its limit; 0 or less: it is kept.
+        objectives: Objectives (K, O); lower is better; NaN if the setup failed.
+        violations: Violation of each constraint (K, C), as a share of its limit; 0 or less if the constraint is met.
     """
 
     objectives: Array
@@ -39,17 +39,17 @@ class Scores(NamedTuple):
 def evolve(
     run: Callable[[Integers], Scores], counts: tuple[int, ...], first: Integers, *, evaluations: int, seed: int
 ) -> str:
-    """Breed and try setups, generation after generation.
+    """Generate and evaluate setups, generation by generation.
 
     Args:
-        run: Tries setups by their levels (K, F).
-        counts: (F,) how many builds each factor has.
-        first: (P, F) the first generation; later ones are as large.
-        evaluations: Most setups to try.
-        seed: Of the random numbers.
+        run: Function that evaluates setups by their levels (K, F).
+        counts: Number of builds of each factor (F,).
+        first: First generation (P, F); later ones have the same size.
+        evaluations: Maximum number of setups to evaluate.
+        seed: Seed of the random number generator.
 
     Returns:
-        Why it ended, in words.
+        Reason why the search ended.
 
     Raises:
         InputError: pymoo is not installed.
@@ -62,28 +62,28 @@ def evolve(
     while left > 0:
         offspring = algorithm.ask()
         if offspring is None or len(offspring) == 0:
-            return f"no new setups could be bred after {evaluations - left} of {evaluations} evaluations"
+            return f"the search found no new setups after {evaluations - left} of {evaluations} evaluations"
         offspring = offspring[:left]
         levels = offspring.get("X").astype(np.int64)
         novelty.learn(levels)
         _tell(algorithm, offspring, run(levels))
         left -= len(offspring)
-    return f"{evaluations} setups were tried"
+    return f"{evaluations} setups were evaluated"
 
 
 class Novelty:
-    """What pymoo asks which setups to leave out: those already tried, not only those of its last generation."""
+    """Duplicate filter for pymoo that rejects all setups evaluated so far, not only those of the last generation."""
 
     def __init__(self) -> None:
-        self._tried: set[tuple[int, ...]] = set()
+        self._evaluated: set[tuple[int, ...]] = set()
 
     def learn(self, levels: Integers) -> None:
-        """Note setups (K, F) as tried."""
-        self._tried.update(_keys(levels))
+        """Add evaluated setups (K, F)."""
+        self._evaluated.update(_keys(levels))
 
     def do(self, population: Any, *others: Any, **_: Any) -> Any:
-        """Keep of a pymoo population the setups that are new: not tried, not in `others`, and each once."""
-        known = self._tried.union(*(_keys(other.get("X")) for other in others if len(other)))
+        """Return the new setups of a pymoo population: not evaluated, not in `others`, and each once."""
+        known = self._evaluated.union(*(_keys(other.get("X")) for other in others if len(other)))
         keys = _keys(population.get("X")) if len(population) else []
         return population[[n for n, key in enumerate(keys) if key not in known and key not in keys[:n]]]
 
@@ -93,7 +93,7 @@ def _keys(levels: Any) -> list[tuple[int, ...]]:
 
 
 def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty: Novelty, seed: int) -> Any:
-    """Return pymoo's algorithm, ready to be asked."""
+    """Return pymoo's algorithm, initialised with the first generation."""
     try:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - an extra
         from pymoo.algorithms.soo.nonconvex.ga import GA  # noqa: PLC0415
@@ -103,7 +103,7 @@ def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty
         from pymoo.operators.crossover.ux import UX  # noqa: PLC0415
         from pymoo.operators.mutation.rm import ChoiceRandomMutation  # noqa: PLC0415
     except ImportError as error:
-        raise InputError("optimising needs pymoo: pip install 'eightpost[optimise]'") from error
+        raise InputError("the search needs pymoo; install it with: pip install 'eightpost[optimise]'") from error
     objectives, constraints = scores.objectives.shape[1], scores.violations.shape[1] + 1
     choices = {f"factor {n}": Choice(options=list(range(count))) for n, count in enumerate(counts)}
     algorithm = (GA if objectives == 1 else NSGA2)(
@@ -119,7 +119,7 @@ def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty
 
 
 def _tell(algorithm: Any, population: Any, scores: Scores) -> None:
-    """Give pymoo what setups reached; that a setup failed is one more constraint, violated by a large number."""
+    """Pass scores to pymoo; the failure of a setup is one more constraint, violated by a large number."""
     from pymoo.core.evaluator import Evaluator  # noqa: PLC0415 - an extra
     from pymoo.problems.static import StaticProblem  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""The search of a study's space of setups: what is minimised, within which constraints, by which runs."""
+"""Search of a study's setup space: objectives, constraints and evaluation by runs."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from cosim.study.study import Constraint, Study
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Told how many setups were tried, and the most that will be.
+#: Function that receives the number of setups evaluated so far and their maximum number.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What to search for.
+    """Objectives and settings of a search.
 
     Attributes:
-        objectives: Measures to minimise, several for their trade-offs; empty: the study's objective (Eq 2.6), or where
-            it has none its first measure.
-        evaluations: Most setups to try.
-        seed: Of the random numbers.
+        objectives: Measures to minimise, several for their trade-off; empty: the study's objective (Eq 2.6), or its
+            first measure if it has none.
+        evaluations: Maximum number of setups to evaluate.
+        seed: Seed of the random number generator.
     """
 
     objectives: tuple[str, ...] = ()
@@ -45,23 +45,23 @@ def search_study(
     workers: Workers,
     coupling: Coupling,
     search: Search,
-    progress: Progress = lambda _tried, _most: None,
+    progress: Progress = lambda _evaluated, _maximum: None,
 ) -> tuple[StudyResult, Optimum]:
-    """Search a study; asked again with the same seed it takes the same way, and runs nothing that it has run.
+    """Search a study; a repeated search with the same seed evaluates the same setups and runs none of them again.
 
     Returns:
-        The setups that were tried, and what is best among them.
+        Results of the evaluated setups, and the best of them.
 
     Raises:
-        InputError: An objective is no measure, the numbers make no sense, or the extra `optimise` is not installed.
+        InputError: An objective is not a measure, a setting is invalid, or the extra `optimise` is not installed.
     """
-    study, tried = requested.study, 0
+    study, evaluated = requested.study, 0
 
     def evaluate(indices: Integers) -> Scores:
-        nonlocal tried
+        nonlocal evaluated
         result = requested.request(workers, coupling, indices.tolist())
-        tried += indices.size
-        progress(tried, search.evaluations)
+        evaluated += indices.size
+        progress(evaluated, search.evaluations)
         return scores_of(result, indices, search.objectives)
 
     baseline = study.baseline_setup
@@ -71,15 +71,15 @@ def search_study(
 
 
 def scores_of(result: StudyResult, indices: Integers, objectives: Sequence[str] = ()) -> Scores:
-    """Return what setups reached: objectives (K, O), and violations (K, C) of the study's constraints.
+    """Return the scores of setups: objectives (K, O), and violations (K, C) of the study's constraints.
 
     Args:
-        result: That has a row of each.
-        indices: (K,) numbers of the setups.
-        objectives: Measures to minimise, each in SI; empty: the study's objective, else its first measure.
+        result: Result that contains all of the setups.
+        indices: Numbers of the setups (K,).
+        objectives: Measures to minimise, in SI; empty: the study's objective, or its first measure if it has none.
 
     Raises:
-        InputError: An objective is no measure of the study.
+        InputError: An objective is not a measure of the study.
     """
     rows = np.searchsorted(result.setups, indices)
     own = result.objective
@@ -93,9 +93,9 @@ def scores_of(result: StudyResult, indices: Integers, objectives: Sequence[str] 
 
 
 def violation(values: Array, constraint: Constraint) -> Array:
-    """Return by how much values (K,) break a constraint, as a share of the limit (of 1 SI unit where that is 0).
+    """Return the violation of a constraint by values (K,), as a share of the limit (per SI unit if the limit is 0).
 
-    0 or less: it is kept. A value that is NaN breaks it by infinity.
+    The constraint is met if the violation is 0 or less. The violation of NaN is infinite.
     """
     above = (values - constraint.at_most) / _scale(constraint.at_most)
     below = (constraint.at_least - values) / _scale(constraint.at_least)
@@ -107,8 +107,8 @@ def _scale(limit: float) -> float:
 
 
 def objectives_in_words(study: Study, search: Search) -> str:
-    """Return what a search minimises."""
+    """Return a description of what a search minimises."""
     if search.objectives:
-        return "the trade-off of " * (len(search.objectives) > 1) + ", ".join(search.objectives)
+        return "the trade-off between " * (len(search.objectives) > 1) + ", ".join(search.objectives)
     terms = " + ".join(f"{term.weight:g} x {term.measure} [{term.unit}]" for term in study.objective)
     return terms or study.measures[0].name

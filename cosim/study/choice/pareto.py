@@ -1,4 +1,4 @@
-"""Trade-offs: the setups that no other beats in everything, and how much of the space of responses they cover."""
+"""Pareto front of setups and its hypervolume."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ Flags = NDArray[np.bool_]
 
 
 def pareto_front(values: Array) -> Flags:
-    """Return which rows no other row beats: none is as low in every column and lower in one.
+    """Return whether each row is on the Pareto front: no other row is as low in every column and lower in one.
 
     Args:
-        values: (N, M) responses, the lower the better; a row with NaN is never on the front.
+        values: Responses (N, M); lower is better; a row with NaN is never on the front.
 
     Returns:
-        (N,) flags; of rows that are equal, all or none.
+        Flags (N,); equal rows have equal flags.
     """
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    left = known[np.lexsort(values[known].T[::-1])]  # whoever beats a row stands before it
+    left = known[np.lexsort(values[known].T[::-1])]  # a row that dominates another one precedes it
     front = np.zeros(values.shape[0], dtype=bool)
     while left.size:
         best = values[left[0]]
@@ -30,16 +30,16 @@ def pareto_front(values: Array) -> Flags:
 
 
 def hypervolume(values: Array, reference: Array) -> float:
-    """Return the volume of responses that a set of setups reaches or beats, up to a reference point.
+    """Return the hypervolume that a set of setups dominates, up to a reference point.
 
-    Sliced along the last response, each slice's area by the same rule: meant for fronts of up to some hundred setups.
+    The volume is sliced along the last response, recursively; this is suitable for fronts of up to some hundred setups.
 
     Args:
-        values: (N, M) responses, the lower the better.
-        reference: (M,) responses that a setup must beat to count.
+        values: Responses (N, M); lower is better.
+        reference: Reference point (M,); setups that do not dominate it are ignored.
 
     Returns:
-        The volume, the product of the M units.
+        Hypervolume, in the product of the M units.
     """
     front = values[(values < reference).all(axis=1)]
     front = np.unique(front[pareto_front(front)], axis=0)

@@ -1,8 +1,8 @@
-"""Robust choice: which setups are better than others, said only where it is so.
+"""Robust choice: which setups are better than others beyond the stated uncertainty.
 
-Two things blur a measure: what is not known of shocks and vehicle (draws of their parameters, the same for all
-setups), and that no two runs on the rig are alike (7.3 takes the standard deviation of five runs of the baseline).
-One setup is better than another where their difference exceeds two standard deviations of that difference.
+Two sources of uncertainty are taken into account: unknown parameters of the shocks and the vehicle (draws of these
+parameters, the same for all setups), and run-to-run noise on the rig (7.3 takes the standard deviation of five runs of
+the baseline). One setup is better than another if their difference exceeds two standard deviations of that difference.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: What the weighted sum of Eq 2.6 is called among the measures.
+#: Name of the weighted sum of Eq 2.6 among the measures.
 OBJECTIVE = "objective"
 
-#: Standard deviations that a band reaches to either side (Fig 7.7).
+#: Half-width of a band, in standard deviations (Fig 7.7).
 REACH = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """One measure of K setups, in one unit, with what blurs it.
+    """Values of one measure of K setups with their uncertainty, in one unit.
 
     Attributes:
-        measure: Its name.
-        setups: (K,) their numbers.
-        values: (K,) with the best parameters; NaN where the setup failed.
-        draws: (S, K) with drawn parameters; S = 0 where shocks and vehicle are taken as known.
-        run_to_run: Standard deviation of one rig run; 0 where it is not asked whether the rig would show it.
-        runs: Rig runs of each setup that would be averaged.
+        measure: Name of the measure.
+        setups: Numbers of the setups (K,).
+        values: Values with the best parameters (K,); NaN if the setup failed.
+        draws: Values with drawn parameters (S, K); S = 0 if shocks and vehicle are treated as known exactly.
+        run_to_run: Standard deviation of one rig run; 0 to ignore run-to-run noise.
+        runs: Number of rig runs of each setup that would be averaged.
 
     Raises:
-        InputError: Shapes disagree, there is a single draw, or run_to_run or runs make no sense.
+        InputError: The shapes disagree, there is a single draw, or run_to_run or runs are invalid.
     """
 
     measure: str
@@ -54,32 +54,37 @@ class Spread:
     def __post_init__(self) -> None:
         if self.values.shape != self.setups.shape or self.draws.shape[1:] != self.setups.shape:
             found = f"{self.values.shape} and {self.draws.shape}"
-            raise InputError(f"{self.measure}: values and draws must be of {self.setups.size} setups, not {found}")
+            raise InputError(
+                f"{self.measure}: values and draws must have {self.setups.size} setups; their shapes are {found}"
+            )
         if self.draws.shape[0] == 1:
-            raise InputError(f"{self.measure}: one draw says nothing of a spread; make two or more, or none")
+            raise InputError(f"{self.measure}: a spread cannot be computed from one draw; use two or more, or none")
         if not self.run_to_run >= 0.0 or self.runs < 1:
-            raise InputError(f"{self.measure}: a run-to-run deviation of {self.run_to_run} over {self.runs} runs")
+            raise InputError(
+                f"{self.measure}: run_to_run must be 0 or more and runs 1 or more, not {self.run_to_run} and "
+                f"{self.runs}"
+            )
 
     @property
     def deviation(self) -> Array:
-        """(K,) standard deviation of each level: from the parameters and from run to run."""
+        """Standard deviation of each level from the parameters and the run-to-run noise (K,)."""
         return np.asarray(np.sqrt(_variance(self.draws) + self._noise), dtype=np.float64)
 
     def difference(self, other: int) -> tuple[Array, Array]:
-        """Return how far all setups (K,) lie above one of them, by its row, and the standard deviation of that (K,)."""
+        """Return the differences of all setups from the one in row `other` (K,), and their standard deviations (K,)."""
         paired = _variance(self.draws - self.draws[:, other : other + 1])
         noise = np.where(np.arange(self.setups.size) == other, 0.0, 2.0 * self._noise)
         return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
 
     def worse_than(self, other: int) -> Flags:
-        """Return which setups (K,) are higher than one of them by more than the uncertainty of the difference."""
+        """Return whether each setup is higher than another by more than the uncertainty of the difference (K,)."""
         above, deviation = self.difference(other)
         return np.asarray(above > REACH * deviation, dtype=np.bool_)
 
     def groups(self) -> tuple[Integers, ...]:
-        """Return the rows of the setups, lowest first, in groups: no member is told from the first.
+        """Return the rows of the setups, lowest first, in groups: the members of a group are tied with its first one.
 
-        A failed setup is in none.
+        Failed setups are in no group.
         """
         left = np.argsort(self.values, kind="stable")
         left = left[np.isfinite(self.values[left])]
@@ -101,26 +106,26 @@ class Spread:
 
 
 def run_to_run(repeated: Array) -> Array:
-    """Return the standard deviation (M,) of one run from measures (R, M) of repeated runs of one setup.
+    """Return the standard deviation of one run (M,) from measures of repeated runs of one setup (R, M).
 
     Raises:
         InputError: Fewer than two runs.
     """
     if repeated.shape[0] < 2:
-        raise InputError(f"the deviation from run to run needs two runs of one setup or more, not {repeated.shape[0]}")
+        raise InputError(f"the run-to-run deviation needs two or more runs of one setup, not {repeated.shape[0]}")
     return np.asarray(np.std(repeated, axis=0, ddof=1), dtype=np.float64)
 
 
 def spreads_of(
     result: StudyResult, draws: Sequence[StudyResult], noise: Mapping[str, float] | None = None, *, runs: int = 1
 ) -> tuple[Spread, ...]:
-    """Return the spread of the objective, where the study has one, and of every measure.
+    """Return the spread of the objective, if the study has one, and of every measure.
 
     Args:
-        result: With the best parameters.
-        draws: Results of the drawn studies (`robust_draws`); setups that one of them lacks are left out.
-        noise: Standard deviation of one rig run by measure [SI]; a measure that is not named has none.
-        runs: Rig runs of each setup that would be averaged.
+        result: Result with the best parameters.
+        draws: Results of the drawn studies (`robust_draws`); setups that one of them lacks are omitted.
+        noise: Standard deviation of one rig run by measure [SI]; 0 for measures that are not listed.
+        runs: Number of rig runs of each setup that would be averaged.
 
     Raises:
         InputError: `noise` names a measure that the study lacks, or there is one draw only.
@@ -147,12 +152,12 @@ def _values(result: StudyResult, name: str) -> Array:
 
 
 def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
-    """Return the deviation of the objective over runs, whose measures are taken to vary each by itself."""
+    """Return the run-to-run deviation of the objective, with independent deviations of its measures."""
     terms = result.study.objective
     factors = [term.weight * units.conversion(result.unit(term.measure), term.unit)[0] for term in terms]
     return float(np.sqrt(sum((f * noise[term.measure]) ** 2 for f, term in zip(factors, terms, strict=True))))
 
 
 def _variance(draws: Array) -> Array:
-    """Return the variance (K,) of draws (S, K); 0 without any."""
+    """Return the variance (K,) of draws (S, K); 0 without draws."""
     return np.var(draws, axis=0, ddof=1) if draws.shape[0] else np.zeros(draws.shape[1])

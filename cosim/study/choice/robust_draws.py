@@ -1,7 +1,7 @@
-"""What is not known exactly of shocks and vehicle, and studies in which it is drawn.
+"""Uncertain parameters of shocks and vehicle, and studies in which they are drawn.
 
-One draw is one study: the same shocks and the same vehicle at every setup, on the same drive. So what two setups
-have in common cancels in their difference, and a difference can be certain where neither level is.
+One draw is one study: the same shocks and the same vehicle for all setups, on the same drive. Errors that two setups
+have in common therefore cancel in their difference, and a difference can be certain although neither level is.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from eightpost.errors import InputError
 
 Array = NDArray[np.float64]
 
-#: A covariance may be as far from symmetric and positive as rounding makes it, in shares of its largest entry.
+#: Tolerance for the symmetry and the eigenvalues of a covariance, as a share of its largest entry.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertain:
-    """Parameters of one FMU that are known with a covariance, such as a fit's. n parameters.
+    """Parameters of one FMU with their covariance, such as that of a fit. n parameters.
 
     Attributes:
         part: Name of the build, or of the vehicle's component. A build has the same errors at every corner.
-        names: Of the FMU's parameters.
-        values: (n,) their best values, each in the FMU's own unit.
-        covariance: (n, n).
-        lowest: (n,) least values that make sense: draws beyond are set to it. One number for all.
-        highest: (n,) likewise the greatest.
+        names: Names of the FMU's parameters.
+        values: Best values (n,), each in the parameter's unit.
+        covariance: Covariance of the parameters (n, n).
+        lowest: Lower limits (n,), or one number for all; draws below are set to the limit.
+        highest: Upper limits (n,), or one number for all.
 
     Raises:
-        InputError: Shapes disagree, or the covariance is not symmetric with variances of 0 or more.
+        InputError: The shapes disagree, or the covariance is not symmetric or has negative variances.
     """
 
     part: str
@@ -51,24 +51,27 @@ class Uncertain:
         n = len(self.names)
         if np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
             found = f"{np.shape(self.values)} and {np.shape(self.covariance)}"
-            raise InputError(f"{self.part}: {n} parameters need as many values and a square covariance, not {found}")
+            raise InputError(
+                f"{self.part}: {n} parameters need {n} values and a square covariance of that size; the shapes are "
+                f"{found}"
+            )
         scale = _ROUNDING * float(np.abs(self.covariance).max(initial=0.0))
         if not np.allclose(self.covariance, self.covariance.T, rtol=0.0, atol=scale):
             raise InputError(f"{self.part}: the covariance of {', '.join(self.names)} is not symmetric")
         if not np.linalg.eigvalsh(self.covariance).min(initial=0.0) >= -scale:
             raise InputError(
-                f"{self.part}: the covariance of {', '.join(self.names)} is not that of any spread: it has negative "
-                "variances or NaN; leave out what the fit did not determine"
+                f"{self.part}: the covariance of {', '.join(self.names)} has negative variances or NaN; omit the "
+                "parameters that the fit did not determine"
             )
 
     @classmethod
     def independent(cls, part: str, parameters: Mapping[str, tuple[float, float]], **limits: float) -> Uncertain:
-        """Return parameters that are known by value and standard deviation, each by itself."""
+        """Return independent parameters, given by value and standard deviation."""
         values, deviations = np.array(list(parameters.values()), dtype=np.float64).reshape(-1, 2).T
         return cls(part, tuple(parameters), values, np.diag(deviations**2), **limits)
 
     def at(self, standard: Array) -> Array:
-        """Return values (S, n) for standard normal numbers (S, n)."""
+        """Return parameter values (S, n) for standard normal numbers (S, n)."""
         variances, axes = np.linalg.eigh(self.covariance)
         drawn = self.values + (standard * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
         return np.asarray(np.clip(drawn, self.lowest, self.highest), dtype=np.float64)
@@ -77,24 +80,24 @@ class Uncertain:
 def drawn_studies(
     study: Study, uncertain: Sequence[Uncertain], *, draws: int, seed: int = 0, vehicles: Sequence[Path] = ()
 ) -> tuple[Study, ...]:
-    """Return studies in which the uncertain parameters are drawn: a Latin hypercube of their normal distribution.
+    """Return studies with drawn parameters: a Latin hypercube of their normal distribution.
 
     Args:
-        study: With the best values.
-        uncertain: What is not known exactly, each part once.
-        draws: S, how many studies.
-        seed: Of the random numbers; the same seed gives the same studies.
-        vehicles: FMUs that are as good as the study's own vehicle; the draws take it and them in turn.
+        study: Study with the best values.
+        uncertain: Uncertain parameters; each parameter at most once.
+        draws: Number of studies S.
+        seed: Seed of the random number generator; the same seed gives the same studies.
+        vehicles: FMUs of equivalent vehicles; the draws use the study's own vehicle and these in turn.
 
     Raises:
         InputError: Fewer than two draws, or a part is neither a build of the bank nor the vehicle.
     """
     if draws < 2:
-        raise InputError(f"a spread needs two draws or more, not {draws}")
+        raise InputError(f"a spread needs two or more draws, not {draws}")
     for entry in uncertain:
         if entry.part != study.vehicle.name and entry.part not in study.bank:
             known = ", ".join((study.vehicle.name, *study.bank))
-            raise InputError(f"there is no part {entry.part!r} to be uncertain of; there are {known}")
+            raise InputError(f"there is no part {entry.part!r}; the parts are {known}")
     sizes = [len(entry.names) for entry in uncertain]
     uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
     parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1) if sizes else []

@@ -1,4 +1,4 @@
-"""What is not known exactly, as a TOML file that a person can write (docs/study_choice.md)."""
+"""Reader of uncertainty files (TOML, docs/study_choice.md)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """What a study's choice must stand up to.
+    """Uncertainties of a study's parts and of the rig.
 
     Attributes:
-        parts: Parameters that are known with a covariance.
-        fits: Fitted shocks by the name of their build, whose files say how well they are known.
-        vehicles: FMUs of the vehicle that are as good as the study's own, such as fits of other records.
+        parts: Uncertain parameters with their covariance.
+        fits: Shock files by build; the uncertainty is read from the fit in the file.
+        vehicles: FMUs of equivalent vehicles, such as fits of other records.
         run_to_run: Standard deviation of one rig run by measure [SI].
-        runs: Rig runs of each setup that would be averaged.
+        runs: Number of rig runs of each setup that would be averaged.
     """
 
     parts: tuple[Uncertain, ...] = ()
@@ -71,13 +71,13 @@ class _File(_Strict):
 
 
 def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
-    """Read what is not known exactly of a study's parts; paths are relative to the file.
+    """Read an uncertainty file for a study; paths in it are relative to the file.
 
     Raises:
-        FileFormatError: It cannot be read, or an entry is unknown, missing or makes no sense; with its line.
+        FileFormatError: The file cannot be read, or an entry is unknown, missing or invalid; the message has its line.
     """
     path = Path(path)
-    text = read_text(path, advice="name the one that says what is uncertain")
+    text = read_text(path, advice="name an uncertainty file (docs/study_choice.md)")
     try:
         document = _File.model_validate(parse_toml(text, path))
     except ValidationError as error:
@@ -85,7 +85,7 @@ def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
         place = ".".join(str(key) for key in first["loc"])
         raise FileFormatError(f"{place}: {first['msg']}", path=path, line=line_of(text, first["loc"])) from error
     if document.schema_ != SCHEMA:
-        what = f"has schema {document.schema_}, this version reads {SCHEMA}; update eightpost"
+        what = f"has schema {document.schema_}, but this version reads schema {SCHEMA}; update eightpost"
         raise FileFormatError(what, path=path)
     try:
         return _uncertainty(document, path.parent, result)
@@ -96,7 +96,7 @@ def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
 def _uncertainty(document: _File, folder: Path, result: StudyResult) -> Uncertainty:
     for build in document.fits:
         if build not in result.study.bank:
-            raise InputError(f"fits: there is no build {build!r}; there are {', '.join(result.study.bank)}")
+            raise InputError(f"fits: there is no build {build!r}; the builds are {', '.join(result.study.bank)}")
     measured = read_run_to_run(folder / document.compared) if document.compared else {}
     return Uncertainty(
         parts=tuple(_part(entry) for entry in document.uncertain),
@@ -112,7 +112,10 @@ def _part(entry: _Part) -> Uncertain:
     deviation = np.array([k.deviation for k in known])
     rows = np.eye(len(known)).tolist() if entry.correlation is None else entry.correlation
     if [len(row) for row in rows] != [len(known)] * len(known):
-        raise InputError(f"{entry.part}: the correlation of {len(known)} parameters is a matrix of as many rows")
+        raise InputError(
+            f"{entry.part}: the correlation of {len(known)} parameters must be a matrix of {len(known)} rows and "
+            "columns"
+        )
     return Uncertain(
         entry.part,
         tuple(entry.parameters),
@@ -124,7 +127,7 @@ def _part(entry: _Part) -> Uncertain:
 
 
 def _noise(name: str, value: float | str, result: StudyResult) -> float:
-    """Return a run-to-run deviation in SI; a number is in SI already."""
+    """Return a run-to-run deviation in SI; numbers without a unit are in SI."""
     result.study.measure(name)
     if not isinstance(value, str):
         return value

@@ -1,4 +1,4 @@
-"""A choice that stands up: the leading setups of a study, run again with drawn parameters."""
+"""Robustness of a choice: the leading setups of a study are run again with drawn parameters."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """What is drawn, and how often.
+    """Uncertain parameters and number of draws.
 
     Attributes:
-        parts: Parameters that are known with a covariance.
-        count: Of the draws.
-        seed: Of the random numbers.
-        vehicles: FMUs that are as good as the study's own vehicle.
+        parts: Uncertain parameters with their covariance.
+        count: Number of draws.
+        seed: Seed of the random number generator.
+        vehicles: FMUs of equivalent vehicles.
     """
 
     parts: tuple[Uncertain, ...]
@@ -41,7 +41,7 @@ class Draws:
 
 
 def leading(result: StudyResult, count: int, measure: str | None = None) -> Integers:
-    """Return the numbers of the best setups, by the objective or a measure, and the baseline's; in order of number."""
+    """Return the numbers of the best setups by the objective or a measure, and of the baseline, in increasing order."""
     rows = result.ranking(measure)[:count]
     baseline = result.baseline_row
     if baseline is not None and result.done[baseline]:
@@ -52,20 +52,20 @@ def leading(result: StudyResult, count: int, measure: str | None = None) -> Inte
 def run_draws(
     result: StudyResult, folder: str | Path, workers: Workers, draws: Draws, setups: Sequence[int]
 ) -> Iterator[StudyResult]:
-    """Run setups of a study, draw after draw, coupled as the study was; runs that are in the folder are not done again.
+    """Run setups with every draw, with the coupling of the study; runs that are in the folder are not repeated.
 
     Args:
-        result: Of the study.
-        folder: For what is done so far.
-        workers: Who runs the setups.
-        draws: What is drawn.
+        result: Result of the study.
+        folder: Folder of completed runs.
+        workers: Workers that run the setups.
+        draws: Uncertain parameters and number of draws.
         setups: Numbers of the setups.
 
     Yields:
-        The setups' rows in each draw; nothing where nothing is uncertain.
+        Results of the setups for each draw; nothing if nothing is uncertain.
 
     Raises:
-        InputError: A part is not in the study, or an FMU has no such parameter.
+        InputError: A part is not in the study, or an FMU lacks a parameter.
     """
     if not draws.any:
         return

@@ -1,4 +1,4 @@
-"""Spreads of a study's measures as a file, draws and all."""
+"""File of the spreads of a study's measures, including all draws."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _STUDY = b"study"
 
 
 def write_spreads(spreads: Sequence[Spread], path: str | Path, *, digest: str) -> None:
-    """Write spreads, a row per measure [SI]; an existing good file is replaced only by a whole one.
+    """Write spreads, one row per measure [SI]; an existing file is replaced only after the new one is complete.
 
     Args:
-        spreads: Of the measures.
-        path: The file.
-        digest: Of the study that they are of.
+        spreads: Spreads of the measures.
+        path: Output file.
+        digest: Digest of the study.
     """
     rows = [
         {
@@ -55,18 +55,18 @@ def write_spreads(spreads: Sequence[Spread], path: str | Path, *, digest: str) -
 
 
 def read_spreads(path: str | Path, *, digest: str) -> tuple[Spread, ...]:
-    """Read what `write_spreads` wrote of a study with this digest.
+    """Read a file of `write_spreads` for the study with this digest.
 
     Raises:
-        FileFormatError: It cannot be read as that, or is of another study.
+        FileFormatError: The file cannot be read, or belongs to another study.
     """
     table = read_table(path, schema=_COLUMNS, advice="run `eightpost robust` first")
     if (table.schema.metadata or {}).get(_STUDY, b"") != digest.encode():
-        raise FileFormatError("is of another study, or of other FMUs; run `eightpost robust` again", path=path)
+        raise FileFormatError("belongs to another study or to other FMUs; run `eightpost robust` again", path=path)
     try:
         return tuple(_spread(row) for row in table.to_pylist())
     except MALFORMED as error:
-        raise FileFormatError(f"is no file of spreads ({error}); run `eightpost robust` again", path=path) from error
+        raise FileFormatError(f"is not a file of spreads ({error}); run `eightpost robust` again", path=path) from error
 
 
 def _spread(row: Mapping[str, Any]) -> Spread:

@@ -1,8 +1,8 @@
-"""Selection: low and high setups of each measure to confirm on the rig, spread over the bank (7.3, Table 7.5).
+"""Selection of low and high setups of each measure for the rig, spread over the bank (7.3, Table 7.5).
 
-The lowest setups of a measure are often one setup with a rear shock changed: confirming them confirms one thing
-several times. So the first of each end is the extreme setup itself, and each further one is, among the best few
-percent, the one that differs in the most corners from all that were chosen before.
+The lowest setups of a measure often differ in one rear shock only, so that confirming all of them confirms the same
+thing several times. Each end therefore begins with the extreme setup; each further one is, among the best few percent,
+the setup that differs at the most corners from all setups chosen before.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ Integers = NDArray[np.int64]
 
 End = Literal["low", "high"]
 
-#: The ends of a measure, and what its values are multiplied by to have that end first.
+#: Factor on the values of a measure that puts each end first.
 ENDS: Mapping[End, float] = {"low": 1.0, "high": -1.0}
 
-#: Share of the setups, from each end, among which a selection spreads: 48 of 2401.
+#: Share of the setups at each end from which to choose: 48 of 2401.
 POOL = 0.02
 
-#: Setups to choose from for each that is wanted, where the bank is small.
+#: Minimum number of candidates per selected setup, for small banks.
 _CANDIDATES = 4
 
-#: Setups that the dissertation's rig day tested (Table 7.5).
+#: Number of setups that the dissertation tested on a rig day (Table 7.5).
 TOTAL = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Selected:
-    """A setup to confirm.
+    """A setup to confirm on the rig.
 
     Attributes:
-        setup: Its builds.
-        measure: That it is low or high in.
-        end: Which of the two.
-        value: Predicted [SI].
-        rank: Its place from that end, 1 for the extreme setup.
-        marks: What a reader must know of its prediction, such as that a tire left the ground.
+        setup: The setup.
+        measure: Measure for which the setup was selected.
+        end: Whether the setup is low or high in the measure.
+        value: Predicted value [SI].
+        rank: Position from that end; 1 for the extreme setup.
+        marks: Marks of the prediction, such as a tire off the ground.
     """
 
     setup: Setup
@@ -63,15 +63,15 @@ class Selection:
     """Setups to confirm on the rig, each once.
 
     Attributes:
-        chosen: The low ones of the first measure, its high ones, those of the next measure ...
-        closest: Fewest corners (or groups of corners that are alike) in which two of them differ.
+        chosen: Setups in the order: low ones of the first measure, its high ones, those of the next measure, and so on.
+        closest: Minimum number of corners (or groups of corners that are alike) in which two of them differ.
     """
 
     chosen: tuple[Selected, ...]
     closest: int
 
     def of(self, measure: str) -> tuple[Selected, ...]:
-        """Return those that were chosen for a measure, low ones first."""
+        """Return the setups that were chosen for a measure, low ones first."""
         return tuple(selected for selected in self.chosen if selected.measure == measure)
 
 
@@ -83,40 +83,42 @@ def select(
     share: Mapping[str, int] | None = None,
     pool: float = POOL,
 ) -> Selection:
-    """Choose setups to confirm, the same ones every time.
+    """Choose setups to confirm on the rig; the same input gives the same setups.
 
-    Setups that failed or break a constraint are left out.
+    Setups that failed or break a constraint are excluded.
 
     Args:
-        result: Of the study.
-        measures: To confirm; empty: those of the objective, or where there is none all.
-        total: Setups in all, the same number for each end of each measure; what is left over goes to the first ones.
-        share: In place of `measures` and `total`: how many of each end by measure, as Table 7.5 has 4, 4 and 2.
-        pool: Share of the setups, from each end, to choose from [1].
+        result: Result of the study.
+        measures: Measures to confirm; empty: those of the objective, or all if the study has no objective.
+        total: Total number of setups, divided equally among the ends of all measures; the first ones get the remainder.
+        share: Number of setups at each end by measure (Table 7.5 has 4, 4 and 2); replaces `measures` and `total`.
+        pool: Share of the setups at each end from which to choose [1].
 
     Raises:
-        InputError: A measure is not in the study, there are fewer setups than are wanted, or fewer are wanted than
+        InputError: A measure is not in the study, there are fewer setups than requested, or fewer are requested than
             there are ends of measures.
     """
-    wanted = share if share is not None else _shares(result, measures, total)
+    counts = share if share is not None else _shares(result, measures, total)
     rows = np.flatnonzero(result.feasible)
-    if (asked := 2 * sum(wanted.values())) > rows.size:
-        raise InputError(f"{asked} setups cannot be selected from {rows.size} that ran and keep the constraints")
+    if (requested := 2 * sum(counts.values())) > rows.size:
+        raise InputError(
+            f"{requested} setups cannot be selected, because only {rows.size} ran and meet the constraints"
+        )
     levels = levels_of(result.study.space, result.setups)
-    orders = {(name, end): _order(rows, result.values(name) * sign) for name in wanted for end, sign in ENDS.items()}
-    found: dict[tuple[str, End], list[int]] = {key: [] for key in orders if wanted[key[0]]}
+    orders = {(name, end): _order(rows, result.values(name) * sign) for name in counts for end, sign in ENDS.items()}
+    found: dict[tuple[str, End], list[int]] = {key: [] for key in orders if counts[key[0]]}
     taken: list[int] = []
     for key, own in found.items():
         own.append(int(orders[key][~np.isin(orders[key], taken)][0]))
         taken.append(own[0])
     for key, extreme in found.items():
-        extreme.extend(_spread(orders[key], levels, taken, wanted[key[0]] - 1, pool))
+        extreme.extend(_spread(orders[key], levels, taken, counts[key[0]] - 1, pool))
     chosen = [_selected(result, key, row, orders[key]) for key, group in found.items() for row in group]
     return selection_of(result, chosen)
 
 
 def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
-    """Return setups of a study as a selection."""
+    """Return a selection of setups of a study."""
     levels = levels_of(result.study.space, np.array([selected.setup.index for selected in chosen], dtype=np.int64))
     apart = (levels[:, None, :] != levels[None, :, :]).sum(axis=2)
     pairs = apart[np.triu_indices(levels.shape[0], 1)]
@@ -124,7 +126,7 @@ def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
 
 
 def _shares(result: StudyResult, measures: Sequence[str], total: int) -> dict[str, int]:
-    """Return how many setups of each end each measure gets."""
+    """Return the number of setups at each end by measure."""
     objective = dict.fromkeys(term.measure for term in result.study.objective)
     names = list(measures or objective or (measure.name for measure in result.measures))
     for name in names:
@@ -132,18 +134,18 @@ def _shares(result: StudyResult, measures: Sequence[str], total: int) -> dict[st
     each, left = divmod(total // 2, len(names))
     if each == 0:
         raise InputError(
-            f"{total} setups are fewer than one of each end of {len(names)} measures: ask for {2 * len(names)}"
+            f"{total} setups are too few for both ends of {len(names)} measures; select {2 * len(names)} or more"
         )
     return {name: each + (place < left) for place, name in enumerate(names)}
 
 
 def _order(rows: Integers, values: Array) -> Integers:
-    """Return rows with the least value first."""
+    """Return rows sorted by value, lowest first."""
     return rows[np.lexsort((rows, values[rows]))]
 
 
 def _spread(order: Integers, levels: Integers, taken: list[int], count: int, pool: float) -> list[int]:
-    """Take `count` rows more from the first ones of an order, each as far as can be from all that are taken."""
+    """Take `count` more rows from the first ones of an order, each as different as possible from all rows taken."""
     free = order[~np.isin(order, taken)]
     candidates, own = free[: max(round(pool * order.size), _CANDIDATES * count)], list[int]()
     while len(own) < count:

@@ -1,4 +1,4 @@
-"""The list of setups to test on the rig, as a file for the shop floor that later takes the measured runs."""
+"""CSV file of the setups to test on the rig, to which the measured runs are added."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from eightpost.cells import plain_cell, write_rows
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, read_text
 
-#: Runs of the baseline that say how runs differ (7.3).
+#: Number of baseline runs, from which the run-to-run deviation is computed (7.3).
 BASELINE_RUNS = 5
 
 
 def write_selection(selection: Selection, result: StudyResult, path: str | Path) -> None:
-    """Write the setups to test, a line each, after them the baseline's runs where the study has a baseline.
+    """Write the setups to test, one line each, followed by the runs of the baseline if the study has one.
 
-    The column `file` names the record that `eightpost compare --measured` will look for beside the list.
+    The column `file` names the record that `eightpost compare --measured` reads from the folder of the list.
     """
     corners = tuple(result.study.corners)
     rows = [_row(number, result, selected.setup.index) for number, selected in enumerate(selection.chosen, start=1)]
@@ -40,10 +40,10 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path)
 
 
 def read_selection(path: str | Path, result: StudyResult) -> Selection:
-    """Read what `write_selection` wrote of the same study; values are the study's.
+    """Read a list of `write_selection` for the same study; values are taken from the study.
 
     Raises:
-        FileFormatError: It is no selection of this study.
+        FileFormatError: The file is not a selection of this study.
     """
     path = Path(path)
     text = read_text(path)
@@ -51,7 +51,9 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
         rows = [row for row in _rows(text) if row["end"] in ENDS]
         return selection_of(result, [_selected(row, result) for row in rows])
     except (csv.Error, *MALFORMED) as error:
-        raise FileFormatError(f"is no selection of this study ({error}); select anew", path=path) from error
+        raise FileFormatError(
+            f"is not a selection of this study ({error}); run `eightpost select` again", path=path
+        ) from error
 
 
 def _rows(text: str) -> list[dict[str, str]]:
@@ -62,7 +64,7 @@ def _rows(text: str) -> list[dict[str, str]]:
 def _selected(row: dict[str, str], result: StudyResult) -> Selected:
     setup = result.study.space.setup(int(row["setup"]))
     if (place := result.row(setup.builds)) is None:
-        raise InputError(f"setup {setup.index} was not run")
+        raise InputError(f"setup {setup.index} was not run in the study")
     value = float(result.values(row["measure"])[place])
     return Selected(
         setup, row["measure"], "low" if row["end"] == "low" else "high", value, int(row["place"]), row["marks"]

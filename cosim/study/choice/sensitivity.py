@@ -1,12 +1,12 @@
-"""Which corner matters for which measure: main effects and first-order interactions of the builds.
+"""Sensitivity of measures to the corners: main effects and first-order interactions of the builds.
 
-The functional analysis of variance of a measure y over all setups (s_1, ..., s_F), each build as likely as another:
+The functional analysis of variance of a measure y over all setups (s_1, ..., s_F), with equally likely builds, is
 
-    y(s) = mean + sum_f y_f(s_f) + sum_{f<g} y_fg(s_f, s_g) + rest,
+    y(s) = mean + sum_f y_f(s_f) + sum_{f<g} y_fg(s_f, s_g) + rest.
 
-where every term has the mean 0 over each of its arguments, so that the variances of the terms add up to the
-variance of y. Over a bank that was run whole the terms are averages and exact; over a part of it they are fitted by
-least squares, and what they leave is the rest.
+Every term has the mean 0 over each of its arguments, so that the variances of the terms add up to the variance of y.
+If the whole bank was run, the terms are averages and exact. If only a part of it was run, they are fitted by least
+squares, and the rest is the residual.
 
 I. M. Sobol', Mathematics and Computers in Simulation 55 (2001) 271, doi:10.1016/S0378-4754(00)00270-6.
 """
@@ -30,7 +30,7 @@ from eightpost.errors import InputError
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: How the terms were found: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
+#: Method of computing the terms: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
 Method = Literal["exact", "fitted", "fitted main effects"]
 
 
@@ -39,15 +39,15 @@ class Sensitivity:
     """The terms of one measure, in the measure's unit.
 
     Attributes:
-        measure: Its name.
-        factors: F of them.
-        mean: Over all setups.
-        main: By factor: the effect (L_f,) of each of its builds.
-        pairs: By pair of factors: the effect (L_f, L_g) that both builds together have beyond their main effects;
-            empty where too few setups were run to tell.
-        rest: Variance that the terms leave: higher interactions, and of a part of the bank what does not fit.
-        setups: That were used.
-        method: How the terms were found.
+        measure: Name of the measure.
+        factors: The F factors.
+        mean: Mean over all setups.
+        main: Main effect of each build (L_f,), by factor.
+        pairs: Interaction of each two builds (L_f, L_g) in addition to their main effects, by pair of factors; empty if
+            too few setups were run.
+        rest: Variance not explained by the terms: higher interactions, and the residual if only a part was run.
+        setups: Number of setups used.
+        method: Method that computed the terms.
     """
 
     measure: str
@@ -61,26 +61,26 @@ class Sensitivity:
 
     @property
     def variance(self) -> float:
-        """Of the measure over all setups, the unit squared."""
+        """Variance of the measure over all setups, in the square of its unit."""
         terms = (*self.main.values(), *self.pairs.values())
         return float(sum(np.mean(term**2) for term in terms)) + self.rest
 
     def share(self, *names: str) -> float:
-        """Return the share of the variance [1] that one factor, or two beyond their main effects, account for."""
+        """Return the share of the variance [1] of a factor, or of the interaction of two factors."""
         term = self.main[names[0]] if len(names) == 1 else self._pair(*names)
         return self._part(float(np.mean(term**2)))
 
     def total(self, name: str) -> float:
-        """Return the share [1] of a factor with all its first-order interactions."""
+        """Return the share of the variance [1] of a factor including all its first-order interactions."""
         return self.share(name) + sum(self.share(*pair) for pair in self.pairs if name in pair)
 
     @property
     def rest_share(self) -> float:
-        """The share [1] of the variance that neither main effects nor pairs account for."""
+        """Share of the variance [1] that neither main effects nor pairs explain."""
         return self._part(self.rest)
 
     def shares(self) -> Iterator[tuple[str, float]]:
-        """Yield what accounts for the variance and its share [1]: factors, pairs (`lf x rf`), the rest."""
+        """Yield names and shares of the variance [1]: factors, pairs (`lf x rf`), rest."""
         yield from ((name, self.share(name)) for name in self.main)
         yield from ((" x ".join(pair), self.share(*pair)) for pair in self.pairs)
         yield "rest", self.rest_share
@@ -95,22 +95,22 @@ class Sensitivity:
 def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:
     """Return the sensitivity of every measure of a study to the corners, in the table's order and units.
 
-    Corners that are kept alike are one factor; a place with one build is none.
+    Corners that always have the same build are one factor; corners with a single allowed build are omitted.
 
     Raises:
-        InputError: Nothing can be chosen anywhere, or too few setups were run for the main effects.
+        InputError: No corner has a choice of builds, or too few setups were run for the main effects.
     """
     factors, levels = _varied(result)
     if not factors:
         raise InputError(
-            f"{result.study.name}: every corner has one build only, so there is nothing to be sensitive to"
+            f"{result.study.name}: every corner has only one build, so there are no sensitivities to compute"
         )
     names = (measure.name for measure in result.measures)
     return tuple(sensitivity(factors, levels, result.values(name), name) for name in names)
 
 
-def told_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
-    """Return the same of those measures that the setups tell it of: none where nothing can be chosen."""
+def available_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
+    """Return the sensitivities that can be computed from the setups that ran; empty if no corner has a choice."""
     factors, levels = _varied(result)
     names = [measure.name for measure in result.measures if np.isfinite(result.values(measure.name)).any()]
     found = list[Sensitivity]()
@@ -121,23 +121,23 @@ def told_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
 
 
 def _varied(result: StudyResult) -> tuple[list[Factor], Integers]:
-    """The factors that have a choice, and their levels (N, F), a row per setup."""
+    """Return the factors with two or more builds, and their levels (N, F), one row per setup."""
     factors = factors_of(result.study.space)
     free = varied(factors)
     return [factors[k] for k in free], levels_of(result.study.space, result.setups)[:, free]
 
 
 def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, measure: str = "") -> Sensitivity:
-    """Return which factors a measure depends on.
+    """Return the sensitivity of a measure to the factors.
 
     Args:
-        factors: F of them, each with two builds or more.
-        levels: (N, F) the number of the build of each factor, a row per setup, no setup twice.
-        values: (N,) the measure; NaN where a setup failed, which is then left out.
-        measure: Its name.
+        factors: The F factors, each with two or more builds.
+        levels: Index of the build of each factor (N, F), one row per setup, no setup twice.
+        values: Values of the measure (N,); failed setups (NaN) are ignored.
+        measure: Name of the measure.
 
     Raises:
-        InputError: The shapes disagree, a setup comes twice, or too few setups were run for the main effects.
+        InputError: The shapes disagree, a setup occurs twice, or too few setups were run for the main effects.
     """
     shape = tuple(len(factor.builds) for factor in factors)
     levels, values = _checked(shape, levels, values, measure)
@@ -149,12 +149,13 @@ def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, meas
 def _checked(shape: tuple[int, ...], levels: Integers, values: Array, measure: str) -> tuple[Integers, Array]:
     if levels.shape != (values.size, len(shape)):
         raise InputError(
-            f"{measure}: {values.size} values of {len(shape)} factors need as many levels, not {levels.shape}"
+            f"{measure}: {values.size} values of {len(shape)} factors need levels of the shape "
+            f"{(values.size, len(shape))}, not {levels.shape}"
         )
     done = np.isfinite(values)
     numbers = np.ravel_multi_index(tuple(levels[done].T), shape)
     if np.unique(numbers).size != numbers.size:
-        raise InputError(f"{measure}: a setup comes twice; give each once")
+        raise InputError(f"{measure}: a setup occurs twice; give each setup once")
     return levels[done], values[done]
 
 
@@ -177,7 +178,7 @@ def _average(grid: Array, *, keep: tuple[int, ...]) -> Array:
 
 
 def _fitted(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
-    """Fit with pairs where they can be told apart and something is left to judge them by, else without."""
+    """Fit the terms, with pairs if the setups determine them and leave degrees of freedom, else without."""
     codes = {f.name: helmert(len(f.builds)).T for f in factors}  # columns of sum 0, orthonormal
     main = {f.name: codes[f.name][levels[:, i]] for i, f in enumerate(factors)}
     pairs = {(f, g): _products(main[f], main[g]) for f, g in combinations(main, 2)}
@@ -203,13 +204,13 @@ def _products(a: Array, b: Array) -> Array:
 
 
 def _joint(a: Array, b: Array, solution: Array) -> Array:
-    """Return the effect (L_f, L_g) of a pair from what its products (p q,) are multiplied by."""
+    """Return the interaction (L_f, L_g) of two factors from the coefficients of its products (p q,)."""
     return np.asarray(a @ solution.reshape(a.shape[1], b.shape[1]) @ b.T, dtype=np.float64)
 
 
 def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:
     needed = 2 + sum(len(f.builds) - 1 for f in factors)
     return (
-        f"{measure}: {setups} setups do not tell the factors apart; run {needed} or more, with every build at every "
-        "place and no two places always alike"
+        f"{measure}: {setups} setups are too few to separate the factors; run {needed} or more, with every build at "
+        "every position and no two positions always alike"
     )

@@ -1,4 +1,4 @@
-"""Sensitivities as one table: a row per term and builds, for other programs and for plots."""
+"""Table of sensitivities, with one row per term and builds, for other programs and for plots."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _COLUMNS = pa.schema(
 
 
 def terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) -> pa.Table:
-    """Return every term of every measure.
+    """Return a table of all terms of all measures.
 
-    Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty: a main effect) and their builds, the
-    `effect` [unit] of these builds, the `share` of the variance [1] that the term accounts for, and the `method`.
+    Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
+    `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
 
     Args:
-        sensitivities: Of the measures.
-        units: SI unit by measure.
+        sensitivities: Sensitivities of the measures.
+        units: SI units by measure.
     """
     rows = [row for found in sensitivities for row in _rows(found, units[found.measure])]
     return pa.Table.from_pylist(rows, schema=_COLUMNS)

@@ -1,4 +1,4 @@
-"""A study as one HTML page that needs no network, with its figures and tables as files (chapter 7)."""
+"""Report of a study (chapter 7): one HTML page that needs no network, figures and tables as files."""
 
 from cosim.study.report.write import ReportPaths, write_study_report
 

@@ -1,4 +1,4 @@
-"""Which corner's builds tell most of a measure: dots are coloured by it."""
+"""Corner whose build explains most of a measure: dots are coloured by the build at this corner."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from cosim.study.report.sheet import Array, Column, Indices, Sheet
 
 
-def telling_corner(sheet: Sheet, measure: Column) -> int:
-    """Return the corner whose build accounts for most of a measure's variance; the first where no setup ran."""
+def dominant_corner(sheet: Sheet, measure: Column) -> int:
+    """Return the corner whose build explains most of a measure's variance; the first corner if no setup ran."""
     if not np.isfinite(measure.levels).any():
         return 0
     return int(np.argmax([_between(placed, measure.levels) for placed in sheet.placed.T]))

@@ -1,4 +1,4 @@
-"""Tables as CSV in the manner of data-logging tools: a preamble of settings, a row of names, a row of units."""
+"""CSV tables in the layout of data-logging tools: a preamble of settings, a row of names, a row of units."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Cell = str | int | float
 
 
 def write_ranking(sheet: Sheet, path: Path) -> Path:
-    """Write all setups, best first, in the units that the measures ask to be shown in; failed ones have empty cells.
+    """Write all setups, best first, in the display units of the measures; failed setups have empty cells.
 
     Args:
-        sheet: What is shown.
+        sheet: Report data.
         path: The file.
 
     Returns:
@@ -34,7 +34,7 @@ def write_ranking(sheet: Sheet, path: Path) -> Path:
 
 
 def ranking_rows(sheet: Sheet) -> list[list[Cell]]:
-    """Return a row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
+    """Return one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
     columns = shown_columns(sheet)
     return [
         [
@@ -50,12 +50,12 @@ def ranking_rows(sheet: Sheet) -> list[list[Cell]]:
 
 
 def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
-    """Write the traces of one setup in SI, laid out as MoTeC i2 lays out what it exports.
+    """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export.
 
     Args:
-        sheet: What is shown, for the preamble.
-        number: Of the setup.
-        series: Its traces.
+        sheet: Report data for the preamble.
+        number: Number of the setup.
+        series: Traces of the setup.
         path: The file.
 
     Returns:
@@ -95,7 +95,7 @@ def _write(
     units: Sequence[str],
     rows: Iterable[Sequence[Cell]],
 ) -> Path:
-    """Write text in quotes, numbers without; lines end as RFC 4180 has it."""
+    """Write text in quotes and numbers without; lines end with CR LF (RFC 4180)."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, quoting=csv.QUOTE_NONNUMERIC)
         writer.writerows(_safe(row) for row in (*settings, (), names, units))

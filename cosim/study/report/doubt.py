@@ -1,4 +1,4 @@
-"""How well the measures of a study are known, setup by setup."""
+"""Uncertainty of the measures of a study, setup by setup."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 
 from cosim.study.choice.robust import REACH, Spread
-from cosim.study.report.sheet import Array, Doubt
+from cosim.study.report.sheet import Array, Uncertainty
 from cosim.study.result import StudyResult
 
 
-def doubt_of(result: StudyResult, band: Spread) -> Doubt:
-    """Return what a spread says of the setups of a result; those that it does not know are not known."""
+def uncertainty_of(result: StudyResult, band: Spread) -> Uncertainty:
+    """Return the uncertainty of a result's setups according to a spread; NaN for setups that it does not contain."""
     places = np.searchsorted(result.setups, band.setups)
     sign = 1.0 if better_end(result, band.measure) == "low" else -1.0
     first = _place(band, result, int(result.ranking()[0]) if result.ranking().size else None)
@@ -21,7 +21,7 @@ def doubt_of(result: StudyResult, band: Spread) -> Doubt:
     above, deviation = (np.zeros(known.size),) * 2 if best is None else band.difference(best)
     tied = np.zeros(len(result), dtype=np.bool_)
     tied[places] = known & ~(sign * above > REACH * deviation)
-    return Doubt(
+    return Uncertainty(
         _spread_out(result, places, REACH * band.deviation),
         _spread_out(result, places, _of_difference(band, first)),
         _spread_out(result, places, _of_difference(band, _place(band, result, result.baseline_row))),
@@ -30,13 +30,13 @@ def doubt_of(result: StudyResult, band: Spread) -> Doubt:
 
 
 def better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
-    """Return which end of a measure is wanted: the low one, but where the objective rewards it (Eq 2.6)."""
+    """Return whether low or high values of a measure are better: high if its weight in the objective is negative."""
     rewarded = any(term.measure == measure and term.weight < 0.0 for term in result.study.objective)
     return "high" if rewarded else "low"
 
 
 def _place(band: Spread, result: StudyResult, row: int | None) -> int | None:
-    """Return the place of a result's row in the spread."""
+    """Return the position of a result's row in the spread; None if the spread does not contain it."""
     found = np.flatnonzero(band.setups == result.setups[row]) if row is not None else np.empty(0, dtype=np.int64)
     return int(found[0]) if found.size else None
 

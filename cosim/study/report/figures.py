@@ -1,4 +1,4 @@
-"""Figures for papers, in the manner of Figs 7.1 to 7.6: levels by build, and trade-offs."""
+"""Figures for papers like Figs 7.1 to 7.6: levels by build, and trade-offs."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from matplotlib.lines import Line2D
 
 from cosim.study.choice.pareto import pareto_front
 from cosim.study.report.colors import build_colors
-from cosim.study.report.corner import telling_corner
+from cosim.study.report.corner import dominant_corner
 from cosim.study.report.sheet import Column, Indices, Sheet
 from eightpost.files import atomic_path
 
-#: Measures that get figures, and the others that each of them is set against, as in the dissertation.
+#: Number of measures with figures, and number of other measures that each is plotted against, as in the dissertation.
 _DRAWN, _AGAINST = 3, 4
 
 
 def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
-    """Write levels and trade-offs of the first measures that the study is about, each as PNG and SVG.
+    """Write levels and trade-offs of the first measures of the sheet, each as PNG and SVG.
 
     Args:
-        sheet: What is shown.
-        folder: Where they go.
+        sheet: Report data.
+        folder: Output folder.
 
     Returns:
-        The files; none where no setup ran.
+        The files; empty if no setup ran.
     """
     if not sheet.done.any():
         return ()
@@ -61,15 +61,15 @@ def trend(sheet: Sheet, measure: Column) -> Figure:
 
 
 def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
-    """Draw what the levels of one measure cost in others, with the Pareto fronts (Figs 7.2, 7.4, 7.6).
+    """Draw the levels of one measure against those of others, with the Pareto fronts (Figs 7.2, 7.4, 7.6).
 
-    Colours are the builds at the corner whose build says most of the measure.
+    Colours show the build at the corner that explains most of the measure.
     """
     others = [column for column in sheet.measures if column is not measure][:_AGAINST]
     rows = (len(others) + 1) // 2
     figure = Figure(figsize=(7.2, 2.7 * rows + 0.9), layout="constrained")
     panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
-    corner = telling_corner(sheet, measure)
+    corner = dominant_corner(sheet, measure)
     colors = np.array(build_colors(len(sheet.builds)))[sheet.placed[:, corner]]
     for panel, other in zip(panels, others, strict=False):
         spots = panel.scatter(100.0 * measure.levels, 100.0 * other.levels, s=5, c=colors, lw=0, alpha=0.7)
@@ -90,10 +90,10 @@ def _front(panel: Axes, sheet: Sheet, first: Column, second: Column) -> None:
 
 
 def front(sheet: Sheet, first: Column, second: Column) -> Indices:
-    """Return the rows of the Pareto front of two measures among the setups that keep the constraints, by the first."""
-    wanted = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
-    rows = np.flatnonzero(sheet.allowed & np.isfinite(wanted[0]) & np.isfinite(wanted[1]))
-    kept = rows[pareto_front(np.column_stack(wanted)[rows])]
+    """Return the rows of the Pareto front of two measures among the feasible setups, ordered by the first measure."""
+    costs = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
+    rows = np.flatnonzero(sheet.allowed & np.isfinite(costs[0]) & np.isfinite(costs[1]))
+    kept = rows[pareto_front(np.column_stack(costs)[rows])]
     return np.asarray(kept[np.argsort(first.values[kept])], dtype=np.int64)
 
 
@@ -120,11 +120,11 @@ def _slug(name: str) -> str:
 
 
 def _save(figure: Figure, stem: Path) -> list[Path]:
-    """Save as PNG and SVG; the same figure gives the same bytes."""
+    """Save a figure as PNG and SVG; the same figure gives the same bytes."""
     files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
     with mpl.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
         for path in files:
             with atomic_path(path) as temporary:
                 figure.savefig(temporary, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
-            figure.set_layout_engine("none")  # it was laid out for the first file
+            figure.set_layout_engine("none")  # keep the layout of the first file
     return files

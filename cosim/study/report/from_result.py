@@ -1,4 +1,4 @@
-"""A study's result as the report shows it."""
+"""Conversion of a study's result into the data of the report."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ import pyarrow as pa
 
 from cosim.study.choice.robust import Spread
 from cosim.study.measures import Measure
-from cosim.study.report.doubt import better_end, doubt_of
+from cosim.study.report.doubt import better_end, uncertainty_of
 from cosim.study.report.scale import Scale
-from cosim.study.report.sheet import Array, Background, Bound, Column, Doubt, Indices, Origin, Sheet
+from cosim.study.report.sheet import Array, Background, Bound, Column, Indices, Origin, Sheet, Uncertainty
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from cosim.study.verdict import study_verdict
 
 
 def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
-    """Return a result as the report shows it.
+    """Return the report data of a result.
 
     Args:
-        result: Of the study.
-        bands: Spreads of measures in SI, where they are known.
-        trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
+        result: Result of the study.
+        bands: Spreads of measures in SI, for the measures whose spread is known.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    doubts = {band.measure: doubt_of(result, band) for band in bands}
+    uncertainties = {band.measure: uncertainty_of(result, band) for band in bands}
     builds = tuple(result.study.bank)
     return Sheet(
         corners=tuple(result.study.corners),
@@ -36,7 +36,7 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         numbers=result.setups,
         placed=_placed(result, builds),
         measures=tuple(
-            _column(result, measure.name, doubts.get(measure.name)) for measure in _by_interest(result.study)
+            _column(result, measure.name, uncertainties.get(measure.name)) for measure in _by_interest(result.study)
         ),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
@@ -49,7 +49,7 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
 
 
 def background(result: StudyResult, trace_command: str) -> Background:
-    """Return what stands behind a result's numbers."""
+    """Return objective, constraints, notes, settings and files of a result."""
     study = result.study
     terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
     return Background(
@@ -71,16 +71,16 @@ def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:
 
 
 def _by_interest(study: Study) -> list[Measure]:
-    """Return the measures of the objective, of the constraints, the others, and last those that hang on a mean."""
+    """Return the measures in display order: objective, constraints, others, and last those that depend on a mean."""
     names = (*(term.measure for term in study.objective), *(bound.measure for bound in study.constraints))
     named = [study.measure(name) for name in dict.fromkeys(names)]
     others = [measure for measure in study.measures if measure not in named]
     return [*named, *sorted(others, key=lambda measure: measure.absolute)]
 
 
-def _column(result: StudyResult, name: str, doubt: Doubt | None) -> Column:
+def _column(result: StudyResult, name: str, uncertainty: Uncertainty | None) -> Column:
     scale = Scale.of(result.unit(name), result.display(name))
-    return Column(name, scale, result.values(name), better_end(result, name), doubt)
+    return Column(name, scale, result.values(name), better_end(result, name), uncertainty)
 
 
 def _objective(result: StudyResult) -> Column | None:
@@ -98,7 +98,7 @@ def _texts(table: pa.Table, name: str) -> dict[int, str]:
 
 def _failures(result: StudyResult) -> dict[int, str]:
     rows = zip(result.table["status"].to_pylist(), result.table["message"].to_pylist(), strict=True)
-    return {row: message or "it did not run to the end" for row, (status, message) in enumerate(rows) if status != DONE}
+    return {row: message or "it did not finish" for row, (status, message) in enumerate(rows) if status != DONE}
 
 
 def _bounds(result: StudyResult) -> Iterator[Bound]:
@@ -114,9 +114,9 @@ def _bounds(result: StudyResult) -> Iterator[Bound]:
 def _notes(result: StudyResult) -> Iterator[str]:
     if result.partial:
         total = len(result.study.space)
-        yield f"The study is not complete: {len(result)} of {total} setups were run; levels and ranks are of these."
+        yield f"The study is not complete: {len(result)} of {total} setups were run. Levels and ranks are of these."
     if not result.study.vehicle.means_trusted:
-        yield "The vehicle's response to constant inputs is not trusted: the study has no means."
+        yield "The vehicle's response to constant inputs is not trusted, so the study has no measures of means."
 
 
 def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
@@ -125,18 +125,18 @@ def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
     if study.alike:
         yield "Corners with the same build", "; ".join(" and ".join(group) for group in study.alike)
     for drive in study.drives:
-        yield f"Drive {drive.name}", f"{drive.file}, {drive.start:g} to {drive.start + drive.stop:g} s of it"
+        yield f"Drive {drive.name}", f"{drive.file}, from {drive.start:g} to {drive.start + drive.stop:g} s"
     yield "Settling, left out of every measure", f"{study.settling:g} s"
-    yield "Coupling error aimed at", f"{study.accuracy:g} % of each signal's standard deviation"
-    yield "Samples that measures see", f"every {1e3 * study.record_step:g} ms"
+    yield "Target coupling error", f"{study.accuracy:g} % of each signal's standard deviation"
+    yield "Record step of the measured signals", f"{1e3 * study.record_step:g} ms"
     yield from _settings(result.provenance.settings)
-    yield "Time of all runs, added up", f"{np.nansum(seconds):.4g} s"
+    yield "Total wall time of all runs", f"{np.nansum(seconds):.4g} s"
     yield "Digest of the study", result.provenance.digest
     yield "Computed by", f"eightpost {result.provenance.tool_version}"
 
 
 def _settings(settings: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, str]]:
-    """Yield settings and those within them, in a row each."""
+    """Yield settings and nested settings, one row each."""
     for name, value in settings.items():
         words = f"{within}{name.replace('_', ' ')}"
         if isinstance(value, Mapping):
@@ -147,7 +147,7 @@ def _settings(settings: Mapping[str, Any], within: str = "") -> Iterator[tuple[s
 
 
 def _origins(result: StudyResult) -> Iterator[Origin]:
-    """Yield the vehicle, the bank, the drives, and what other files were read."""
+    """Yield the vehicle, the builds, the drives, and the other files that were read."""
     study, source = result.study, result.provenance
     guids, digests = _by_name(source.guids), _by_name(source.digests)
     models: dict[str, Vehicle | Build] = {
@@ -168,7 +168,7 @@ def _origins(result: StudyResult) -> Iterator[Origin]:
 
 
 def _by_name(known: Mapping[str, str]) -> dict[str, str]:
-    """Return what is known by path, and by the file's name as well where only one path has it."""
+    """Return values by path, and also by file name if only one path has that name."""
     names = [PurePath(path).name for path in known]
     single = {PurePath(path).name: value for path, value in known.items() if names.count(PurePath(path).name) == 1}
     return single | dict(known)

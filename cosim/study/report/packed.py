@@ -1,4 +1,4 @@
-"""The sheet as the page's script reads it: a manifest, and the numbers as compressed bytes."""
+"""Data of the page's script: a manifest, and the numbers as compressed bytes."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from cosim.report.traces import CAPACITY, traces
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.colors import build_colors
 from cosim.study.report.scale import Scale
-from cosim.study.report.sheet import Array, Column, Doubt, Sheet
+from cosim.study.report.sheet import Array, Column, Sheet, Uncertainty
 from eightpost.signals import TimeSeries
 
 
 def packed(
     sheet: Sheet, recorded: Mapping[int, TimeSeries], terms: Sequence[Sensitivity], picked: Sequence[int]
 ) -> tuple[dict[str, Any], str]:
-    """Return where the page's script finds its numbers, and the numbers.
+    """Return the manifest, which states where each number is stored, and the numbers.
 
     Args:
-        sheet: What is shown.
-        recorded: Time traces by the setup's number.
+        sheet: Report data.
+        recorded: Time traces by setup number.
         terms: Sensitivities of some measures.
-        picked: Rows that are picked at first.
+        picked: Rows that are picked when the page opens.
     """
     store = Store()
     order, done = sheet.order, int(sheet.done.sum())
@@ -55,7 +55,7 @@ def packed(
 
 
 def shown_columns(sheet: Sheet) -> tuple[Column, ...]:
-    """Return the objective, where there is one, and the measures."""
+    """Return the objective, if there is one, and the measures."""
     return (*((sheet.objective,) if sheet.objective else ()), *sheet.measures)
 
 
@@ -72,22 +72,22 @@ def _column(store: Store, column: Column) -> dict[str, Any]:
         "high": high,
         "better": column.better,
         "at": store.add(column.values),
-        "doubt": column.doubt and _doubt(store, column.doubt),
+        "uncertainty": column.uncertainty and _uncertainty(store, column.uncertainty),
     }
 
 
-def _doubt(store: Store, doubt: Doubt) -> dict[str, Any]:
+def _uncertainty(store: Store, uncertainty: Uncertainty) -> dict[str, Any]:
     return {
-        "spread": store.add(doubt.spread),
-        "best": store.add(doubt.from_best),
-        "baseline": store.add(doubt.from_baseline),
-        "tied": store.add(doubt.tied.astype(float)),
-        "ties": int(doubt.tied.sum()),
+        "spread": store.add(uncertainty.spread),
+        "best": store.add(uncertainty.from_best),
+        "baseline": store.add(uncertainty.from_baseline),
+        "tied": store.add(uncertainty.tied.astype(float)),
+        "ties": int(uncertainty.tied.sum()),
     }
 
 
 def _traces(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield traces by number, each with a fair share of what a page holds."""
+    """Yield traces by setup number; each setup gets an equal share of the page's capacity."""
     for number, series in recorded.items():
         kept = traces(series, capacity=CAPACITY // len(recorded))
         channels = [

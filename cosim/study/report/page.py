@@ -1,4 +1,4 @@
-"""The study's page: one file that loads nothing."""
+"""The study's page: one HTML file that loads nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cosim.report.provenance import versions
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.colors import build_colors
-from cosim.study.report.corner import telling_corner
+from cosim.study.report.corner import dominant_corner
 from cosim.study.report.packed import packed, shown_columns
 from cosim.study.report.sheet import Column, Sheet
 from cosim.study.report.summary import MATTERS, extremes, fixed, headline, shares, tiles
@@ -23,26 +23,26 @@ from eightpost.signals import TimeSeries
 
 _PACKAGE = "cosim.study.report"
 
-#: The page's script, in the order in which its parts need each other.
+#: Parts of the page's script, in the order of their dependencies.
 _SCRIPTS = ("store", "state", "table", "dots", "plots", "setup", "sensitivity", "page")
 
-#: Trade-offs that are drawn at first.
+#: Number of trade-offs that are drawn when the page opens.
 _TRADES = 6
 
-#: Columns of the ranking at first, the objective among them; the others can be had.
+#: Number of columns of the ranking when the page opens, including the objective; the others can be added.
 _TABLED = 7
 
-#: Failed and marked setups that are listed on their own; the table has them all.
-_DOUBTFUL = 200
+#: Largest number of setups in the list of failed and marked setups; the ranking contains all of them.
+_LISTED = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extras:
-    """What a report shows where it is given.
+    """Optional content of a report.
 
     Args:
-        traces: Time traces by the setup's number.
-        sensitivities: Of the measures, or of some.
+        traces: Time traces by setup number.
+        sensitivities: Sensitivities of all or some measures.
         selection: Setups to confirm on the rig.
     """
 
@@ -77,20 +77,20 @@ def page(sheet: Sheet, extras: Extras) -> str:
 
 
 def _words(sheet: Sheet) -> dict[str, Any]:
-    doubtful = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
     return {
         "verdict": sheet.background.verdict,
         "headline": headline(sheet),
         "tiles": tiles(sheet),
-        "doubtful": doubtful[:_DOUBTFUL],
-        "more_doubtful": max(0, len(doubtful) - _DOUBTFUL),
+        "problems": problems[:_LISTED],
+        "more_problems": max(0, len(problems) - _LISTED),
         "versions": versions(),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
 
 
 def _choices(sheet: Sheet) -> dict[str, Any]:
-    """Return what may be chosen, and what is chosen at first: what the study is about, against what follows."""
+    """Return the choices of the page and their initial state: the first measure, against those that follow."""
     columns = shown_columns(sheet)
     first, *others = (columns.index(column) for column in sheet.measures)
     return {
@@ -100,8 +100,8 @@ def _choices(sheet: Sheet) -> dict[str, Any]:
         "focus": first,
         "tabled": set(range(_TABLED)),
         "against": {first, *others[:_TRADES]},
-        "colored": telling_corner(sheet, columns[first]),
-        "spreads": any(column.doubt is not None for column in columns),
+        "colored": dominant_corner(sheet, columns[first]),
+        "spreads": any(column.uncertainty is not None for column in columns),
     }
 
 
@@ -117,7 +117,7 @@ def _effects(sheet: Sheet, terms: Sequence[Sensitivity]) -> dict[str, Any]:
 
 
 def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list[int]]]:
-    """Return the rows of the selected setups by what they were selected for."""
+    """Return the rows of the selected setups, grouped by the reason for their selection."""
     groups: dict[str, list[int]] = {}
     for selected in selection:
         if (row := sheet.row(selected.setup.index)) is not None:

@@ -1,4 +1,4 @@
-"""The two ways a number is shown: US customary units and metric ones."""
+"""Display units of the page: US customary and metric."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from cosim.study.measures import DISPLAY
 from eightpost import units
 
-#: SI unit -> what a race engineer reads; a unit that is not named is shown as it is.
+#: US customary unit by SI unit, as race engineers use it; other units are shown unchanged.
 US = {**DISPLAY, "N/m": "lbf/in", "N.s/m": "lbf.s/in"}
 METRIC = {"m": "mm", "m/s": "mm/s", "rad": "deg"}
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A unit on the page and the way to it from SI: `shown = factor * value + offset`."""
+    """Display unit and its conversion from SI: `shown = factor * value + offset`."""
 
     unit: str
     factor: float
@@ -22,22 +22,22 @@ class Shown:
 
     @classmethod
     def of(cls, si: str, unit: str) -> Shown:
-        """Return how a quantity in `si` is shown in `unit`."""
+        """Return the conversion from the SI unit `si` to `unit`."""
         return cls(unit, *units.conversion(si, unit))
 
     def __call__(self, value: float) -> float:
-        """Return a value in the unit shown."""
+        """Return a value in SI converted to the display unit."""
         return self.factor * value + self.offset
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """An SI unit in both systems.
+    """Display units of an SI unit in both systems.
 
     Args:
-        si: The SI unit; it need not be one that the units module knows, such as that of a user's own measure.
-        us: As US customary units show it.
-        metric: As metric units show it.
+        si: SI unit; the unit of a user-defined measure may be unknown to the units module and is then shown unchanged.
+        us: US customary display unit.
+        metric: Metric display unit.
     """
 
     si: str
@@ -49,8 +49,8 @@ class Scale:
         """Return the scale of an SI unit.
 
         Args:
-            si: The unit.
-            display: What a measure asks to be shown in, in US customary units; empty for the house's choice.
+            si: SI unit.
+            display: US customary unit that the measure asks for; empty for the default of `US`.
         """
         if not units.is_unit(si):
             same = Shown(si, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""What the report shows, in the form that it needs: setups by measures, whatever made them."""
+"""Data of the report: the measures of all setups, independent of their source."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Doubt:
-    """How well one measure is known, S setups; NaN where that is not known.
+class Uncertainty:
+    """Uncertainty of one measure of S setups; NaN if not known.
 
     Args:
         spread: (S,) two standard deviations of the value [SI].
-        from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; what blurs
-            both alike is not in it.
-        from_baseline: (S,) the same of the difference from the baseline.
-        tied: (S,) whether a setup is not told from the one with the best value.
+        from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; errors that
+            both setups share cancel in it.
+        from_baseline: (S,) the same for the difference from the baseline.
+        tied: (S,) whether a setup is tied with the one that has the best value.
     """
 
     spread: Array
@@ -37,45 +37,45 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """One number of every setup: a measure, or the objective.
+    """One value of every setup: a measure, or the objective.
 
     Args:
-        name: As people say it.
-        scale: Its unit.
-        values: (S,) in SI; NaN where the setup has none.
-        better: Which end of it is wanted.
-        doubt: How well it is known; None where nothing is said of that.
+        name: Display name.
+        scale: Display units.
+        values: Values in SI (S,); NaN for failed setups.
+        better: Whether low or high values are better.
+        uncertainty: Uncertainty of the values; None if not known.
     """
 
     name: str
     scale: Scale
     values: Array
     better: Literal["low", "high"] = "low"
-    doubt: Doubt | None = None
+    uncertainty: Uncertainty | None = None
 
     @property
     def extremes(self) -> tuple[float, float]:
-        """Least and greatest value over all setups [SI], as in Table 7.4; zeros where no setup has one."""
+        """Minimum and maximum over all setups [SI], as in Table 7.4; zeros if no setup has a value."""
         known = self.values[np.isfinite(self.values)]
         return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 
     @property
     def levels(self) -> Array:
-        """(S,) values between 0, the least of all setups, and 1, the greatest (7.2)."""
+        """Levels (S,): 0 for the lowest value of all setups, 1 for the highest (7.2)."""
         low, high = self.extremes
         return (self.values - low) / ((high - low) or 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """A file that the study was made from.
+    """A file that the study used.
 
     Args:
-        what: What it is.
-        file: Its name.
-        identity: Its GUID; empty for what is no FMU.
-        digest: Its SHA-256; empty where not known.
-        parameters: Values that differ from its own, in its own units.
+        what: Role of the file in the study.
+        file: Name of the file.
+        identity: GUID; empty if the file is not an FMU.
+        digest: SHA-256 of the file; empty if not known.
+        parameters: Parameter values that differ from the FMU's defaults, in the parameters' units.
     """
 
     what: str
@@ -87,7 +87,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A side of a constraint (G of Eq 2.3): `measure`, `at least` or `at most`, the value [SI]."""
+    """One limit of a constraint (G of Eq 2.3): `measure`, `at least` or `at most`, the value [SI]."""
 
     measure: str
     word: Literal["at least", "at most"]
@@ -95,23 +95,23 @@ class Bound:
     scale: Scale
 
     def __str__(self) -> str:
-        """As US customary units have it."""
+        """Return the limit in US customary units."""
         return f"{self.measure} {self.word} {self.scale.us(self.value):.4g} {self.scale.us.unit}"
 
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """What stands behind the numbers.
+    """Title, objective, constraints, notes and provenance of a report.
 
     Args:
         title: Heading of the page.
-        objective: What is minimised, as a formula in words; empty where nothing is.
-        constraints: What setups must keep to.
-        notes: What a reader must know before the numbers are used.
-        facts: Settings and versions: what, and how much.
-        origins: The files.
-        trace_command: That computes the traces of a setup, with `{setup}` in place of its number; empty for none.
-        verdict: On the study.
+        objective: Formula of the objective in words; empty if the study has none.
+        constraints: Limits of the constraints.
+        notes: Notes that limit the use of the numbers.
+        facts: Settings and versions, as pairs of name and value.
+        origins: Files that the study used.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number; may be empty.
+        verdict: Verdict on the study.
     """
 
     title: str = "Setup study"
@@ -126,24 +126,24 @@ class Background:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """Setups by measures. S setups, C corners.
+    """Measures of S setups with C corners.
 
     Args:
         corners: Names of the corners.
         builds: Names of all builds of the bank.
-        numbers: (S,) numbers of the setups, each once.
-        placed: (S, C) which build each setup has at each corner.
-        measures: Columns, in the order in which they are shown: what the study is about first.
-        objective: What setups are ranked by; the first measure where None.
-        allowed: (S,) whether a setup meets every constraint.
-        failures: What went wrong, by row.
-        marks: What a reader must know of a setup, by row.
-        coupling_error: (S,) [%]; NaN where it is not known.
+        numbers: Numbers of the setups (S,), each once.
+        placed: Index of the build of each setup at each corner (S, C).
+        measures: Columns in display order: the measures of the objective and the constraints first.
+        objective: Values by which setups are ranked; the first measure if None.
+        allowed: Whether a setup meets every constraint (S,).
+        failures: Reason of the failure by row.
+        marks: Marks of setups by row.
+        coupling_error: Estimated coupling error [%] (S,); NaN if not known.
         baseline: Row of the baseline setup.
-        background: What stands behind the numbers.
+        background: Title, objective, constraints, notes and provenance.
 
     Raises:
-        ValueError: There are no measures, or shapes disagree.
+        ValueError: There are no measures, or the shapes disagree.
     """
 
     corners: tuple[str, ...]
@@ -161,12 +161,12 @@ class Sheet:
 
     def __post_init__(self) -> None:
         if not self.measures:
-            raise ValueError("a study without measures has nothing to report; give it one or more")
+            raise ValueError("a report needs at least one measure")
         setups = self.numbers.size
         shapes = {"placed": self.placed.shape[:1], "allowed": self.allowed.shape, "errors": self.coupling_error.shape}
         shapes |= {column.name: column.values.shape for column in self.measures}
         if wrong := [name for name, shape in shapes.items() if shape != (setups,)]:
-            raise ValueError(f"{', '.join(wrong)}: not one value for each of the {setups} setups")
+            raise ValueError(f"{', '.join(wrong)}: must have one value for each of the {setups} setups")
 
     @property
     def ranked_by(self) -> Column:
@@ -175,27 +175,27 @@ class Sheet:
 
     @property
     def done(self) -> Flags:
-        """(S,) whether a setup has a value to rank it by."""
+        """Whether a setup has a value to rank it by (S,)."""
         return np.isfinite(self.ranked_by.values) & ~np.isin(np.arange(self.numbers.size), list(self.failures))
 
     @property
     def order(self) -> Indices:
-        """(S,) rows from the best to the worst: those that keep the constraints, the others, those that failed."""
-        wanted = self.ranked_by.values * (1.0 if self.ranked_by.better == "low" else -1.0)
-        return np.lexsort((self.numbers, wanted, ~self.allowed, ~self.done)).astype(np.int64)
+        """Rows from the best to the worst (S,): feasible setups, those that break a constraint, failed ones."""
+        cost = self.ranked_by.values * (1.0 if self.ranked_by.better == "low" else -1.0)
+        return np.lexsort((self.numbers, cost, ~self.allowed, ~self.done)).astype(np.int64)
 
     def row(self, number: int) -> int | None:
-        """Return the row of a setup by its number; None where the study does not have it."""
+        """Return the row of a setup by its number; None if the study does not contain it."""
         found = np.flatnonzero(self.numbers == number)
         return int(found[0]) if found.size else None
 
     def remark(self, row: int) -> str:
-        """Return what a reader must know of a setup: its failure, its mark, that it breaks a constraint, or nothing."""
-        broken = "" if self.allowed[row] else "over a limit"
+        """Return the remark on a setup: its failure, else its mark and whether it breaks a constraint; may be empty."""
+        broken = "" if self.allowed[row] else "breaks a constraint"
         return self.failures.get(row) or ", ".join(filter(None, (self.marks.get(row, ""), broken)))
 
     def fitted(self, row: int) -> str:
-        """Return the builds of a setup from corner to corner.
+        """Return the builds of a setup as text, corner by corner.
 
         For example `LF C/B, RF C/B, LR AA/B, RR C/C`.
         """

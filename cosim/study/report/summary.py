@@ -1,4 +1,4 @@
-"""What the page says in words."""
+"""Texts and figures at the top of the page, and its tables of extremes and sensitivities."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.scale import Scale, Shown
 from cosim.study.report.sheet import Column, Sheet
 
-#: Share of a measure's variance [1] from which a corner is said to matter to it.
+#: Share of a measure's variance [1] above which a corner is highlighted.
 MATTERS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A figure at the head of the page; `value` in US customary units and in metric ones."""
+    """A figure at the top of the page, in US customary (`us`) and metric (`metric`) units."""
 
     what: str
     us: str
@@ -29,7 +29,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """How much of a measure's variance each corner accounts for, with its interactions [1], and the rest."""
+    """Shares of a measure's variance [1]: of each corner with its interactions, and of all interactions of two."""
 
     column: int
     name: str
@@ -39,7 +39,7 @@ class Share:
 
 
 def headline(sheet: Sheet) -> str:
-    """Return how many setups ran, failed and are marked, and which one is best, with what must be known of it."""
+    """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
     failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
     counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
     return " ".join((counts, *_best(sheet)))
@@ -51,22 +51,22 @@ def _best(sheet: Sheet) -> Iterator[str]:
         best = int(sheet.order[0])
         yield f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
         if sheet.background.constraints:
-            yield f"{feasible} keep all constraints."
-        yield from _of_best(sheet, best)
+            yield f"{feasible} setups meet all constraints."
+        yield from _remarks_on_best(sheet, best)
 
 
-def _of_best(sheet: Sheet, best: int) -> Iterator[str]:
-    """Yield what must be known of the best setup: its mark, and how many are not told apart from it."""
+def _remarks_on_best(sheet: Sheet, best: int) -> Iterator[str]:
+    """Yield remarks on the best setup: its mark, and how many setups are tied with it."""
     if best in sheet.marks:
-        yield f"The best is marked: {sheet.marks[best]}."
+        yield f"The best setup is marked: {sheet.marks[best]}."
     column = sheet.ranked_by
-    if column.doubt is not None:
-        close = np.abs(column.values - column.values[best]) <= column.doubt.from_best
-        yield f"{int(np.sum(close & sheet.allowed)) - 1} others are not told apart from it."
+    if column.uncertainty is not None:
+        close = np.abs(column.values - column.values[best]) <= column.uncertainty.from_best
+        yield f"{int(np.sum(close & sheet.allowed)) - 1} other setups are tied with the best."
 
 
 def tiles(sheet: Sheet) -> tuple[Tile, ...]:
-    """Return the figures at the head of the page."""
+    """Return the figures at the top of the page."""
     return tuple(_tiles(sheet)) if sheet.done.any() else ()
 
 
@@ -77,7 +77,7 @@ def _tiles(sheet: Sheet) -> Iterator[Tile]:
     if sheet.baseline is not None and sheet.done[sheet.baseline]:
         base = float(column.values[sheet.baseline])
         gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
-        yield Tile("best against baseline", gain, gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
+        yield Tile("best compared with baseline", gain, gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
         place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
         yield Tile("rank of the baseline", place, place, sheet.fitted(sheet.baseline))
     known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
@@ -97,7 +97,7 @@ def _with_unit(shown: Shown, value: float) -> str:
 
 
 def fixed(value: float, digits: int = 4) -> str:
-    """Return a number with all of its digits, zeros too, so that those of a column stand under each other.
+    """Return a number with all significant digits, including trailing zeros, so that the digits of a column align.
 
     >>> fixed(162.0), fixed(-0.05)
     ('162.0', '−0.05000')
@@ -109,13 +109,13 @@ def fixed(value: float, digits: int = 4) -> str:
 
 
 def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
-    """Return per column the rows of its least and its greatest value, as in Table 7.4."""
+    """Return for every column the rows of its minimum and its maximum, as in Table 7.4."""
     known = [column for column in columns if np.isfinite(column.values).any()]
     return tuple((column, int(np.nanargmin(column.values)), int(np.nanargmax(column.values))) for column in known)
 
 
 def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Share, ...]:
-    """Return which corner matters for which measure; `places` are the measures' columns."""
+    """Return the shares of the corners in the variance of each measure; `places` are the columns of the measures."""
     return tuple(
         Share(
             places[one.measure],

@@ -1,4 +1,4 @@
-"""The ranking as a workbook: sheets for the ranking, the units, and where the numbers come from."""
+"""Workbook of the ranking, with sheets for the ranking, the units and the provenance."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from eightpost.files import atomic_path
 
 
 def write_workbook(sheet: Sheet, path: Path) -> Path:
-    """Write the workbook; text stays text whatever it begins with.
+    """Write the workbook; text is never interpreted as a formula.
 
     Args:
-        sheet: What is shown.
+        sheet: Report data.
         path: The file.
 
     Returns:
@@ -32,13 +32,13 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
             _ranking(workbook, sheet)
             _units(workbook, sheet)
             _provenance(workbook, sheet)
-    except xlsxwriter.exceptions.XlsxWriterException as error:  # it keeps the system's error in its own
-        raise OutputError(f"{path}: cannot be written ({error}); free space there, or name another folder") from error
+    except xlsxwriter.exceptions.XlsxWriterException as error:  # wraps the operating system's error
+        raise OutputError(f"{path}: cannot be written ({error}); free disk space, or choose another folder") from error
     return path
 
 
 def _ranking(workbook: Any, sheet: Sheet) -> None:
-    """One row per setup under a head that stays; Excel's own filters; levels as shades, the least ones white."""
+    """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
     columns, rows = shown_columns(sheet), ranking_rows(sheet)
     heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
     names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
@@ -55,7 +55,7 @@ def _ranking(workbook: Any, sheet: Sheet) -> None:
 
 
 def _digits(value: float) -> str:
-    """Return the number format with four digits for values of this size."""
+    """Return the number format that shows about four digits of values of this size."""
     size = abs(value)
     return "0" if size >= 1000.0 else "0.0" if size >= 100.0 else "0.00" if size >= 10.0 else "0.0000"
 

@@ -1,4 +1,4 @@
-"""A study's report: the page, figures for papers, a workbook, and tables as CSV."""
+"""Files of a study's report: the page, figures for papers, a workbook, and tables as CSV."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.selection import Selection
-from cosim.study.choice.sensitivity import Sensitivity, told_sensitivities
+from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import write_figures
 from cosim.study.report.from_result import sheet_of
@@ -28,7 +28,7 @@ class ReportPaths:
         page: The page.
         workbook: Ranking, units and provenance as a workbook.
         ranking: The ranking as CSV.
-        traces: Traces of the best setup and the baseline as CSV, by the number, where they were given.
+        traces: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
         figures: Figures for papers, as PNG and SVG.
     """
 
@@ -49,24 +49,24 @@ def write_study_report(
     bands: Sequence[Spread] | None = None,
     trace_command: str = "",
 ) -> ReportPaths:
-    """Write all files of a study's report; nothing is simulated.
+    """Write all files of a study's report without running a simulation.
 
     Args:
-        result: Of the study.
-        out_dir: Folder; files of the same name in it are replaced, each only when it is whole.
-        traces: Time traces of some setups by their number: of the best, the worst, the baseline, the selected ones.
-        sensitivities: Of its measures; where not given, they are drawn from the table.
+        result: Result of the study.
+        out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
+        traces: Time traces of some setups by setup number.
+        sensitivities: Sensitivities of the measures; computed from the table if None.
         selection: Setups to confirm on the rig.
         bands: Spreads of measures in SI.
-        trace_command: That computes the traces of a setup, with `{setup}` in place of its number.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
     sheet = sheet_of(result, bands=bands or (), trace_command=trace_command)
-    terms = told_sensitivities(result) if sensitivities is None else sensitivities
+    terms = available_sensitivities(result) if sensitivities is None else sensitivities
     return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
 
 
 def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:
-    """Write all files of a report, whatever made its numbers."""
+    """Write all files of a report from its data."""
     folder = Path(out_dir)
     return ReportPaths(
         page=_write_page(sheet, folder / "report.html", extras),

@@ -1,1 +1,1 @@
-"""From a study to its rows: every setup through the real FMUs, on all cores, stopped and gone on with anywhere."""
+"""Execution of a study: every setup runs through the real FMUs on all cores and can be stopped and resumed."""

@@ -1,4 +1,4 @@
-"""What can be found wrong with a study before anything of it is run."""
+"""Checks of a study before any simulation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _MOVING = ("m/s", "m/s2", "W")
 
 
 def check_study(evaluator: Evaluator) -> None:
-    """Refuse a study that cannot be run as it stands.
+    """Raise an error if a study cannot be run.
 
     Raises:
         FmuError: An FMU cannot be used.
-        WiringError: A build does not fit a corner, or a channel or parameter is not there.
-        InputError: A corner has no shock, or a measure, its unit or its window makes no sense here.
+        WiringError: A build does not fit a corner, or a channel or parameter does not exist.
+        InputError: A corner has no shock, or a measure, its unit or its window is invalid.
     """
     study = evaluator.study
     first = study.space.setup(int(_indices(study)[0]))
@@ -44,35 +44,37 @@ def check_study(evaluator: Evaluator) -> None:
 def _indices(study: Study) -> list[int]:
     indices: list[int] = study.space.indices.tolist()
     if not indices:
-        raise InputError("the study has no setups: the corners that are to be alike leave none")
+        raise InputError("the study has no setups: no builds are allowed at all corners of a group in alike")
     return indices
 
 
 def _check_ports(study: Study, system: System) -> None:
-    """A port without a shock is a car without damping there."""
+    """Raise an error if a port has no shock: the car would have no damping there."""
     known = ports(system.components[study.vehicle.name])
     if missing := [corner for corner in known if corner not in study.corners]:
         raise InputError(
-            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}: name the builds "
-            f"that {missing[0]} may have"
+            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}. Name the builds "
+            f"allowed at {missing[0]}"
         )
 
 
 def _every_build(study: Study, first: Setup) -> list[Setup]:
-    """Setups in which every build is at every corner that may have it."""
+    """Return setups in which every build is once at every corner where it is allowed."""
     return [Setup(-1, {**first.builds, corner: build}) for corner, builds in study.corners.items() for build in builds]
 
 
 def _check_measure(study: Study, measure: Measure, unit: str) -> None:
     what = f"measure {measure.name!r}"
     if measure.display and not (units.is_unit(measure.display) and units.compatible(measure.display, unit)):
-        raise InputError(f"{what}: it is in {unit}, which cannot be shown in {measure.display!r}")
+        raise InputError(
+            f"{what}: its unit is {unit}, which cannot be converted to the display unit {measure.display!r}"
+        )
     if measure.function:
         own_function(measure.function)
     elif measure.absolute and not study.vehicle.means_trusted and unit not in _MOVING:
         raise InputError(
-            f"{what}: its {measure.statistic} hangs on the mean, and {study.vehicle.fmu.name} has no trusted gain at 0 "
-            "Hz (means_trusted = false); take rms, peak or range, or a band that begins above 0 Hz"
+            f"{what}: its {measure.statistic} depends on the mean, and {study.vehicle.fmu.name} has no trusted gain at "
+            "0 Hz (means_trusted = false); use rms, peak or range, or a band that begins above 0 Hz"
         )
     for drive in study.drives:
         if measure in study.measures_of(drive):
@@ -88,8 +90,8 @@ def _check_window(study: Study, measure: Measure, drive: Drive) -> None:
         )
     if measure.band and (measure.band[0] >= 0.5 * rate or rate * 0.5 <= measure.band[1] < float("inf")):
         raise InputError(
-            f"measure {measure.name!r}: the band {measure.band[0]:g} to {measure.band[1]:g} Hz must end below half of "
-            f"{rate:g} Hz: take a smaller record_step"
+            f"measure {measure.name!r}: the band {measure.band[0]:g} to {measure.band[1]:g} Hz must be below half the "
+            f"sample rate of {rate:g} Hz; use a smaller record_step"
         )
 
 
@@ -97,4 +99,7 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
     for term in study.objective:
         unit = found[term.measure]
         if term.unit and not (units.is_unit(term.unit) and units.compatible(term.unit, unit)):
-            raise InputError(f"objective: {term.measure!r} is in {unit}, its weight is per {term.unit!r}")
+            raise InputError(
+                f"objective: the unit of {term.measure!r} is {unit}, which cannot be converted to {term.unit!r}, the "
+                "unit of its weight"
+            )

@@ -1,4 +1,4 @@
-"""What a study has done so far: a file per chunk, each whole or not there."""
+"""Files of a study's completed chunks; each is complete or does not exist."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path, json_content
 from eightpost.signals.parquet_table import read_table
 
-#: A study is cut into about so many chunks, of at most so many setups: a kill loses what runs in one, which is little.
+#: Approximate number of chunks of a study, and largest number of setups in one: few are lost if a process is killed.
 _CHUNKS, _LARGEST = 200, 64
 
 _COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
@@ -28,19 +28,19 @@ _NAME = re.compile(r"chunk_(\d+)\.parquet")
 
 
 def cut(study: Study) -> tuple[Chunk, ...]:
-    """Return all setups of a study in chunks, which hang on nothing but the study."""
+    """Return all setups of a study in chunks; the chunks depend on the study only."""
     indices = study.space.indices.tolist()
     size = min(_LARGEST, max(1, -(-len(indices) // _CHUNKS)))
     return tuple(Chunk(k, tuple(indices[first : first + size])) for k, first in enumerate(range(0, len(indices), size)))
 
 
 class ChunkFolder:
-    """The chunks of one study that are done, and its coupling.
+    """Folder of the completed chunks of one study, and of its coupling.
 
     Args:
-        folder: Of the study's output.
-        digest: Of the study: what is done is kept apart by it.
-        schema: Columns of the table.
+        folder: Output folder of the study.
+        digest: Digest of the study; each digest has a folder of its own.
+        schema: Schema of the table.
     """
 
     def __init__(self, folder: Path, digest: str, schema: pa.Schema) -> None:
@@ -48,29 +48,29 @@ class ChunkFolder:
 
     @property
     def numbers(self) -> frozenset[int]:
-        """Numbers of the chunks that are done."""
+        """Numbers of the completed chunks."""
         if not self._folder.is_dir():
             return frozenset()
         return frozenset(int(found[1]) for path in self._folder.iterdir() if (found := _NAME.fullmatch(path.name)))
 
     def write(self, chunk: Chunk, rows: Sequence[Row]) -> None:
-        """Keep the rows of a chunk."""
+        """Write the rows of a chunk."""
         with atomic_path(self._folder / _name(chunk.number)) as temporary:
             pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
 
     def table(self) -> pa.Table:
-        """Return all rows that are done, as they were kept.
+        """Return all rows of the completed chunks as a table.
 
         Raises:
-            FileFormatError: A file was damaged.
+            FileFormatError: A file is damaged.
         """
         return pa.concat_tables([self._schema.empty_table(), *map(self._read, sorted(self.numbers))])
 
     def rows(self) -> list[Row]:
-        """Return all rows that are done, by column name.
+        """Return all rows of the completed chunks, each by column name.
 
         Raises:
-            FileFormatError: A file was damaged.
+            FileFormatError: A file is damaged.
         """
         rows: list[Row] = self.table().to_pylist()
         return rows
@@ -80,21 +80,21 @@ class ChunkFolder:
         try:
             return read_table(path, schema=self._schema).replace_schema_metadata()
         except FileFormatError as error:
-            raise FileFormatError(f"{error}; remove it, and its setups are run again") from error
+            raise FileFormatError(f"{error}; delete the file to run its setups again") from error
 
     def coupling(self) -> Coupling | None:
-        """Return the coupling that was chosen; None where none was yet."""
+        """Return the coupling that was chosen, or None if it was not chosen yet."""
         path = self._folder / "coupling.json"
         if not os.path.lexists(path):
             return None
         try:
             return _COUPLING.validate_python(json_content(path, finite=False))
         except ValueError as error:
-            what = "it is not the coupling that a study chose; remove it, and it is chosen again"
+            what = "is not the coupling of a study; delete the file to choose the coupling again"
             raise FileFormatError(f"{error}: {what}" if isinstance(error, InputError) else what, path=path) from error
 
     def keep_coupling(self, coupling: Coupling) -> None:
-        """Keep the coupling for all later runs of the study."""
+        """Write the coupling for all later runs of the study."""
         with atomic_path(self._folder / "coupling.json") as temporary:
             temporary.write_text(json.dumps(asdict(coupling), indent=2) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Workers on a Dask cluster: FMUs and drivefiles travel once to each machine, by what is in them (docs/scale.md)."""
+"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/scale.md)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 from cosim.study.running import work
 from cosim.study.running.digest import file_digests, file_paths
 from cosim.study.running.evaluator import Coupling, Row
-from cosim.study.running.workers import Chunk, lost_row
+from cosim.study.running.workers import Chunk, failed_row
 from cosim.study.study import Study
 from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path, sha256_of
@@ -27,22 +27,22 @@ try:
 except ImportError as error:  # an optional extra
     raise InputError(f"a Dask cluster needs the extra dask ({error}): pip install 'eightpost[dask]'") from error
 
-#: Chunks that wait for each worker, so that none stands idle.
-_AHEAD = 2
+#: Number of chunks submitted per worker, so that no worker is idle.
+_SUBMITTED = 2
 
-#: How often a stop is looked for [s].
-_LOOK = 0.5
+#: Interval at which a stop is checked [s].
+_POLL = 0.5
 
 
 class DaskWorkers:
-    """The workers of a Dask cluster. They may come and go: what one of them had or did is given to another.
+    """Workers of a Dask cluster. Workers may join and leave: the tasks of a lost worker are given to another one.
 
     Args:
-        address: Of the scheduler, `tcp://host:8786`.
-        patience: How long to wait for its answer [s].
+        address: Address of the scheduler, `tcp://host:8786`.
+        patience: Timeout for the connection [s].
 
     Raises:
-        InputError: There is no scheduler, or it has no workers.
+        InputError: No scheduler answers, or it has no workers.
     """
 
     def __init__(self, address: str, *, patience: float = 10.0) -> None:
@@ -54,11 +54,11 @@ class DaskWorkers:
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
         if not self.count:
             self.close()
-            raise InputError(f"--scheduler {address}: the scheduler has no workers; begin some (dask worker {address})")
+            raise InputError(f"--scheduler {address}: the scheduler has no workers; start some (dask worker {address})")
 
     @property
     def count(self) -> int:
-        """How many threads and processes run at once, now: workers may come and go."""
+        """Number of threads of the current workers; workers may join and leave."""
         return sum(self._client.nthreads().values())
 
     def choose(self, study: Study) -> Coupling:
@@ -71,13 +71,13 @@ class DaskWorkers:
         try:
             coupling: Coupling = self._result(future)
         except KilledWorker as error:
-            raise StepError(f"workers died while they chose the coupling: an FMU crashes ({error})") from error
+            raise StepError(f"workers ended while choosing the coupling, so an FMU crashes ({error})") from error
         return coupling
 
     def rows(
         self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and give their rows as they come; none is begun once `stop` says so.
+        """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True.
 
         Raises:
             StepError: The scheduler has ended.
@@ -85,10 +85,10 @@ class DaskWorkers:
         waiting, running = iter(chunks), dict[Any, Chunk]()
         while True:
             stopped, count = stop(), self._count_now()
-            room = 0 if stopped else count * _AHEAD - len(running)
+            room = 0 if stopped else count * _SUBMITTED - len(running)
             for chunk in islice(waiting, max(0, room)):
                 running[self._rows_of(study, coupling, chunk.indices)] = chunk
-            # Without workers, what waits waits for new ones; but a stop does not.
+            # Without workers, pending chunks wait for new ones, unless the study is to stop.
             if (not running and (count or stopped)) or (stopped and not count):
                 return
             for future in self._finished(running):
@@ -96,11 +96,11 @@ class DaskWorkers:
                 yield chunk, self._known(study, coupling, future, chunk)
 
     def close(self) -> None:
-        """Leave the cluster; it goes on without this process."""
+        """Disconnect from the cluster, which continues to run."""
         self._client.close()
 
     def _count_now(self) -> int:
-        """How many run at once.
+        """Return the number of threads of the current workers.
 
         Raises:
             StepError: The scheduler has ended.
@@ -118,11 +118,11 @@ class DaskWorkers:
         return self._submit(_rows, text, files, coupling, indices)
 
     def _finished(self, running: Collection[Any]) -> list[Any]:
-        """Wait a little for one that is finished; return those that are."""
-        if not running:  # no worker is there
-            time.sleep(_LOOK)
+        """Wait briefly for a task to finish; return the finished ones."""
+        if not running:  # there are no workers
+            time.sleep(_POLL)
         with suppress(TimeoutError), self._client.as_current():
-            wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED")
+            wait(list(running), timeout=_POLL, return_when="FIRST_COMPLETED")
         return [future for future in running if future.done()]
 
     def _result(self, future: Any) -> Any:
@@ -132,7 +132,7 @@ class DaskWorkers:
             raise self._lost(error) from error
 
     def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
-        """Rows of a chunk. One that several workers died of is run again, each setup by itself."""
+        """Return the rows of a chunk; if several workers died of it, run its setups again one by one."""
         try:
             return list(self._result(future))
         except KilledWorker:
@@ -142,20 +142,20 @@ class DaskWorkers:
         try:
             row: Row = self._result(self._rows_of(study, coupling, (index,)))[0]
         except KilledWorker:
-            return lost_row(study, index)
+            return failed_row(study, index)
         return row
 
     def _lost(self, error: BaseException) -> StepError:
         return StepError(
-            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}); what was done is "
-            "kept, and the same study goes on from there"
+            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}). Completed chunks are "
+            "kept; run the study again to resume"
         )
 
     def _parcel(self, study: Study) -> tuple[str, Mapping[str, Any]]:
-        """A study whose paths are digests, and what is in its files, once on the cluster.
+        """Return the study with digests as paths, and its files by digest, each stored once on the cluster.
 
-        Each file is the result of a task: the scheduler has what the task takes, and makes the result again on another
-        worker if the last one that had it dies. Data that are scattered would be lost.
+        Each file is the result of a task: the scheduler keeps the task's input and can compute the result again on
+        another worker if the last worker that had it dies. Scattered data would be lost.
         """
         text = study.to_json()
         if text not in self._parcels or any(file.status == "error" for file in self._parcels[text][1].values()):
@@ -171,16 +171,16 @@ def _file(content: bytes) -> bytes:
 
 
 def _choose(study: str, files: Mapping[str, bytes]) -> Coupling:
-    return work.choose(unpacked(study, files))
+    return work.choose(unpack(study, files))
 
 
 def _rows(study: str, files: Mapping[str, bytes], coupling: Coupling, indices: Sequence[int]) -> list[Row]:
-    return work.rows(unpacked(study, files), coupling, indices)
+    return work.rows(unpack(study, files), coupling, indices)
 
 
 @cache
 def _folder() -> Path:
-    """Where this worker keeps files, by digest."""
+    """Return this worker's folder of files by digest."""
     try:
         return Path(get_worker().local_directory) / "eightpost"
     except ValueError:
@@ -188,12 +188,12 @@ def _folder() -> Path:
 
 
 def by_digest(study: Study, digests: Mapping[str, str]) -> Study:
-    """Return the study with every file called by its digest."""
-    return _moved(study, {path: f"{digest}{Path(path).suffix}" for path, digest in digests.items()})
+    """Return the study with the digest of every file as its path."""
+    return _with_paths(study, {path: f"{digest}{Path(path).suffix}" for path, digest in digests.items()})
 
 
-def unpacked(study: str, files: Mapping[str, bytes]) -> str:
-    """Return the study with paths of this machine, on which its files are written where they are not yet."""
+def unpack(study: str, files: Mapping[str, bytes]) -> str:
+    """Return the study with paths of this machine; files that are missing here are written."""
     read, folder = Study.from_json(study), _folder()
     names = [str(path) for path in file_paths(read)]
     for name in names:
@@ -201,11 +201,11 @@ def unpacked(study: str, files: Mapping[str, bytes]) -> str:
         if not path.is_file() or sha256_of(path) != digest:
             with atomic_path(path) as temporary:
                 temporary.write_bytes(files[digest])
-    return _moved(read, {name: str(folder / name) for name in names}).to_json()
+    return _with_paths(read, {name: str(folder / name) for name in names}).to_json()
 
 
-def _moved(study: Study, names: Mapping[str, str]) -> Study:
-    """The study with its files elsewhere."""
+def _with_paths(study: Study, names: Mapping[str, str]) -> Study:
+    """Return the study with other paths of its files."""
 
     def to(path: Path) -> Path:
         return Path(names[str(path)])

@@ -1,4 +1,4 @@
-"""The digest of a study: of all that its figures hang on, and of nothing else."""
+"""Digest of a study: it covers everything that affects the results, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cosim.study.study import Study
 from eightpost import __version__
 from eightpost.files import sha256_of
 
-#: What changes no figure: it is drawn from the table afterwards.
+#: Entries that do not affect the results: they are applied to the table afterwards.
 _AFTER = ("name", "objective", "constraints")
 
 
@@ -21,7 +21,7 @@ def file_digests(study: Study) -> dict[str, str]:
 
 
 def file_paths(study: Study) -> list[Path]:
-    """Return every file that a study reads: FMUs, drivefiles, channel maps, measures of one's own."""
+    """Return every file that a study reads: FMUs, drive files, channel maps, user-defined measures."""
     files = [study.vehicle.fmu, *(build.fmu for build in study.bank.values())]
     for drive in study.drives:
         files += [drive.file, *([drive.channel_map] if drive.channel_map else [])]
@@ -30,7 +30,7 @@ def file_paths(study: Study) -> list[Path]:
 
 
 def study_digest(study: Study, digests: dict[str, str]) -> str:
-    """Return the digest of a study, in which files count by what is in them and not by where they are."""
+    """Return the digest of a study; it depends on the contents of files, not on their paths."""
     document = json.loads(study.to_json())
     for name in _AFTER:
         del document[name]
@@ -40,7 +40,7 @@ def study_digest(study: Study, digests: dict[str, str]) -> str:
 
 
 def _without_paths(value: Any, digests: dict[str, str]) -> Any:
-    """The same with every path, and the file of every measure of one's own, by its digest."""
+    """Return a value with the digest in place of every path, also in the functions of user-defined measures."""
     if isinstance(value, dict):
         return {key: _without_paths(one, digests) for key, one in value.items()}
     if isinstance(value, list):

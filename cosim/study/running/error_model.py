@@ -1,9 +1,9 @@
-"""Coupling errors of a study's setups, from the local errors that the bonds of each run report.
+"""Estimate of a study's coupling errors from the local errors that the bonds of each run report.
 
-What a bond's ends assume wrongly of each other acts on the car as a small disturbance. Disturbances of different bonds
-are hardly correlated, so that the mean square of the error of a channel, or of a measure, is a sum over the bonds:
+The local errors of a bond act on the car as a small disturbance. Disturbances of different bonds are hardly correlated,
+so the mean square of the error of a channel, or of a measure, is a sum over the ends of the bonds:
     error^2 = sum over bond ends of gain * (local error)^2.
-The gains are fitted, none below zero, to pilot setups whose errors are known from runs at a much finer step.
+The gains are non-negative and fitted to pilot setups, whose errors are known from runs with a much finer step.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
-    """Gains from the local errors of bond ends to errors.
+    """Gains from the local errors of bond ends to coupling errors.
 
     Args:
-        ends: Ends of bonds whose local errors count, as `bond.velocity` or `bond.force`.
-        channels: Gain of each end on each channel that decides; the errors are in percent of the channel's scale.
-        measures: Gain of each end on each measure; the errors are in the measure's SI unit.
+        ends: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
+        channels: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
+        measures: Gain of each end for each measure; the errors are in the measure's SI unit.
     """
 
     ends: tuple[str, ...]
@@ -34,11 +34,11 @@ class ErrorModel:
     measures: Mapping[str, tuple[float, ...]]
 
     def worst_channel(self, result: Result) -> float:
-        """Return the largest error of the channels that decide, in percent of the channel's scale."""
+        """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
         return max((self._error(gains, result) for gains in self.channels.values()), default=0.0)
 
     def of_measure(self, name: str, result: Result) -> float | None:
-        """Return the error of a measure, in its SI unit; None where the pilots had no such measure."""
+        """Return the estimated error of a measure, in its SI unit; None if the pilots did not have the measure."""
         return self._error(self.measures[name], result) if name in self.measures else None
 
     def _error(self, gains: Sequence[float], result: Result) -> float:
@@ -48,11 +48,11 @@ class ErrorModel:
 
 @dataclass(frozen=True, slots=True)
 class Pilot:
-    """A run whose errors are known.
+    """A run with known coupling errors.
 
     Args:
-        result: The run at the study's coupling step.
-        channels: Error of each channel that decides, in percent of the channel's scale.
+        result: Run at the study's coupling step.
+        channels: Error of each compared channel, in percent of the channel's scale.
         measures: Error of each measure of the run's drive, in its SI unit.
     """
 
@@ -62,7 +62,7 @@ class Pilot:
 
 
 def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
-    """Return the gains that give the pilots' errors; at least one pilot."""
+    """Return the gains fitted to the errors of one or more pilots."""
     local = [local_errors(pilot.result) for pilot in pilots]
     ends = tuple(end for end in local[0] if any(one[end] > 0.0 for one in local))
     squares = np.array([[one[end] ** 2 for end in ends] for one in local]).reshape(len(pilots), len(ends))
@@ -85,29 +85,31 @@ def local_errors(result: Result) -> dict[str, float]:
 def _gains(
     squares: Array, errors: Sequence[float | None], excess: Callable[[Array, Array], float]
 ) -> tuple[float, ...]:
-    """Return the gains (E,) for the pilots that have the error; zeros where it is zero for all.
+    """Return the gains (E,) fitted to the pilots that have the error; zeros if it is zero for all.
 
-    `excess` says how much too large the squares are that they state; they are divided by it.
+    `excess` returns the factor by which the fitted squares are too large; the gains are divided by it.
     """
     from scipy.optimize import nnls  # noqa: PLC0415 -- only the process that chooses the coupling needs it
 
     known = np.array([error is not None for error in errors])
-    wanted = np.array([float(error) ** 2 for error in errors if error is not None])
-    if not wanted.any() or squares.shape[1] == 0:
+    known_squares = np.array([float(error) ** 2 for error in errors if error is not None])
+    if not known_squares.any() or squares.shape[1] == 0:
         return tuple(0.0 for _ in range(squares.shape[1]))
     rows = squares[known]
     sizes = rows.mean(axis=0)  # of order 1, for the solver
-    gains = np.asarray(nnls(rows / sizes, wanted / wanted.mean())[0] * wanted.mean() / sizes, dtype=np.float64)
-    return tuple((gains / excess(rows @ gains, wanted)).tolist())
+    gains = np.asarray(
+        nnls(rows / sizes, known_squares / known_squares.mean())[0] * known_squares.mean() / sizes, dtype=np.float64
+    )
+    return tuple((gains / excess(rows @ gains, known_squares)).tolist())
 
 
-def _middle(stated: Array, wanted: Array) -> float:
-    """So that the errors of channels are overstated for some pilots by as much as understated for others."""
-    usual = wanted > 1e-2 * wanted.mean()
-    ratios = stated[usual] / wanted[usual]
+def _middle(estimated: Array, known_squares: Array) -> float:
+    """Return the factor that balances the largest over- and underestimate of the errors of channels."""
+    usual = known_squares > 1e-2 * known_squares.mean()
+    ratios = estimated[usual] / known_squares[usual]
     return float(np.sqrt(ratios.min() * ratios.max())) if ratios.min() > 0.0 else 1.0
 
 
-def _mean(stated: Array, wanted: Array) -> float:
-    """So that the errors of measures are right in the mean square: they change sign, and may be zero by chance."""
-    return float(stated.mean() / wanted.mean()) or 1.0
+def _mean(estimated: Array, known_squares: Array) -> float:
+    """Return the factor of the mean squares; the errors of measures change sign, and may be zero by chance."""
+    return float(estimated.mean() / known_squares.mean()) or 1.0

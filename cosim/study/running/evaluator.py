@@ -1,4 +1,4 @@
-"""The evaluator: FMUs that are opened once, coupled anew for every setup, run, and measured at once."""
+"""Evaluator of setups: FMUs are opened once, coupled for every setup, run, and measured immediately."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from cosim.study.band import Filtered
 from cosim.study.result import DONE, FAILED, error_column
 from cosim.study.running.drive import read_drive
 from cosim.study.running.error_model import ErrorModel
-from cosim.study.running.signs import sign
+from cosim.study.running.signs import heartbeat
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, System
 from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import EightpostError, InputError, WiringError
 
-#: One row of a study's table, by column.
+#: One row of a study's table, by column name.
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """How every run of a study is coupled: chosen once, so that setups differ by their shocks only.
+    """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks.
 
     Args:
         scheme: `gauss-seidel` or `implicit`.
         step: Coupling step [s].
-        errors: Coupling errors of a setup from the local errors of its bonds; None until pilots were run.
-        stated_error: Largest coupling error found on the setups that it was chosen on [%].
-        notes: What was tried, in sentences.
+        errors: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.
+        stated_error: Largest coupling error of the setups on which the coupling was chosen [%].
+        notes: Description of the steps that were compared.
     """
 
     scheme: str
@@ -51,7 +51,7 @@ class Coupling:
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> Coupling:
-        """Return what `dataclasses.asdict` and JSON made of a coupling."""
+        """Return a coupling from the JSON content of `dataclasses.asdict`."""
         errors = found.get("errors")
         if errors is not None:
             gains = {key: {k: tuple(v) for k, v in errors[key].items()} for key in ("channels", "measures")}
@@ -59,19 +59,19 @@ class Coupling:
         return cls(found["scheme"], found["step"], errors, found["stated_error"], tuple(found["notes"]))
 
     def algorithm(self, system: System) -> GaussSeidel | Implicit:
-        """Return the scheme with the values that suit the components."""
+        """Return the scheme with its default settings."""
         return default_scheme(self.scheme)
 
 
 class Evaluator:
-    """Runs setups of one study in this process; an FMU's instance is kept and reset from run to run.
+    """Evaluator of the setups of one study in this process; an FMU's instance is kept and reset between runs.
 
     Args:
-        study: What to run.
+        study: Study to run.
 
     Raises:
         FmuError: An FMU cannot be used.
-        DataError: A drivefile cannot be read.
+        DataError: A drive file cannot be read.
     """
 
     def __init__(self, study: Study) -> None:
@@ -82,7 +82,7 @@ class Evaluator:
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
 
     def system(self, setup: Setup) -> System:
-        """Couple a setup.
+        """Return the coupled system of a setup.
 
         Raises:
             WiringError: The vehicle lacks a port, or the FMUs do not fit together.
@@ -99,7 +99,7 @@ class Evaluator:
         )
 
     def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
-        """Return the run on a drive, which records what its measures look at, and `extra`."""
+        """Return the scenario of a drive, which records the channels of its measures and `extra`."""
         scenario = self._scenarios[drive.name]
         if drive.stop != scenario.stop:
             scenario = replace(scenario, stop=drive.stop)
@@ -116,11 +116,11 @@ class Evaluator:
         system = self.system(setup)
         scenario = self.scenario(drive, extra=extra)
         session = Session(system, scenario, coupling.algorithm(system), coupling.step)
-        sign()  # the first opens its FMUs, and then loads the loop
-        return session.run(progress=sign)
+        heartbeat()  # the first run loads its FMUs and the loop, which takes long
+        return session.run(progress=heartbeat)
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
-        """Run a setup on every drive and return its row; what fails is said in it and does not raise."""
+        """Run a setup on every drive and return its row; failures are reported in the row and not raised."""
         began = clock.perf_counter()
         found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(self._names)}
         try:
@@ -134,7 +134,7 @@ class Evaluator:
         """SI unit of every measure.
 
         Raises:
-            WiringError: A measure looks at a channel that is not there.
+            WiringError: A measure names a channel that does not exist.
         """
         system = self.system(self.study.space.setup(int(self.study.space.indices[0])))
         found = {}
@@ -148,7 +148,7 @@ class Evaluator:
 
     @property
     def guids(self) -> dict[str, str]:
-        """GUID of every FMU, by its file."""
+        """GUID of every FMU, by file."""
         study = self.study
         corner = next(iter(study.corners))
         found = {str(build.fmu): self._shock(corner, name).identity for name, build in study.bank.items()}
@@ -156,7 +156,7 @@ class Evaluator:
 
     @property
     def models(self) -> dict[str, Any]:
-        """What every FMU says of how far its model can be used, as JSON has it, by its file; None where nothing."""
+        """Range of validity that every FMU states, as JSON content by file; None if it states none."""
         study = self.study
         corner = next(iter(study.corners))
         opened = {study.vehicle.fmu: self._vehicle}
@@ -164,7 +164,7 @@ class Evaluator:
         return {str(file): None if c.validity is None else c.validity.to_json() for file, c in opened.items()}
 
     def decisive(self, setup: Setup) -> frozenset[str]:
-        """Return the channels whose coupling error is judged: velocities and forces of bonds, tire forces."""
+        """Return the channels whose coupling errors are compared: velocities and forces of bonds, tire forces."""
         return self.system(setup).decisive
 
     @property
@@ -195,7 +195,7 @@ class Evaluator:
         }
 
     def measured(self, result: Result, drive: Drive) -> dict[str, float]:
-        """Return the measures of a run on a drive, in SI."""
+        """Return the values of the measures of a run on a drive, in SI."""
         run = Filtered(result.series)
         return {m.name: m.drawn_from(run, start=self.study.settling) for m in self.study.measures_of(drive)}
 
@@ -235,7 +235,7 @@ def ports(vehicle: Component) -> tuple[str, ...]:
 
 
 def port_of(vehicle: Component, name: str, corner: str) -> str:
-    """Return the port of a corner, as `component.corner`; a quarter car's has no corner in its name.
+    """Return the port of a corner, as `component.corner`; that of a quarter car has no corner in its name.
 
     Raises:
         InputError: The vehicle has no such port.
@@ -243,7 +243,7 @@ def port_of(vehicle: Component, name: str, corner: str) -> str:
     known = ports(vehicle)
     if corner not in known:
         raise InputError(
-            f"{vehicle.source} has no port {corner!r}; it has {', '.join(known) or 'none (docs/ports.md)'}"
+            f"{vehicle.source} has no port {corner!r}; its ports: {', '.join(known) or 'none (docs/ports.md)'}"
         )
     return f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
 
@@ -254,7 +254,7 @@ def local_error(result: Result) -> float:
 
 
 def _marks(result: Result) -> Iterator[str]:
-    """What a reader of the row must know: an early end, limits that were left, energy that was lost."""
+    """Yield marks of a run: an early end, limits that were exceeded, energy that was gained or lost in the coupling."""
     if result.ended_by:
         yield f"{result.ended_by} ended the simulation at {result.ended_at:g} s"
     for shock, share in result.share_beyond_fit.items():

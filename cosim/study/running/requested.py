@@ -1,4 +1,4 @@
-"""Studies of which only some setups are run, as they are asked for, and none twice."""
+"""Studies of which only requested setups are run, each of them once."""
 
 from __future__ import annotations
 
@@ -19,49 +19,49 @@ Integers = NDArray[np.int64]
 
 
 class Requested(Sweep):
-    """A study that is checked and runs the setups that it is asked for.
+    """A checked study that runs setups on request.
 
-    What an exhaustive run of the same study has left in the folder is taken, and what is run here is kept: asked again,
-    in this session or another, it is there at once. Ctrl-C loses the batch that runs, no more.
+    Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
+    setup is run again, in this session or another one. Ctrl-C loses only the batch that is running.
 
     Args:
-        study: What to run.
-        folder: For what is done so far.
+        study: Study to run.
+        folder: Output folder, with the completed runs.
 
     Raises:
-        InputError: The study cannot be run; nothing was.
+        InputError: The study cannot be run; no simulation was started.
     """
 
     def __init__(self, study: Study, folder: str | Path) -> None:
         super().__init__(study, folder)
-        self._asked = ChunkFolder(self.folder / "requested", self.digest, self._schema)
-        self._batches = max(self._asked.numbers, default=-1) + 1
-        self._rows = {int(row["setup"]): row for kept in (self._kept, self._asked) for row in kept.rows()}
+        self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
+        self._batches = max(self._requested.numbers, default=-1) + 1
+        self._rows = {int(row["setup"]): row for kept in (self._kept, self._requested) for row in kept.rows()}
 
     @property
     def tried(self) -> int:
-        """How many setups there are rows of."""
+        """Number of setups whose results are available."""
         return len(self._rows)
 
     def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
-        """Return the rows of setups by number; those that are not there yet are run.
+        """Return the results of setups by number; setups without a result are run.
 
         Args:
-            workers: Who runs them.
-            coupling: How they are coupled.
+            workers: Workers that run the setups.
+            coupling: Coupling of the setups.
             indices: Numbers of the setups.
         """
         new = [index for index in dict.fromkeys(int(i) for i in indices) if index not in self._rows]
         if new:
             alone = [Chunk(place, (index,)) for place, index in enumerate(new)]
             found = [row for _, rows in workers.rows(self.study, coupling, alone, lambda: False) for row in rows]
-            self._asked.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
+            self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
             self._batches += 1
             self._rows |= {int(row["setup"]): row for row in found}
         return self._table(coupling, (self._rows[int(index)] for index in set(indices)))
 
     def everything(self, coupling: Coupling) -> StudyResult:
-        """Return all rows that there are, those of an exhaustive run included."""
+        """Return all available results, including those of an exhaustive run."""
         return self._table(coupling, self._rows.values())
 
     def _table(self, coupling: Coupling, rows: Iterable[Row]) -> StudyResult:

@@ -1,4 +1,4 @@
-"""Signs of life: each worker counts on while it gets on, where the process that called it can see it."""
+"""Heartbeats of workers: each worker increments a counter that the parent process can read."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from multiprocessing.context import SpawnContext
 from typing import Any
 
-#: Signal that no process can hold off; Windows ends a process by any.
+#: Signal that no process can block; on Windows any signal ends a process.
 _END = getattr(signal, "SIGKILL", signal.SIGTERM)
 
-#: How often it is looked whether a worker has come to its end [s].
-_LOOK = 0.05
+#: Interval at which the end of a worker is checked [s].
+_POLL = 0.05
 
 
-class Signs:
-    """What the workers of one pool say, and since when each has said the same.
+class Heartbeats:
+    """Heartbeat counters of the workers of one pool, with the time of their last change.
 
     Args:
-        count: How many workers there are.
-        context: In which they are begun.
+        count: Number of workers.
+        context: Multiprocessing context of the workers.
     """
 
     def __init__(self, count: int, context: SpawnContext) -> None:
@@ -32,27 +32,27 @@ class Signs:
 
     @property
     def shared(self) -> tuple[Any, Any, Any]:
-        """What `take_place` takes in a worker."""
+        """Arguments of `register_worker` in a worker."""
         return self._places, self._processes, self._counts
 
-    def end_silent(self, patience: float) -> bool:
-        """End the workers that work and have given no sign for `patience` [s]; return whether there are any."""
+    def end_unresponsive(self, patience: float) -> bool:
+        """End the workers that are working and had no heartbeat for `patience` [s]; return whether there were any."""
         silent = [k for k, since in enumerate(self._silences()) if since > patience]
         self._end(silent)
         return bool(silent)
 
     def end_working(self, grace: float) -> None:
-        """End the workers that are still at work after `grace` [s]: nobody waits for what they do."""
+        """End the workers that are still working after `grace` [s], because their results are not needed."""
         until = time.monotonic() + grace
         while self._working() and time.monotonic() < until:
-            time.sleep(_LOOK)
+            time.sleep(_POLL)
         self._end(self._working())
 
     def _working(self) -> list[int]:
         return [k for k, count in enumerate(self._counts[:]) if count > 0]
 
     def _silences(self) -> list[float]:
-        """For how long each worker has given no sign [s]; 0 for one that has nothing to do."""
+        """Return the time since each worker's last heartbeat [s]; 0 for idle workers."""
         now, counts = time.monotonic(), self._counts[:]
         for k, count in enumerate(counts):
             if count <= 0 or count != self._seen[k]:
@@ -63,12 +63,12 @@ class Signs:
         for k in places:
             try:
                 os.kill(self._processes[k], _END)
-            except OSError:  # it has ended by itself
+            except OSError:  # the process has already ended
                 continue
 
 
-class _Place:
-    """This worker's place among the signs; its count is negative while it has nothing to do."""
+class _Slot:
+    """Slot of this worker in the heartbeat counters; its count is negative while the worker is idle."""
 
     def __init__(self, places: Any, processes: Any, counts: Any) -> None:
         with places.get_lock():
@@ -76,31 +76,31 @@ class _Place:
         self._counts, self._count = counts, 0
         processes[self._number] = os.getpid()
 
-    def say(self, working: int) -> None:
+    def beat(self, working: int) -> None:
         self._count += 1
         self._counts[self._number] = working * self._count
 
 
-_own: list[_Place] = []
+_own: list[_Slot] = []
 
 
-def take_place(places: Any, processes: Any, counts: Any) -> None:
-    """Take a place among the signs of a pool: once, as a worker begins."""
-    _own[:] = [_Place(places, processes, counts)]
+def register_worker(places: Any, processes: Any, counts: Any) -> None:
+    """Register this worker in the counters of its pool; called once when a worker starts."""
+    _own[:] = [_Slot(places, processes, counts)]
 
 
-def sign(_share: float = 0.0) -> None:
-    """Give a sign of life; where nobody looks, nothing."""
-    for place in _own:
-        place.say(1)
+def heartbeat(_share: float = 0.0) -> None:
+    """Report that this worker is alive; no effect outside a worker."""
+    for slot in _own:
+        slot.beat(1)
 
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Be at work: from here to the end signs are waited for."""
-    sign()
+    """Mark this worker as working within the context: heartbeats are expected until its end."""
+    heartbeat()
     try:
         yield
     finally:
-        for place in _own:
-            place.say(-1)
+        for slot in _own:
+            slot.beat(-1)

@@ -1,4 +1,4 @@
-"""The exhaustive study: every setup, on all workers; it goes on where it was left."""
+"""Exhaustive study: every setup is run, on all workers; it resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from cosim.study.running.workers import Workers
 from cosim.study.study import Study
 from eightpost.files import check_output_folder
 
-#: Told how many setups are done, and of how many.
+#: Function that receives the number of completed setups and their total number.
 Progress = Callable[[int, int], None]
 
 
 class Sweep:
-    """A study that is checked and ready to run.
+    """A checked study that is ready to run.
 
     Args:
-        study: What to run.
-        folder: For results.parquet and what is done so far.
+        study: Study to run.
+        folder: Output folder for results.parquet and completed chunks.
 
     Raises:
-        InputError: The study cannot be run; nothing was.
+        InputError: The study cannot be run; no simulation was started.
     """
 
     def __init__(self, study: Study, folder: str | Path) -> None:
@@ -48,17 +48,17 @@ class Sweep:
 
     @property
     def path(self) -> Path:
-        """The file that it leaves."""
+        """Path of the result file."""
         return self.folder / "results.parquet"
 
     @property
     def left(self) -> int:
-        """How many setups are still to be run."""
+        """Number of setups that are not completed."""
         done = self._kept.numbers
         return sum(len(chunk.indices) for chunk in self.chunks if chunk.number not in done)
 
     def coupling(self, workers: Workers) -> Coupling:
-        """Return the coupling that was chosen before, else choose it.
+        """Return the coupling that was chosen before, or choose it.
 
         Raises:
             StepError: No setup could be run.
@@ -70,11 +70,11 @@ class Sweep:
         return found
 
     def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
-        """Run what is left, and write the result. Ctrl-C lets what runs come to its end; the result is then partial.
+        """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
         Args:
-            workers: Who runs the setups.
-            coupling: How they are coupled.
+            workers: Workers that run the setups.
+            coupling: Coupling of the setups.
             progress: Called after every chunk.
         """
         done, total = self._kept.numbers, len(self.study.space)
@@ -96,7 +96,7 @@ class Sweep:
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:
-        kept = json.loads(json.dumps(asdict(coupling)))  # as a file gives it back
+        kept = json.loads(json.dumps(asdict(coupling)))  # in the form that a file has
         settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
         return Provenance(self.digest, self._guids, self._digests, settings, self._units, models=self._models)
 
@@ -104,16 +104,16 @@ class Sweep:
 def run_study(
     study: Study, folder: str | Path, workers: Workers, progress: Progress = lambda _done, _all: None
 ) -> StudyResult:
-    """Check a study, choose its coupling, run every setup that is not done yet, and write results.parquet.
+    """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
 
     Args:
-        study: What to run.
-        folder: For the result and what is done so far; a study that is run again goes on where it was left.
-        workers: Who runs the setups.
-        progress: Told how many setups are done, and of how many.
+        study: Study to run.
+        folder: Output folder; a study that is run again with the same folder resumes where it stopped.
+        workers: Workers that run the setups.
+        progress: Function that receives the number of completed setups and their total number.
 
     Raises:
-        InputError: The study cannot be run; nothing was.
+        InputError: The study cannot be run; no simulation was started.
         StepError: No setup could be run.
     """
     sweep = Sweep(study, folder)

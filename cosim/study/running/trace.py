@@ -1,4 +1,4 @@
-"""Time traces of a setup, which a study does not keep: the setup is run once more."""
+"""Time traces of setups. A study does not store them: the setups are run again."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from eightpost.signals import TimeSeries
 
 
 def coupling_of(result: StudyResult) -> Coupling:
-    """Return the coupling that a study was run with."""
+    """Return the coupling of a study's runs."""
     found = dict(result.provenance.settings["coupling"])
     return Coupling.from_json(found)
 
 
 def traces(result: StudyResult, setups: Iterable[int], *, evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:
-    """Return, by setup, what the measures look at over time on the first drive: to the bit what was measured.
+    """Return the time series of the measures' channels on the first drive by setup, identical to those of the study.
 
     Args:
-        result: Of the study; its FMUs and drivefiles must still be where they were.
-        setups: Numbers.
-        evaluator: Of the study, where there is one already.
+        result: Result of the study; its FMUs and drive files must still exist at their paths.
+        setups: Numbers of the setups.
+        evaluator: Evaluator of the study; created if None.
 
     Raises:
-        InputError: A file is gone, or there is no such setup.
+        InputError: A file does not exist any more, or there is no such setup.
         StepError: An FMU failed.
     """
     evaluator = evaluator or Evaluator(result.study)

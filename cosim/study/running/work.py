@@ -1,4 +1,4 @@
-"""What a worker process does: everything comes as plain values, so that it may run on another machine."""
+"""Functions that run in worker processes; all arguments are plain values, so that they can run on other machines."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any
 
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
-from cosim.study.running.signs import sign, take_place, working
+from cosim.study.running.signs import heartbeat, register_worker, working
 from cosim.study.study import Study
 from eightpost.parent_process import end_with
 
-#: Each thread has an evaluator of its own: an FMU's instance is stepped by one at a time.
+#: Evaluator of each thread: the instance of an FMU may be stepped by one thread only.
 _own = threading.local()
 
 
 def evaluator_for(study: str) -> Evaluator:
-    """Return this thread's evaluator of a study, by its JSON."""
+    """Return this thread's evaluator of a study, given as JSON."""
     if getattr(_own, "study", None) != study:
         _own.evaluator, _own.study = Evaluator(Study.from_json(study)), study
     evaluator: Evaluator = _own.evaluator
@@ -27,13 +27,13 @@ def evaluator_for(study: str) -> Evaluator:
 
 
 def open_study(study: str) -> None:
-    """Open a study, by its JSON, and load what measures filter with, so that its first setup need not wait for them."""
+    """Load a study, given as JSON, and the modules for filtering measures, so that its first setup starts sooner."""
     evaluator_for(study)
     import_module("scipy.signal")
 
 
 def choose(study: str) -> Coupling:
-    """Choose the coupling of a study, by its JSON."""
+    """Choose the coupling of a study, given as JSON."""
     with working():
         return choose_coupling(evaluator_for(study))
 
@@ -43,13 +43,13 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
     with working():
         evaluator, found = evaluator_for(study), list[Row]()
         for index in indices:
-            sign()
+            heartbeat()
             found.append(evaluator.row(evaluator.study.space.setup(index), coupling))
         return found
 
 
-def begin_worker(parent: int, *signs: Any) -> None:
-    """Take a place among `signs`; leave Ctrl-C to the parent process, which lets what runs end, and end with it."""
+def start_worker(parent: int, *heartbeats: Any) -> None:
+    """Initialise a worker: register its heartbeat, end it with its parent, and leave Ctrl-C to the parent."""
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    take_place(*signs)
+    register_worker(*heartbeats)

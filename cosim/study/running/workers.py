@@ -1,4 +1,4 @@
-"""Who runs the setups of a study: processes of this machine, or (cosim.study.running.dask_workers) of many."""
+"""Workers that run the setups of a study: processes of this machine, or of a cluster (dask_workers)."""
 
 from __future__ import annotations
 
@@ -16,34 +16,36 @@ from typing import Any, Protocol
 from cosim.study.result import FAILED
 from cosim.study.running import work
 from cosim.study.running.evaluator import Coupling, Row
-from cosim.study.running.signs import Signs
+from cosim.study.running.signs import Heartbeats
 from cosim.study.study import Study
 from eightpost.errors import StepError
 
-#: Chunks that wait for each worker, so that none stands idle.
-_AHEAD = 2
+#: Number of chunks submitted per worker, so that no worker is idle.
+_SUBMITTED = 2
 
-#: How often a stop is looked for [s].
-_LOOK = 0.2
+#: Interval at which a stop is checked [s].
+_POLL = 0.2
 
-#: A worker for so many setups is begun while the coupling is still chosen: it takes as long as they do.
+#: Number of setups per worker that is started early, while the coupling is chosen: starting takes about as long.
 _WORTH = 50
 
-#: For how long a worker may give no sign that it gets on [s]: signs come every some thousand coupling steps.
+#: Time without a heartbeat after which a worker is ended [s]; a heartbeat comes every few thousand coupling steps.
 PATIENCE = 300.0
 
-#: What a worker may still take for what it does when nobody waits for it any more [s].
+#: Time that working processes get to finish when their results are not needed any more [s].
 _GRACE = 3.0
 
-_CRASHES = "the worker process died while it ran this setup alone: an FMU of it crashes (eightpost run --isolate)"
+_CRASHES = (
+    "the worker process crashed while it ran only this setup, so one of its FMUs crashes (see eightpost run --isolate)"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Setups that are run by one worker, one after the other.
+    """Setups that one worker runs one after the other.
 
     Args:
-        number: Of the chunk.
+        number: Number of the chunk.
         indices: Numbers of the setups.
     """
 
@@ -52,11 +54,11 @@ class Chunk:
 
 
 class Workers(Protocol):
-    """Run setups, here or elsewhere."""
+    """Workers that run setups, on this machine or elsewhere."""
 
     @property
     def count(self) -> int:
-        """How many run at once."""
+        """Number of setups that run in parallel."""
 
     def choose(self, study: Study) -> Coupling:
         """Choose the coupling of a study."""
@@ -64,26 +66,26 @@ class Workers(Protocol):
     def rows(
         self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and give their rows as they come, in any order; none is begun once `stop` says so."""
+        """Run chunks and yield their rows as they complete, in any order; start none after `stop` returns True."""
 
     def close(self) -> None:
         """End the workers."""
 
 
 class ProcessWorkers:
-    """Processes of this machine. One that dies or hangs, in an FMU, takes its one setup with it and no more.
+    """Worker processes of this machine. If an FMU makes one crash or hang, only one setup fails.
 
     Args:
-        count: How many.
-        patience: For how long one may give no sign that it gets on [s]; it is ended then.
+        count: Number of processes.
+        patience: Time without a heartbeat after which a process is ended [s].
     """
 
     def __init__(self, count: int, *, patience: float = PATIENCE) -> None:
         self.count, self._patience = count, patience
-        self._pool, self._signs = self._begin()
+        self._pool, self._heartbeats = self._start()
 
     def choose(self, study: Study) -> Coupling:
-        """Choose the coupling of a study in a worker, while the others open it.
+        """Choose the coupling of a study in one worker, while the others load the study.
 
         Raises:
             StepError: No setup could be run, or an FMU crashed or hung.
@@ -96,25 +98,25 @@ class ProcessWorkers:
         try:
             return chosen.result()
         except BrokenProcessPool:
-            what = f"gave no sign for {self._patience:g} s" if hung else "died"
+            what = f"was not responding for {self._patience:g} s" if hung else "crashed"
             raise StepError(
-                f"a worker process {what} while it chose the coupling: an FMU {'hangs' if hung else 'crashes'}. Find "
-                "which with `eightpost check` and `eightpost run --isolate`, and take it out of the bank"
+                f"a worker process {what} while it chose the coupling, so an FMU {'hangs' if hung else 'crashes'}. "
+                "Find it with `eightpost check` and `eightpost run --isolate`, and remove it from the bank"
             ) from None
 
     def rows(
         self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and give their rows as they come; none is begun once `stop` says so."""
+        """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
         text, waiting = study.to_json(), iter(chunks)
         running: dict[Future[list[Row]], Chunk] = {}
         while True:
-            room = 0 if stop() else self.count * _AHEAD - len(running)
+            room = 0 if stop() else self.count * _SUBMITTED - len(running)
             running |= {self._submit(work.rows, text, coupling, c.indices): c for c in islice(waiting, room)}
             if not running:
                 return
-            finished, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
-            self._signs.end_silent(self._patience)
+            finished, _ = wait(running, timeout=_POLL, return_when=FIRST_COMPLETED)
+            self._heartbeats.end_unresponsive(self._patience)
             if any(isinstance(future.exception(), BrokenProcessPool) for future in finished):
                 yield from self._one_by_one(study, coupling, list(running.values()), stop)
                 running.clear()
@@ -123,38 +125,38 @@ class ProcessWorkers:
                 yield running.pop(future), future.result()
 
     def close(self, *, wait: bool = False) -> None:
-        """End the workers: `wait` until what they do is done, else no longer than it takes to clean up."""
+        """End the workers, after their current work if `wait`, else after a short time for cleaning up."""
         self._pool.shutdown(wait=wait, cancel_futures=True)
-        self._signs.end_working(_GRACE)
+        self._heartbeats.end_working(_GRACE)
 
-    def _begin(self) -> tuple[ProcessPoolExecutor, Signs]:
+    def _start(self) -> tuple[ProcessPoolExecutor, Heartbeats]:
         context = get_context("spawn")
-        signs = Signs(self.count, context)
+        heartbeats = Heartbeats(self.count, context)
         pool = ProcessPoolExecutor(
-            self.count, mp_context=context, initializer=work.begin_worker, initargs=(os.getpid(), *signs.shared)
+            self.count, mp_context=context, initializer=work.start_worker, initargs=(os.getpid(), *heartbeats.shared)
         )
-        return pool, signs
+        return pool, heartbeats
 
-    def _begin_again(self) -> None:
+    def _restart(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool, self._signs = self._begin()
+        self._pool, self._heartbeats = self._start()
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        with _interrupts_held():
+        with _interrupts_blocked():
             return self._pool.submit(function, *arguments)
 
     def _await(self, future: Future[Any]) -> bool:
-        """Wait for a worker's answer, or until one that gives no sign is ended; return whether one was."""
+        """Wait for a worker's answer; if the worker is not responding, end it. Return whether one was ended."""
         hung = False
-        while not wait([future], timeout=_LOOK).done:
-            hung = self._signs.end_silent(self._patience) or hung
+        while not wait([future], timeout=_POLL).done:
+            hung = self._heartbeats.end_unresponsive(self._patience) or hung
         return hung
 
     def _one_by_one(
         self, study: Study, coupling: Coupling, chunks: list[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run what was under way when a worker died again, each setup by itself, to know which it was."""
-        self._begin_again()
+        """Run the interrupted setups again one by one, to find the one that makes a worker crash."""
+        self._restart()
         for chunk in chunks:
             if stop():
                 return
@@ -166,20 +168,20 @@ class ProcessWorkers:
         try:
             return answer.result()[0]
         except BrokenProcessPool:
-            self._begin_again()
-            return lost_row(study, index, self._hangs if hung else _CRASHES)
+            self._restart()
+            return failed_row(study, index, self._hangs if hung else _CRASHES)
 
     @property
     def _hangs(self) -> str:
         return (
-            f"the worker process gave no sign for {self._patience:g} s while it ran this setup alone and was ended: an "
-            "FMU of it hangs (eightpost run --isolate), or takes longer than that for some thousand steps"
+            f"the worker process was ended because it was not responding for {self._patience:g} s while it ran only "
+            "this setup: one of its FMUs hangs (see eightpost run --isolate) or needs longer for some thousand steps"
         )
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a process may be begun: it inherits that, and leaves Ctrl-C to this one for good."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C while a process may be started: the process inherits this and leaves Ctrl-C to its parent."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -190,8 +192,8 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def lost_row(study: Study, index: int, message: str = _CRASHES) -> Row:
-    """Return the row of a setup whose worker process died."""
+def failed_row(study: Study, index: int, message: str = _CRASHES) -> Row:
+    """Return the row of a setup whose worker process crashed or was ended."""
     return {
         "setup": index,
         **study.space.setup(index).builds,

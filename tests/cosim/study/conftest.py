@@ -21,7 +21,7 @@ MEASURES = (
 
 @dataclass
 class WorkersHere:
-    """Runs setups in this process; notes which."""
+    """Workers that run setups in this process and record their numbers."""
 
     count: int = 1
     ran: list[int] = field(default_factory=list)
@@ -48,7 +48,7 @@ def here() -> WorkersHere:
 
 @pytest.fixture
 def small_study(fmus) -> Callable[..., Study]:
-    """Two builds at four corners, four seconds of track; small_study(**what differs)."""
+    """Return a function small_study(**changes): two builds at four corners, four seconds of track."""
 
     def make(**changes) -> Study:
         builds = {"soft": {"compression_scale": 0.5, "rebound_scale": 0.5}, "stiff": {}}

@@ -1,4 +1,4 @@
-"""Study results made by hand: measures that are known functions of the builds, no FMU behind them."""
+"""Constructed study results: measures are known functions of the builds, without FMUs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def result(
     failed: tuple[int, ...] = (),
     **fields: object,
 ) -> StudyResult:
-    """Return the result of a study whose measures are functions of the builds' places (S, corners)."""
+    """Return the result of a study whose measures are functions of the builds' indices (S, corners)."""
     made = study(tuple(responses), **fields)
     indices = made.space.indices if kept is None else kept
     digits = made.space.digits(indices)

@@ -1,4 +1,4 @@
-"""A study of real FMUs: the seven-DOF car on a few seconds of the track, one shock FMU with its valving scaled."""
+"""A study of real FMUs: the seven-DOF car on a few seconds of the track, one shock FMU with scaled forces."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parqu
 #: Compression and rebound scales of the shock's static force, by build.
 SCALES = {"soft": (0.5, 0.5), "bump": (1.6, 0.7), "middle": (1.0, 1.0), "rebound": (0.7, 1.6), "stiff": (2.0, 2.0)}
 
-#: A coupling that was not chosen but is fine enough for tests of what is done with it.
+#: Fixed coupling that is accurate enough for tests that do not choose one.
 COUPLING = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
 
 
 def study(fmus: Mapping[str, Path]) -> Study:
-    """Return 25 setups: the front corners are alike, and the rear ones."""
+    """Return a study of 25 setups: the front corners have the same build, and so have the rear ones."""
     names = ("compression_scale", "rebound_scale")
     bank = {build: Build(fmus["lpnl2"], dict(zip(names, pair, strict=True))) for build, pair in SCALES.items()}
     tires = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
@@ -46,7 +46,7 @@ def study(fmus: Mapping[str, Path]) -> Study:
 
 
 class InProcess:
-    """Workers that are this process, with a list of all that they ran."""
+    """Workers that run setups in this process and list them."""
 
     count = 1
 

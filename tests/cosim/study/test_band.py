@@ -1,4 +1,4 @@
-"""The band-pass of measures: its gain at every frequency, no phase, and what it does at the ends of a record."""
+"""Band-pass of measures: gain at every frequency, no phase, behaviour at the ends of a record."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 12.0, 20.0, 40.0)
 
 
 def gain(band, frequency):
-    """The complex gain in the middle of a record; band_pass is linear, so that it may take both parts in turn."""
+    """Return the complex gain in the middle of a record; band_pass is linear, so both parts are filtered separately."""
     wave = np.exp(2j * np.pi * frequency * TIME)
     found = band_pass(wave.real, RATE, band, "m") + 1j * band_pass(wave.imag, RATE, band, "m")
     return (found / wave)[MIDDLE]
 
 
 def warped(frequency):
-    """The bilinear transform's frequency."""
+    """Return the frequency warped by the bilinear transform."""
     return np.tan(np.pi * frequency / RATE)
 
 
@@ -46,8 +46,8 @@ def test_a_band_has_the_gain_of_butterworths_fourth_order_squared_on_both_sides(
 
 
 @pytest.mark.parametrize("band", [(0.0, 10.0), (2.0, np.inf), (2.0, 10.0), (0.5, 60.0)])
-def test_a_record_goes_on_at_its_ends_as_scipys_filter_takes_it_to(band):
-    """Turned about its ends; what starts and ends anywhere shows how far."""
+def test_a_record_is_extended_at_its_ends_as_by_scipys_sosfiltfilt(band):
+    """The extension is an odd reflection; a record with arbitrary ends shows its length."""
     values = 3.0 + np.cumsum(np.random.default_rng(2).standard_normal(400))
     low, high = band
     kind, edges = (
@@ -68,7 +68,7 @@ def test_a_band_open_on_both_sides_is_the_record_itself():
 
 
 @pytest.mark.parametrize(("band", "fewest"), [((0.0, 10.0), 16), ((2.0, np.inf), 16), ((2.0, 10.0), 28)])
-def test_a_record_must_be_longer_than_what_is_added_to_it(band, fewest):
+def test_a_record_must_be_longer_than_its_padding(band, fewest):
     assert band_pass(np.ones(fewest), RATE, band, "m").shape == (fewest,)
     with pytest.raises(InputError, match=f"measure 'm': {fewest - 1} samples are too few"):
         band_pass(np.ones(fewest - 1), RATE, band, "m")
@@ -76,7 +76,7 @@ def test_a_record_must_be_longer_than_what_is_added_to_it(band, fewest):
 
 @pytest.mark.parametrize("band", [(0.0, 100.0), (2.0, 100.0), (100.0, np.inf), (150.0, np.inf)])
 def test_a_band_that_reaches_half_the_rate_is_refused(band):
-    with pytest.raises(InputError, match="more than 200 samples a second"):
+    with pytest.raises(InputError, match="exceeds half the sample rate of 200 Hz"):
         band_pass(TIME, RATE, band, "m")
     if band[0] < 101.0:
         band_pass(TIME, RATE, tuple(0.99 * edge for edge in band), "m")
@@ -89,7 +89,7 @@ def test_a_window_holds_the_samples_at_both_its_ends():
     assert run.samples(-np.inf, np.inf) == slice(0, 11)
 
 
-def test_a_filtered_channel_is_found_once_for_each_band():
+def test_a_filtered_channel_is_computed_once_for_each_band():
     run = Filtered(TimeSeries.from_channels(TIME, {"x": ("N", np.sin(TIME))}))
     assert np.array_equal(run.channel("x", None, "m"), np.sin(TIME))
     first, second = (run.channel("x", (0.0, high), "m") for high in (10.0, 20.0))

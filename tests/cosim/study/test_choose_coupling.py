@@ -1,4 +1,4 @@
-"""The coupling is chosen once: as coarse as the accuracy lets it be, on the setups that couple worst."""
+"""Choice of the coupling: the largest step that meets the accuracy, on the setups with the largest errors."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ CORNERS = ("lf", "rf", "lr", "rr")
 
 @pytest.fixture
 def found_error():
-    """found_error(evaluator, setup, coupling): against a run at an eighth of the finest step [%]."""
+    """Return a function found_error(evaluator, setup, coupling): error against a run at an eighth of the step [%]."""
 
     def find(evaluator, setup, coupling):
         drive, names = evaluator.study.drives[0], evaluator.decisive(setup)
@@ -36,7 +36,7 @@ def test_the_step_keeps_the_accuracy_in_every_setup_and_the_next_larger_one_woul
     assert max(found_error(evaluator, setup, larger) for setup in setups) > 0.8 * evaluator.study.accuracy
 
 
-def test_a_row_states_an_error_of_the_size_that_is_found(small_study, found_error):
+def test_the_coupling_error_of_a_row_has_the_size_of_the_actual_error(small_study, found_error):
     evaluator = Evaluator(small_study())
     coupling = choose_coupling(evaluator)
     for index in (0, 6, 9, 15):
@@ -50,7 +50,7 @@ def test_more_accuracy_takes_a_smaller_step(small_study):
     assert steps == sorted(steps, reverse=True) and steps[0] > steps[2]
 
 
-def test_stiff_shocks_decide_for_the_soft_ones_too(small_study, fmus, found_error):
+def test_the_step_needed_by_stiff_shocks_is_used_for_soft_ones_too(small_study, fmus, found_error):
     stiff = {"compression_scale": 10.0, "rebound_scale": 10.0, "time_constant": 5e-5}
     bank = {"soft": Build(fmus["lpnl2"]), "stiff": Build(fmus["lpnl2"], stiff)}
     study = small_study(bank=bank, record_step=2e-3, settling=0.04)
@@ -62,7 +62,7 @@ def test_stiff_shocks_decide_for_the_soft_ones_too(small_study, fmus, found_erro
     assert found_error(Evaluator(study), setup, both) <= study.accuracy
 
 
-def test_a_build_that_fails_does_not_keep_the_others_from_being_coupled(small_study, fmus):
+def test_a_build_that_fails_does_not_prevent_the_choice_of_a_coupling(small_study, fmus):
     bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
     evaluator = Evaluator(small_study(bank={"soft": Build(fmus["lpnl2"]), "stiff": bad}))
     assert "stiff" not in choose_coupling(evaluator).notes[1]

@@ -1,4 +1,4 @@
-"""Predictions against measurements made of them: lines, ranks and bands that are known."""
+"""Comparison of predictions with constructed measurements whose lines, ranks and bands are known."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def record(amplitude: float, *, duration: float = 30.0, start: float = 7.0) -> T
     return TimeSeries.from_channels(start + time, {"front.ride_height": ("m", values)})
 
 
-def test_levels_that_are_off_by_a_line_rank_perfectly_and_the_line_is_found():
+def test_levels_on_a_line_rank_perfectly_and_the_line_is_found():
     found = comparison(0.5 * PREDICTED + 3.0)
     assert (found.spearman, found.kendall) == pytest.approx((1.0, 1.0))
     assert (found.line.slope, found.line.intercept) == pytest.approx((0.5, 3.0))
@@ -55,7 +55,7 @@ def test_ranks_are_counted_pair_by_pair():
     assert comparison(measured).spearman == pytest.approx(1.0 - 6.0 * np.sum(shifts**2) / (5 * 24))
 
 
-def test_the_slopes_interval_holds_the_truth_as_often_as_it_says():
+def test_the_slopes_confidence_interval_covers_the_truth_at_its_level():
     generator = np.random.default_rng(1)
     held = 0
     for _ in range(1000):
@@ -81,7 +81,7 @@ def test_the_band_is_two_standard_deviations_of_a_run():
     assert found.within.sum() == 4
 
 
-def test_level_errors_are_of_the_measured_level():
+def test_level_errors_are_relative_to_the_measured_level():
     found = comparison(PREDICTED / 1.1)
     assert (found.bias, found.level_error) == pytest.approx((10.0, 10.0))
 
@@ -103,11 +103,11 @@ def test_levels_that_are_all_the_same_cannot_be_ranked():
 
 
 def test_two_setups_are_too_few_for_a_line():
-    with pytest.raises(InputError, match="3 setups or more"):
+    with pytest.raises(InputError, match="3 or more setups"):
         comparison(np.ones(2), np.array([1.0, 2.0]))
 
 
-def test_measures_of_records_are_drawn_as_in_the_study(tmp_path):
+def test_measures_of_records_are_computed_as_in_the_study(tmp_path):
     made = study(("front",), settling=2.0)
     runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5", "b.parquet,6"), made)
     found = measured_runs(runs, made, lambda path: record(0.003 if path.name == "a.parquet" else 0.004))
@@ -115,7 +115,7 @@ def test_measures_of_records_are_drawn_as_in_the_study(tmp_path):
     np.testing.assert_allclose(found.values["front"], [0.003, 0.004], rtol=1e-3)
 
 
-def test_a_measure_whose_channels_the_rig_lacks_is_said_and_left_out(tmp_path):
+def test_a_measure_whose_channels_the_rig_lacks_is_reported_as_missing(tmp_path):
     made = study(("front",))
     made = replace(made, measures=(*made.measures, Measure("driver", ("car.driver.acceleration",))))
     runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5"), made)
@@ -126,11 +126,11 @@ def test_a_measure_whose_channels_the_rig_lacks_is_said_and_left_out(tmp_path):
 def test_a_record_shorter_than_the_drive_is_refused(tmp_path):
     made = study(("front",))
     runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5"), made)
-    with pytest.raises(InputError, match=r"a\.parquet: 20 s of record; .* is 30 s"):
+    with pytest.raises(InputError, match=r"a\.parquet: the record is 20 s long, .* 30 s"):
         measured_runs(runs, made, lambda _: record(0.003, duration=20.0))
 
 
-def test_repeated_runs_are_averaged_and_say_how_runs_differ():
+def test_repeated_runs_are_averaged_and_give_the_run_to_run_deviation():
     made = result({"front": front})
     setups = np.array([0, 0, 0, 100, 100, 2000])
     values = {"front": np.array([1.0, 2.0, 3.0, 5.0, 7.0, 9.0])}
@@ -157,27 +157,27 @@ def test_a_setup_is_named_by_its_number_or_its_builds(tmp_path, lines):
 @pytest.mark.parametrize(
     ("lines", "what"),
     [
-        (("setup", "5"), "line 2: names no record"),
+        (("setup", "5"), "line 2: has no record"),
         (("file,setup", "a.parquet,front"), "line 2: setup must be a number"),
         (("file,setup", "a.parquet,1", "", "b.parquet,2401"), "line 4: there is no setup 2401"),
         (("file,lf,rf,lr,rr", "a.parquet,AA/AA,C/D,B/B,B/B"), "rf cannot have the build 'C/D'"),
-        (("file,setup,lf,rf,lr,rr", "a.parquet,1,AA/AA,AA/AA,AA/AA,AA/AA"), "correct one of the two"),
+        (("file,setup,lf,rf,lr,rr", "a.parquet,1,AA/AA,AA/AA,AA/AA,AA/AA"), "correct the number or the builds"),
         (("file,setup,drive", "a.parquet,1,wet"), "no drive 'wet'"),
     ],
 )
-def test_a_list_that_is_wrong_says_where(tmp_path, lines, what):
+def test_the_message_on_a_wrong_list_states_the_line(tmp_path, lines, what):
     with pytest.raises(FileFormatError, match=what):
         read_run_list(_list(tmp_path, *lines), study(("front",)))
 
 
-def test_a_list_of_two_drives_says_which(tmp_path):
+def test_a_list_for_two_drives_names_the_drive(tmp_path):
     drives = tuple(Drive(name, tmp_path / "lap.parquet", 30.0) for name in ("dry", "wet"))
     lines = ("file,setup,drive", "a.parquet,1,wet", "a.parquet,1,")
     runs = read_run_list(_list(tmp_path, *lines), study(("front",), drives=drives))
     assert [run.drive for run in runs] == ["wet", "dry"]
 
 
-def test_the_list_for_the_rig_day_is_the_list_of_what_was_measured(tmp_path):
+def test_the_selection_file_is_read_as_a_list_of_runs(tmp_path):
     made = result({"front": front}, baseline=dict.fromkeys(CORNERS, "B/B"))
     selection = select(made, total=8)
     write_selection(selection, made, tmp_path / "selection.csv")
@@ -190,7 +190,7 @@ def test_the_list_for_the_rig_day_is_the_list_of_what_was_measured(tmp_path):
 
 def test_the_selection_of_another_study_is_refused(tmp_path):
     write_selection(select(result({"front": front}), total=8), result({"front": front}), tmp_path / "selection.csv")
-    with pytest.raises(FileFormatError, match="no selection of this study"):
+    with pytest.raises(FileFormatError, match="not a selection of this study"):
         read_selection(tmp_path / "selection.csv", result({"rear": front}))
 
 
@@ -204,15 +204,15 @@ def test_without_noise_a_perfect_prediction_ranks_perfectly():
     assert comparison(PREDICTED[::-1]).attainable == 1.0
 
 
-def test_levels_of_other_setups_than_predicted_are_refused():
-    with pytest.raises(InputError, match="3 setups or more must be predicted and measured"):
+def test_levels_of_different_or_too_few_setups_are_refused():
+    with pytest.raises(InputError, match="the same shape, with 3 or more setups"):
         Comparison("m", np.arange(5), PREDICTED, PREDICTED[:4], np.ones(5, dtype=int))
-    with pytest.raises(InputError, match="3 setups or more must be predicted and measured"):
+    with pytest.raises(InputError, match="the same shape, with 3 or more setups"):
         comparison(PREDICTED[:2], PREDICTED[:2])
     comparison(PREDICTED[:3], PREDICTED[:3])
 
 
-def test_the_attainable_rank_is_that_of_the_noise_which_averaged_runs_leave():
+def test_the_attainable_rank_accounts_for_averaged_runs():
     one, four = (
         Comparison("m", np.arange(5), PREDICTED, PREDICTED + 0.1, np.full(5, runs), run_to_run=noise).attainable
         for runs, noise in ((1, 2.0), (4, 4.0))

@@ -1,4 +1,4 @@
-"""From a study to the rig day and back by the command line; the rig is the virtual one, with the study's shocks."""
+"""Commands from a study to the rig day and back; the rig is the virtual one, with the study's shocks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def eightpost(*words: object):
 
 @pytest.fixture(scope="module")
 def folder(fmus, tmp_path_factory):
-    """A study of 25 setups that was run, with a selection of four."""
+    """Folder of a study of 25 setups, with a selection of four."""
     path = tmp_path_factory.mktemp("studied")
     result = run_study(study(fmus), path, InProcess())
     write_selection(select(result, ["total tire force"], total=4), result, path / "selection.csv")
@@ -37,7 +37,7 @@ def folder(fmus, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def measured(folder, shocks):
-    """The selected setups and two runs of the baseline on the virtual rig: another integration of the same laws."""
+    """Records of the selected setups and two runs of the baseline on the virtual rig with the same laws."""
     result = StudyResult.load(folder / "results.parquet")
     runs = read_run_list(folder / "selection.csv", result.study)[:6]
     track = Drivefile.read(TRACK).series.window(0.0, 5.0)
@@ -75,17 +75,17 @@ def test_select_prints_what_to_test_and_writes_list_and_page(folder):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (("--measure", "total tire frce"), "did you mean 'total tire force'"),
         (("--measure", "total tire force=x"), "give every --measure a count"),
-        (("-n", 30), "30 setups cannot be selected from 25"),
+        (("-n", 30), "30 setups cannot be selected, because only 25"),
     ],
 )
-def test_select_refuses_what_cannot_be_selected(folder, words, said):
+def test_select_refuses_what_cannot_be_selected(folder, words, text):
     shown = eightpost("select", folder, *words)
     assert shown.exit_code == 2
-    assert said in " ".join(shown.stderr.split())
+    assert text in " ".join(shown.stderr.split())
 
 
 def test_sensitivity_prints_shares_and_writes_every_term(folder):
@@ -100,13 +100,13 @@ def test_sensitivity_prints_shares_and_writes_every_term(folder):
     )
 
 
-def test_what_the_rig_measures_is_what_was_predicted(folder, measured):
+def test_measured_levels_agree_with_predicted_ones(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
-    said = " ".join(shown.output.split())
-    assert "6 runs of 5 setups" in said
-    assert "Usable: the study ranks setups as the rig does" in said
-    assert "run_07.parquet" in said  # not measured yet
+    text = " ".join(shown.output.split())
+    assert "6 runs of 5 setups" in text
+    assert "Usable: the study ranks setups as the rig does" in text
+    assert "run_07.parquet" in text  # not measured yet
     document = json.loads((folder / "compared" / "comparison.json").read_text())
     assert document["verdict"]["grade"] == "usable"
     found = document["measures"]
@@ -120,7 +120,7 @@ def test_what_the_rig_measures_is_what_was_predicted(folder, measured):
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 1e-4)
     assert shown.exit_code == 1
-    assert "Not usable: the study's levels are not the rig's" in shown.output
+    assert "Not usable: the study's levels differ from those of the rig" in shown.output
 
 
 def test_records_that_are_not_there_are_refused(folder, tmp_path):
@@ -135,8 +135,8 @@ def test_several_studies_are_not_compared_with_the_rig(folder):
     assert eightpost("compare", folder, folder, "--measured", folder).exit_code == 2
 
 
-def test_robust_says_which_setups_are_better_and_puts_it_on_the_page(folder, tmp_path, monkeypatch):
-    pages = []  # that the page takes spreads is tested with the page
+def test_robust_prints_which_setups_are_better_and_writes_the_page(folder, tmp_path, monkeypatch):
+    pages = []  # the page with spreads is tested elsewhere
     monkeypatch.setattr("eightpost.commands.robust.write_page", lambda *given: pages.append(given))
     path = tmp_path / "uncertain.toml"
     path.write_text(
@@ -149,17 +149,17 @@ parameters = { compression_scale = { value = 2.0, deviation = 0.1 } }
     )
     shown = eightpost("robust", folder, path, "--top", 4, "--draws", 2, "--workers", 1)
     assert shown.exit_code == 0, shown.output
-    said = " ".join(shown.output.split())
-    assert "stiff: compression_scale 2 ± 0.1" in said
-    assert "Usable within limits: " in said
-    assert "not corrected for the choice among many setups" in said
-    assert "beyond doubt" not in said
-    assert "the baseline" in said
+    text = " ".join(shown.output.split())
+    assert "stiff: compression_scale 2 ± 0.1" in text
+    assert "Usable within limits: " in text
+    assert "not corrected for the choice among many setups" in text
+    assert "beyond doubt" not in text
+    assert "the baseline" in text
     assert (folder / "robust.parquet").is_file()
     assert len(pages) == 1
 
 
-def test_robust_needs_something_that_is_uncertain(folder, tmp_path):
+def test_robust_needs_an_uncertain_part(folder, tmp_path):
     (tmp_path / "uncertain.toml").write_text("schema = 1\n")
     shown = eightpost("robust", folder, tmp_path / "uncertain.toml")
     assert shown.exit_code == 2

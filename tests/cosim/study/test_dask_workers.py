@@ -1,4 +1,4 @@
-"""The same study on a cluster: the same table, files by what is in them, workers that may die."""
+"""A study on a Dask cluster: the same table, files by digest, workers that may die."""
 
 import os
 import signal
@@ -37,7 +37,7 @@ def deadly(response):
 
 @pytest.fixture
 def cluster(request, tmp_path):
-    """Two worker processes of one thread each; a task may see so many of them die as the test says, by default 3."""
+    """Two worker processes of one thread each; the test sets how many of them may die in a task, by default 3."""
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": getattr(request, "param", 3)}),
         warnings.catch_warnings(),
@@ -56,18 +56,18 @@ def test_a_study_travels_as_digests_and_is_the_same_where_it_arrives(small_study
     contents = {digest: Path(path).read_bytes() for path, digest in file_digests(study).items()}
     text = dask_workers.by_digest(study, file_digests(study)).to_json()
     assert str(study.vehicle.fmu) not in text
-    there = Study.from_json(dask_workers.unpacked(text, contents))
+    there = Study.from_json(dask_workers.unpack(text, contents))
     assert len(list((tmp_path / "there").iterdir())) == len(contents) == 3
     assert study_digest(there, file_digests(there)) == study_digest(study, file_digests(study))
 
 
 def kill_all(cluster, client):
-    """Kill every worker that has begun, one at least; the cluster begins others."""
+    """Kill every worker that has started, at least one; the cluster starts others."""
     killed = 0
     while not killed:
         client.wait_for_workers(1, timeout=60)
         for worker in list(cluster.workers.values()):
-            with suppress(ProcessLookupError, TypeError):  # it was killed before, or has not begun
+            with suppress(ProcessLookupError, TypeError):  # it was killed before, or has not started
                 os.kill(worker.pid, signal.SIGKILL)
                 killed += 1
 
@@ -83,8 +83,8 @@ def eight_setups(small_study):
 
 
 @pytest.mark.slow
-def test_workers_that_are_killed_at_any_moment_cost_nothing(eight_setups, here, cluster, tmp_path):
-    """All of them: before files are on the cluster, when they are, while rows come, and when the last one is done."""
+def test_workers_that_are_killed_at_any_moment_lose_no_setup(eight_setups, here, cluster, tmp_path):
+    """All workers are killed: before and after files are on the cluster, while rows come, and after the last row."""
     alone = run_study(eight_setups, tmp_path / "alone", here)
     sweep, workers = Sweep(eight_setups, tmp_path / "cluster"), dask_workers.DaskWorkers(cluster.scheduler_address)
 
@@ -106,7 +106,7 @@ def test_workers_that_are_killed_at_any_moment_cost_nothing(eight_setups, here, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cluster", [0], indirect=True)
-def test_a_setup_that_kills_its_worker_takes_no_other_with_it(eight_setups, here, cluster, tmp_path):
+def test_only_the_setup_that_kills_its_worker_fails(eight_setups, here, cluster, tmp_path):
     size = Measure("size", ("car.lf.tire_force",), "rms", "N")
     study = replace(eight_setups, measures=(size,))
     alone = without_seconds(run_study(study, tmp_path / "alone", here))
@@ -124,16 +124,16 @@ def test_a_setup_that_kills_its_worker_takes_no_other_with_it(eight_setups, here
     assert together.take(rest).equals(alone.take(rest))
 
 
-def test_a_scheduler_that_ends_is_said(eight_setups, tmp_path, cluster, here):
+def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here):
     workers = dask_workers.DaskWorkers(cluster.scheduler_address)
     coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
     try:
-        with pytest.raises(StepError, match=r"the Dask scheduler has ended .* goes on from there"):
+        with pytest.raises(StepError, match=r"the Dask scheduler has ended .* run the study again to resume"):
             Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.close())
     finally:
         workers.close()
 
 
-def test_a_scheduler_that_does_not_answer_is_said():
+def test_a_scheduler_that_does_not_answer_is_reported():
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         dask_workers.DaskWorkers("tcp://127.0.0.1:9", patience=0.5)

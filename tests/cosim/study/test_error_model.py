@@ -1,4 +1,4 @@
-"""What local errors of bonds say of a setup's coupling error: exact where the errors are sums of squares."""
+"""Estimate of coupling errors from local errors: exact if the errors are sums of squares."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ GAINS = np.array([4.0, 1.0, 0.25, 9.0])
 
 
 def run_with(forces):
-    """A run whose bonds report these local errors of force [N]."""
+    """Return a run whose bonds report these local errors of force [N]."""
     coupled = {c: Coupled(0.0, 1.0, f, 100.0, 1.0, 100.0) for c, f in zip(CORNERS, forces, strict=True)}
     return SimpleNamespace(coupled=coupled)
 
@@ -49,7 +49,7 @@ def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understate
 
 
 def test_errors_of_measures_are_right_in_the_mean_square() -> None:
-    """One of them is zero by chance: the others are not understated for it."""
+    """One error is zero by chance; the others must not be underestimated because of it."""
     found = [
         replace(p, measures={"grip": 1e-3 * k})
         for p, k in zip(pilots(8, np.random.default_rng(5)), [0, 1, 2, 3, 2, 1, 2, 1], strict=True)

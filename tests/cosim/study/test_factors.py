@@ -1,4 +1,4 @@
-"""Setups by number and by what is chosen freely: there and back."""
+"""Conversion of setups from numbers to factor levels and back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.study.setup import SetupSpace
 BUILDS = ("AA/AA", "B/B", "C/C")
 
 
-def test_corners_that_are_not_alike_are_factors_each():
+def test_every_corner_is_a_factor_if_none_are_alike():
     space = SetupSpace({"lf": BUILDS, "rf": BUILDS[:2]})
     assert factors_of(space) == (Factor("lf", BUILDS), Factor("rf", BUILDS[:2]))
 
@@ -32,7 +32,7 @@ def test_every_setup_comes_back_from_its_levels():
     assert np.unique(levels, axis=0).shape == (18, 3)
 
 
-def test_levels_name_the_builds_that_the_setup_has():
+def test_levels_are_indices_of_the_setups_builds():
     space = SetupSpace({"lf": BUILDS, "rf": BUILDS[::-1], "lr": BUILDS}, alike=(("lf", "rf"),))
     factors = factors_of(space)
     for setup, levels in zip(space, levels_of(space, space.indices), strict=True):

@@ -1,4 +1,4 @@
-"""Measures, against numbers that are known without them."""
+"""Measures of signals whose values are known analytically."""
 
 from dataclasses import replace
 
@@ -45,12 +45,12 @@ def two_tones() -> TimeSeries:
 )
 def test_a_statistic_of_two_tones_is_what_they_add_up_to(two_tones, statistic, options, expected):
     found = Measure("m", ("x",), statistic, options=options).of(two_tones)
-    # Neither 22 Hz on a 2 ms grid nor half of the time above the mean is met to the last digit.
+    # On a 2 ms grid, neither 22 Hz nor half of the time above the mean is exact.
     assert found == pytest.approx(expected, rel=0.01)
 
 
-def test_a_band_keeps_its_tone_and_the_other_is_gone(two_tones):
-    # Away from the ends of the record, where any filter rings.
+def test_a_band_keeps_its_tone_and_removes_the_other(two_tones):
+    # The ends of the record are excluded, because the filter rings there.
     slow = Measure("slow", ("x",), band=(0.5, 6.0), section=(4.0, 16.0)).of(two_tones)
     fast = Measure("fast", ("x",), band=(8.0, 60.0), section=(4.0, 16.0)).of(two_tones)
     assert (slow, fast) == pytest.approx((3.0 / np.sqrt(2.0), 1.0 / np.sqrt(2.0)), rel=2e-3)
@@ -60,7 +60,7 @@ def test_a_band_that_is_open_below_keeps_the_mean(two_tones):
     assert Measure("m", ("x",), "mean", band=(0.0, 6.0)).of(two_tones) == pytest.approx(100.0, rel=1e-4)
 
 
-def test_a_section_of_the_lap_is_all_that_is_looked_at():
+def test_only_the_section_of_the_lap_is_evaluated():
     series = run(x=np.where(TIME < 10.0, 1.0, 5.0))
     assert Measure("m", ("x",), "mean", section=(12.0, 15.0)).of(series) == 5.0
     assert Measure("m", ("x",), "mean", section=(2.0, 5.0)).of(series) == 1.0
@@ -69,11 +69,11 @@ def test_a_section_of_the_lap_is_all_that_is_looked_at():
 def test_a_section_of_two_samples_is_enough_and_of_one_is_not():
     series = run(x=TIME)
     assert Measure("m", ("x",), "mean", section=(4.0, 4.002)).of(series) == pytest.approx(4.001)
-    with pytest.raises(InputError, match="no two samples"):
+    with pytest.raises(InputError, match="fewer than two samples"):
         Measure("m", ("x",), "mean", section=(4.0, 4.001)).of(series)
 
 
-def test_settling_is_left_out():
+def test_settling_is_excluded():
     series = run(x=np.where(TIME < 2.0, 1000.0, 0.0))
     assert Measure("m", ("x",), "peak").of(series, start=2.0) == 0.0
 
@@ -84,7 +84,7 @@ def test_channels_add_up_with_their_weights():
     assert Measure("roll", ("a", "b"), weights=(1.0, -1.0)).of(series) == 0.0
 
 
-def test_the_joint_rms_is_the_quadratic_mean():
+def test_the_joint_rms_is_the_rms_of_the_channels_rms():
     series = run(front=sine(3.0, SLOW), rear=sine(4.0, FAST))
     assert Measure("aero", ("front", "rear"), "joint_rms").of(series) == pytest.approx(2.5, rel=1e-3)
 
@@ -109,11 +109,11 @@ def test_the_work_of_a_linear_damper_is_half_c_v_squared_t():
         ({"statistic": "mean", "function": "mine.py:f", "band": (0.0, 5.0)}, False),
     ],
 )
-def test_a_measure_hangs_on_the_mean_where_its_statistic_does_and_its_band_lets_it_through(arguments, absolute):
+def test_a_measure_depends_on_the_mean_if_its_statistic_does_and_its_band_passes_it(arguments, absolute):
     assert Measure("m", ("x",), **arguments).absolute == absolute
 
 
-def test_the_four_bins_of_a_velocity_histogram_hold_all_of_the_time():
+def test_the_four_bins_of_a_velocity_histogram_add_up_to_the_whole_time():
     car = Car("car", ("lf",), {"car.lf.velocity"})
     series = TimeSeries.from_channels(TIME, {"car.lf.velocity": ("m/s", sine(0.1, SLOW))})
     shares = {m.name: m.of(series) for m in family("velocities", car)}
@@ -126,7 +126,7 @@ def test_the_four_bins_of_a_velocity_histogram_hold_all_of_the_time():
 def test_every_tire_mode_sees_its_own_motion_only():
     car = Car("car", ("lf", "rf", "lr", "rr"), {f"car.{c}.tire_force" for c in ("lf", "rf", "lr", "rr")})
     signs = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
-    # Away from the ends of the record, where any filter rings.
+    # The ends of the record are excluded, because the filter rings there.
     measures = [replace(m, section=(4.0, 16.0)) for m in family("tire_modes", car) if "chassis" in m.name]
     for mode, sign in signs.items():
         series = run(**{c: s * sine(1.0, SLOW) for c, s in zip(sorted(car.channels, key=_order), sign, strict=True)})
@@ -150,7 +150,7 @@ def _order(name: str) -> int:
     return ("lf", "rf", "lr", "rr").index(name.split(".")[1])
 
 
-def test_a_measure_of_ones_own_is_a_few_lines(tmp_path):
+def test_a_user_defined_measure_is_a_function_in_a_file(tmp_path):
     (tmp_path / "mine.py").write_text(
         "def crest(response):\n    x = response.total\n    return abs(x).max() / x.std()\n"
     )
@@ -160,7 +160,7 @@ def test_a_measure_of_ones_own_is_a_few_lines(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
         ("{}/none.py:f", "there is no Python file"),
         ("{}/mine.py:g", "has no function 'g'"),
@@ -168,40 +168,40 @@ def test_a_measure_of_ones_own_is_a_few_lines(tmp_path):
         ("{}/broken.py:f", "cannot be run: ZeroDivisionError"),
     ],
 )
-def test_a_measure_of_ones_own_that_is_not_there_is_refused(tmp_path, entry, said):
+def test_a_user_defined_measure_that_cannot_be_loaded_is_refused(tmp_path, entry, message):
     (tmp_path / "mine.py").write_text("def f(response):\n    return 0.0\n")
     (tmp_path / "broken.py").write_text("1 / 0\n")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         Measure("m", ("x",), function=entry.format(tmp_path)).of(run(x=sine(1.0, SLOW)))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"statistic": "median"}, "no statistic 'median'"),
         ({"statistic": "percentile"}, "needs the option 'percent'"),
-        ({"options": {"percent": 1.0}}, "takes no option 'percent'"),
-        ({"band": (5.0, 1.0)}, "band must go from low to high"),
-        ({"section": (5.0, 5.0)}, "section must go from low to high"),
-        ({"weights": (1.0, 2.0)}, "as many weights"),
+        ({"options": {"percent": 1.0}}, "has no option 'percent'"),
+        ({"band": (5.0, 1.0)}, "band must be two increasing values"),
+        ({"section": (5.0, 5.0)}, "section must be two increasing values"),
+        ({"weights": (1.0, 2.0)}, "1 channels need 1 weights, not 2"),
         ({"statistic": "work"}, "two channels"),
     ],
 )
-def test_a_measure_that_makes_no_sense_is_refused(arguments, said):
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_measure_is_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
         Measure("m", ("x",), **arguments)
 
 
-def test_what_a_run_cannot_give_is_refused(two_tones):
+def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
     with pytest.raises(InputError, match="smaller record_step"):
         Measure("m", ("x",), band=(1.0, 300.0)).of(two_tones)
-    with pytest.raises(InputError, match="no two samples"):
+    with pytest.raises(InputError, match="fewer than two samples"):
         Measure("m", ("x",), section=(30.0, 40.0)).of(two_tones)
     with pytest.raises(MissingChannelError, match="no such channel"):
         Measure("m", ("y",)).of(two_tones)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_family_says_so_where_a_vehicle_has_none_of_its_channels(name):
+def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
     with pytest.raises(InputError, match="has none of its channels"):
         family(name, Car("car", ("lf", "rf", "lr", "rr"), ()))

@@ -1,4 +1,4 @@
-"""Searches of constructed banks whose best setups are known because all were tried."""
+"""Searches of constructed banks whose best setups are known from exhaustive evaluation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SPACE = SetupSpace(dict.fromkeys(("lf", "rf", "lr", "rr"), BUILDS))
 
 
 def responses(seed: int, count: int) -> np.ndarray:
-    """Responses (2401, count) of main effects, weaker interactions of two corners, and a rest of no pattern."""
+    """Return responses (2401, count) with main effects, weaker interactions of two corners, and noise."""
     generator = np.random.default_rng(seed)
     levels, values = SPACE.digits(SPACE.indices), np.zeros((2401, count))
     for m in range(count):
@@ -30,7 +30,7 @@ def responses(seed: int, count: int) -> np.ndarray:
 
 
 class Bank:
-    """A bank whose responses are a table, with a count of how often each setup was run."""
+    """Bank with tabulated responses that counts how often each setup was run."""
 
     def __init__(self, objectives: np.ndarray, violations: np.ndarray | None = None) -> None:
         self.objectives = objectives
@@ -56,7 +56,7 @@ def test_no_setup_is_run_twice_and_no_more_than_allowed():
     assert bank.runs.sum() == found.indices.size == 150
 
 
-def test_the_same_seed_tries_the_same_setups():
+def test_the_same_seed_evaluates_the_same_setups():
     first, again, other = (optimise(SPACE, Bank(responses(1, 2)), evaluations=200, seed=s) for s in (3, 3, 4))
     np.testing.assert_array_equal(first.indices, again.indices)
     assert not np.array_equal(first.indices, other.indices)
@@ -92,21 +92,21 @@ def test_without_an_allowed_setup_there_is_no_best_one():
     assert found.front.size == 0
 
 
-def test_a_space_no_larger_than_the_evaluations_is_tried_whole():
+def test_a_space_no_larger_than_the_evaluations_is_evaluated_completely():
     bank = Bank(responses(6, 1))
     found = optimise(SPACE, bank, evaluations=2401)
-    assert found.status == "every setup was tried"
+    assert found.status == "every setup was evaluated"
     assert (bank.runs == 1).all()
 
 
-def test_the_first_generation_has_what_it_was_given_and_every_build_everywhere():
+def test_the_first_generation_has_the_start_setups_and_every_build_at_every_corner():
     found = optimise(SPACE, Bank(responses(7, 1)), evaluations=21, population=21, start=(1200,))
     assert found.indices[0] == 1200
     for digits in SPACE.digits(found.indices).T:
         assert set(digits) == set(range(7))
 
 
-def test_corners_that_are_alike_stay_alike_in_a_space_that_no_one_could_try():
+def test_corners_that_are_alike_stay_alike_in_a_very_large_space():
     many = tuple(f"build {n}" for n in range(400))
     space = SetupSpace(dict.fromkeys(("lf", "rf", "lr", "rr"), many), alike=(("lf", "rf"), ("lr", "rr")))
 
@@ -120,6 +120,6 @@ def test_corners_that_are_alike_stay_alike_in_a_space_that_no_one_could_try():
     assert found.objectives[:, 0].min() < found.objectives[:20, 0].min()
 
 
-def test_a_single_evaluation_is_no_search():
-    with pytest.raises(InputError, match="two setups or more"):
+def test_a_search_needs_two_evaluations():
+    with pytest.raises(InputError, match="two evaluations or more"):
         optimise(SPACE, Bank(responses(0, 1)), evaluations=1)

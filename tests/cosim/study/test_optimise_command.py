@@ -1,4 +1,4 @@
-"""`eightpost optimise`: what it prints, leaves and returns."""
+"""`eightpost optimise`: output, files and exit codes."""
 
 from __future__ import annotations
 
@@ -50,26 +50,26 @@ def optimise(fmus, folder, *words: str, limit: float = 1.0):
 
 
 @pytest.mark.slow
-def test_a_search_leaves_what_it_tried_and_goes_on_with_more(fmus, tmp_path, monkeypatch):
+def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp_path, monkeypatch):
     pages = []  # the page takes longer than the search, and is tested elsewhere
     monkeypatch.setattr("eightpost.commands.optimise.write_page", lambda *given: pages.append(given))
     shown = optimise(fmus, tmp_path, "--evaluations", "4")
     assert shown.exit_code == 0, shown.output
-    for said in ("minimised: 1 x grip number", "4 setups were tried; 9 there are", "results.parquet"):
-        assert said in shown.output
+    for text in ("minimised: 1 x grip number", "4 setups were tried; 9 there are", "results.parquet"):
+        assert text in shown.output
     first = StudyResult.load(tmp_path / "out" / "results.parquet")
     assert len(first) == 4
     assert first.partial
     more = optimise(fmus, tmp_path, "--evaluations", "9", "--for", "grip number", "--for", "aero number", limit=1e-9)
     assert more.exit_code == 1, more.output  # no setup keeps the constraint
-    assert "every setup was tried" in more.output
+    assert "every setup was evaluated" in more.output
     whole = StudyResult.load(tmp_path / "out" / "results.parquet")
     assert len(whole) == 9
     assert not whole.partial
     assert len(pages) == 2
 
 
-def test_a_measure_that_is_not_there_is_named_before_anything_runs(fmus, tmp_path):
+def test_an_unknown_measure_is_reported_before_anything_runs(fmus, tmp_path):
     shown = optimise(fmus, tmp_path, "--for", "grip nummber")
     assert shown.exit_code == 2
     assert "did you mean 'grip number'" in " ".join(shown.stderr.split())

@@ -1,4 +1,4 @@
-"""The search against the exhaustive answer on the shipped bank: 2401 setups, all run."""
+"""Comparison of the search with the exhaustive study of the shipped bank: 2401 setups."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def exhaustive(tmp_path_factory) -> StudyResult:
 @pytest.mark.parametrize("measure", [None, *TRADED, "aero number"])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_best_of_all_setups_is_found_within_250(exhaustive, measure, seed):
-    asked = () if measure is None else (measure,)
+    names = () if measure is None else (measure,)
     found = optimise(
-        exhaustive.study.space, lambda indices: scores_of(exhaustive, indices, asked), evaluations=250, seed=seed
+        exhaustive.study.space, lambda indices: scores_of(exhaustive, indices, names), evaluations=250, seed=seed
     )
-    every = scores_of(exhaustive, exhaustive.setups, asked)
+    every = scores_of(exhaustive, exhaustive.setups, names)
     allowed = (every.violations <= 0.0).all(axis=1)
     assert found.best == exhaustive.setups[np.where(allowed, every.objectives[:, 0], np.inf).argmin()]
 

@@ -1,4 +1,4 @@
-"""Searches of studies: through the FMUs, none run twice, and what constraints do."""
+"""Searches of studies: runs of the FMUs, none twice, and constraints."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_search_begins_with_the_baseline(fmus, tmp_path):
     assert found.indices[0] == made.baseline_setup.index
 
 
-def test_a_search_that_is_repeated_runs_nothing_again(fmus, tmp_path):
+def test_a_repeated_search_runs_nothing_again(fmus, tmp_path):
     first, again = InProcess(), InProcess()
     _, found = search_study(Requested(study(fmus), tmp_path), first, COUPLING, Search(evaluations=8))
     _, repeated = search_study(Requested(study(fmus), tmp_path), again, COUPLING, Search(evaluations=8))
@@ -46,14 +46,14 @@ def test_a_search_that_is_repeated_runs_nothing_again(fmus, tmp_path):
     np.testing.assert_array_equal(found.indices, repeated.indices)
 
 
-def test_a_search_takes_what_the_exhaustive_study_has_run(fmus, exhaustive):
+def test_a_search_uses_the_results_of_an_exhaustive_study(fmus, exhaustive):
     folder, _ = exhaustive
     workers = InProcess()
     search_study(Requested(study(fmus), folder), workers, COUPLING, Search(evaluations=10))
     assert workers.ran == []
 
 
-def test_several_measures_give_a_front_of_what_was_tried(fmus, exhaustive):
+def test_a_search_for_several_measures_gives_the_front_of_the_evaluated_setups(fmus, exhaustive):
     folder, _ = exhaustive
     names = ("total tire force", "front ride height")
     table, found = search_study(Requested(study(fmus), folder), InProcess(), COUPLING, Search(names, 20))
@@ -66,10 +66,10 @@ def front(digits: np.ndarray) -> np.ndarray:
     return digits.sum(axis=1) - 6.0
 
 
-def test_scores_stand_in_the_order_in_which_setups_were_asked_for():
+def test_scores_have_the_order_of_the_requested_setups():
     made = result({"front": front}, objective=(Term("front", 2.0, "m"),))
-    asked = np.array([8, 0, 2400])
-    np.testing.assert_allclose(scores_of(made, asked).objectives[:, 0], [2.0 * -4.0, 2.0 * -6.0, 2.0 * 18.0])
+    indices = np.array([8, 0, 2400])
+    np.testing.assert_allclose(scores_of(made, indices).objectives[:, 0], [2.0 * -4.0, 2.0 * -6.0, 2.0 * 18.0])
 
 
 @pytest.mark.parametrize(
@@ -92,6 +92,6 @@ def test_a_failed_setup_has_no_objective_and_breaks_every_constraint():
     assert (scores.violations[:, 0] > 0.0).tolist() == [False, True]
 
 
-def test_an_objective_that_is_no_measure_is_named():
+def test_an_objective_that_is_not_a_measure_is_reported():
     with pytest.raises(InputError, match="did you mean 'front'"):
         scores_of(result({"front": front}), np.array([0]), ["frnt"])

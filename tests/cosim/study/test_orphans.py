@@ -1,4 +1,4 @@
-"""Nothing of a study goes on when its main process is killed."""
+"""No process of a study continues after its main process was killed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-#: A study on two processes that says when rows come, and so that the workers are at work.
+#: A study on two processes that prints its progress, which shows that the workers are working.
 MAIN = """
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Fronts and hypervolumes against definitions spelled out and areas known by hand."""
+"""Pareto fronts and hypervolumes compared with their definitions and with hand calculations."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ def by_definition(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("responses", [1, 2, 3, 5])
-def test_the_front_is_what_no_other_setup_beats(responses):
+def test_the_front_agrees_with_its_definition(responses):
     values = np.random.default_rng(responses).integers(0, 6, size=(150, responses)).astype(float)
     np.testing.assert_array_equal(pareto_front(values), by_definition(values))
 
 
-def test_equal_setups_stand_on_the_front_together():
+def test_equal_setups_are_on_the_front_together():
     assert pareto_front(np.array([[1.0, 2.0], [1.0, 2.0], [2.0, 2.0]])).tolist() == [True, True, False]
 
 
@@ -27,12 +27,12 @@ def test_a_failed_setup_is_never_on_the_front():
     assert pareto_front(np.array([[np.nan, 0.0], [1.0, 1.0]])).tolist() == [False, True]
 
 
-def test_the_area_of_a_staircase_is_known_by_hand():
+def test_the_area_of_a_staircase():
     staircase = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0]])
     assert hypervolume(staircase, np.array([3.0, 3.0])) == pytest.approx(6.0)
 
 
-def test_a_volume_is_that_of_its_grid_points_counted():
+def test_a_volume_agrees_with_counted_grid_points():
     values = np.random.default_rng(3).integers(0, 6, size=(12, 3)).astype(float)
     cells = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     reached = (values <= cells).all(axis=2).any(axis=1)
@@ -41,12 +41,12 @@ def test_a_volume_is_that_of_its_grid_points_counted():
 
 def test_a_box_reaches_to_the_reference_in_every_response():
     assert hypervolume(np.array([[1.0, 2.0, 3.0, 4.0]]), np.array([3.0, 5.0, 7.0, 9.0])) == pytest.approx(2 * 3 * 4 * 5)
-    # Two boxes, less what they share.
+    # Sum of two boxes minus their intersection.
     both = np.array([[0.0, 2.0, 3.0], [1.0, 1.0, 1.0]])
     assert hypervolume(both, np.array([3.0, 5.0, 7.0])) == pytest.approx(3 * 3 * 4 + 2 * 4 * 6 - 2 * 3 * 4)
 
 
-def test_what_does_not_beat_the_reference_adds_nothing():
+def test_setups_that_do_not_dominate_the_reference_add_nothing():
     reference = np.array([1.0, 1.0])
     assert hypervolume(np.array([[2.0, 0.0], [1.0, 0.5]]), reference) == 0.0
     assert hypervolume(np.array([[2.0, -5.0], [0.5, 0.5]]), reference) == pytest.approx(0.25)

@@ -1,4 +1,4 @@
-"""Spreads of constructed measures: what is certain, what is not, and what the draws are."""
+"""Spreads of constructed measures: certain and uncertain differences, and properties of the draws."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def test_only_the_uncertain_part_is_drawn():
         assert set(drawn.vehicle.parameters) == {"lf.friction_force"}
 
 
-def test_draws_keep_to_what_makes_sense():
+def test_draws_are_limited_to_the_bounds():
     lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-3)}, lowest=1e-4)
     drawn = parameters(drawn_studies(study(("front",)), [lag], draws=50), "C/B", "time_constant")
     assert drawn.min() == 1e-4
 
 
-def test_one_part_may_be_uncertain_twice_over():
+def test_one_part_may_have_two_uncertainties():
     lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-5)})
     drawn = drawn_studies(study(("front",)), [SHOCK, lag], draws=2)[0]
     assert set(drawn.bank["C/B"].parameters) == {"compression_scale", "rebound_scale", "time_constant"}
@@ -67,12 +67,12 @@ def test_one_part_may_be_uncertain_twice_over():
         (np.eye(3), "square covariance"),
     ],
 )
-def test_a_covariance_that_is_none_is_refused(covariance, what):
+def test_an_invalid_covariance_is_refused(covariance, what):
     with pytest.raises(InputError, match=what):
         Uncertain("C/B", ("compression_scale", "rebound_scale"), np.ones(2), covariance)
 
 
-def test_a_part_that_is_not_there_is_named_with_those_that_are():
+def test_the_message_on_an_unknown_part_lists_the_parts():
     with pytest.raises(InputError, match=r"no part 'D/D'.*AA/AA"):
         drawn_studies(study(("front",)), [Uncertain.independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
 
@@ -84,7 +84,7 @@ def test_an_error_that_all_setups_share_does_not_hide_which_is_better():
     assert [group.tolist() for group in found.groups()] == [[0], [1], [2]]
 
 
-def test_errors_of_their_own_make_close_setups_a_tie():
+def test_independent_errors_make_close_setups_a_tie():
     own = np.random.default_rng(2).normal(scale=0.1, size=(64, 3))
     found = spread([1.0, 1.1, 2.0], np.array([1.0, 1.1, 2.0]) + own)
     assert [group.tolist() for group in found.groups()] == [[0, 1], [2]]
@@ -97,12 +97,12 @@ def test_a_difference_of_two_runs_has_twice_the_variance_of_one():
     assert found.deviation.tolist() == pytest.approx([0.3, 0.3])
 
 
-def test_more_runs_tell_closer_setups_apart():
+def test_more_runs_resolve_smaller_differences():
     once, often = (spread([1.0, 1.5], run_to_run=0.3, runs=runs) for runs in (1, 9))
     assert [len(found.groups()) for found in (once, often)] == [1, 2]
 
 
-def test_better_is_rarely_said_where_there_is_no_difference():
+def test_equal_setups_are_rarely_called_different():
     generator = np.random.default_rng(3)
     noise = 0.1
     claims = 0
@@ -116,12 +116,12 @@ def test_a_failed_setup_is_in_no_group():
     assert [group.tolist() for group in spread([2.0, np.nan, 1.0]).groups()] == [[2], [0]]
 
 
-def test_five_runs_of_the_baseline_say_how_runs_differ():
+def test_repeated_runs_of_the_baseline_give_the_run_to_run_deviation():
     runs = np.array([[1.0, 10.0], [2.0, 10.0], [3.0, 10.0], [4.0, 10.0], [5.0, 10.0]])
     np.testing.assert_allclose(run_to_run(runs), [np.sqrt(2.5), 0.0])
 
 
-def test_a_studys_spread_is_of_the_setups_that_every_draw_has():
+def test_a_spread_contains_the_setups_that_every_draw_has():
     def front(scale: float):
         return lambda digits: scale * digits.sum(axis=1)
 
@@ -139,7 +139,7 @@ def test_noise_of_a_measure_that_the_study_lacks_is_refused():
 
 
 @pytest.mark.parametrize("draws", [0, 3])
-def test_spreads_come_back_from_their_file(tmp_path, draws):
+def test_spreads_are_read_back_from_their_file(tmp_path, draws):
     sampled = np.random.default_rng(4).normal(size=(draws, 3))
     kept = spread([1.0, np.nan, 2.0], sampled, run_to_run=0.5, runs=2)
     write_spreads([kept], tmp_path / "robust.parquet", digest="a")
@@ -149,14 +149,14 @@ def test_spreads_come_back_from_their_file(tmp_path, draws):
         np.testing.assert_array_equal(one, other)
 
 
-def test_the_objective_has_a_spread_of_its_own_beside_those_of_its_measures():
+def test_the_objective_has_its_own_spread():
     measures = {"front": lambda digits: 1.0 + digits.sum(axis=1), "rear": lambda digits: 2.0 + digits[:, 0]}
     study = result(measures, objective=(Term("front", 2.0, "m"), Term("rear", 3.0, "m")))
     spreads = {found.measure: found for found in spreads_of(study, [], {"front": 0.5, "rear": 0.25}, runs=4)}
     assert list(spreads) == ["objective", "front", "rear"]
     np.testing.assert_allclose(spreads["objective"].values, 2.0 * study.values("front") + 3.0 * study.values("rear"))
     np.testing.assert_array_equal(spreads["front"].values, study.values("front"))
-    # Of four runs: the measures vary each by itself.
+    # Averages of four runs with independent measures.
     expected = {"front": 0.25, "rear": 0.125, "objective": np.hypot(2.0 * 0.25, 3.0 * 0.125)}
     for name, deviation in expected.items():
         np.testing.assert_allclose(spreads[name].deviation, deviation)
@@ -164,5 +164,5 @@ def test_the_objective_has_a_spread_of_its_own_beside_those_of_its_measures():
 
 def test_spreads_of_another_study_are_refused(tmp_path):
     write_spreads([spread([1.0, 2.0])], tmp_path / "robust.parquet", digest="a")
-    with pytest.raises(FileFormatError, match="of another study"):
+    with pytest.raises(FileFormatError, match="belongs to another study"):
         read_spreads(tmp_path / "robust.parquet", digest="b")

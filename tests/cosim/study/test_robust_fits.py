@@ -1,4 +1,4 @@
-"""What a fit leaves open of a shock, as parameters of its FMU."""
+"""Uncertainty of a fitted shock, as parameters of its FMU."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def document(build: str) -> dict:
 
 @pytest.fixture
 def free(tmp_path) -> Path:
-    """A shipped build as if its fit had ended within all bounds."""
+    """Return a shipped build, changed as if its fit had ended within all bounds."""
     shock = document("AA_B")
     shock["fit"]["parameters"]["lag_full_force"] |= {"at_bound": "", "standard_error": 20.0}
     path = tmp_path / "free.json"
@@ -38,14 +38,14 @@ def test_parameters_vary_by_their_standard_errors(free):
     assert held == ()
 
 
-def test_a_parameter_at_a_bound_is_held_and_said():
+def test_a_parameter_at_a_bound_is_held_and_reported():
     found, held = uncertainty_of(BANK / "C_C.json", "C/C")
     assert "lag_full_force" not in found.names
     assert held == ("C/C: lag_full_force is kept at 44.48: the fit ended at its lower bound",)
 
 
-def test_the_curves_band_is_the_scatter_of_its_scale():
-    """A curve whose force is scaled by 1 ± sigma on a side has a band of that share everywhere."""
+def test_the_curves_band_gives_the_deviation_of_its_scale():
+    """If the force of a side is scaled by 1 ± sigma, the band has this relative width at every velocity."""
     found, _ = uncertainty_of(BANK / "C_C.json", "C/C")
     band = document("C_C")["fit"]["curve_band"]
     velocity, force, half = (np.array(band[key]) for key in ("velocity [m/s]", "force [N]", "half_width [N]"))
@@ -55,7 +55,7 @@ def test_the_curves_band_is_the_scatter_of_its_scale():
         assert energy[0] == pytest.approx(energy[1], rel=1e-3)
 
 
-def test_draws_keep_to_the_bounds_of_the_fit(free):
+def test_draws_are_limited_to_the_bounds_of_the_fit(free):
     found, _ = uncertainty_of(free, "AA/B")
     drawn = found.at(100.0 * np.random.default_rng(1).normal(size=(50, 5)))
     low, high = document("AA_B")["fit"]["parameters"]["time_constant"]["bounds"]
@@ -63,7 +63,7 @@ def test_draws_keep_to_the_bounds_of_the_fit(free):
     assert drawn[:, 0].max() == pytest.approx(high)
 
 
-def test_a_shock_that_no_fit_wrote_does_not_say_how_well_it_is_known(tmp_path, shocks):
+def test_a_shock_file_without_a_fit_is_refused(tmp_path, shocks):
     write_shock(shocks["lpf1"], tmp_path / "shock.json")
     with pytest.raises(FileFormatError, match="states no uncertainty of the shock"):
         uncertainty_of(tmp_path / "shock.json", "A")

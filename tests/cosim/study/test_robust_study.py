@@ -1,4 +1,4 @@
-"""Draws run through FMUs, and the file that says what is uncertain."""
+"""Draws run with FMUs, and uncertainty files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from eightpost.verdict import Verdict
 from .constructed import CORNERS, result
 from .coupled import InProcess, study
 
-#: The static force of the stiff build is known to 10 %.
+#: The static force of the stiff build has a standard deviation of 10 %.
 STIFF = Uncertain.independent("stiff", {"compression_scale": (2.0, 0.2), "rebound_scale": (2.0, 0.2)})
 
 
@@ -33,7 +33,7 @@ def exhaustive(fmus, tmp_path_factory):
     return folder, run_study(study(fmus), folder, InProcess())
 
 
-def test_what_has_no_uncertain_shock_has_no_spread(exhaustive):
+def test_setups_without_an_uncertain_shock_have_no_spread(exhaustive):
     folder, nominal = exhaustive
     setups = leading(nominal, 25).tolist()
     draws = list(run_draws(nominal, folder, InProcess(), Draws((STIFF,), count=2), setups))
@@ -44,8 +44,8 @@ def test_what_has_no_uncertain_shock_has_no_spread(exhaustive):
     assert (moved[stiff] > 0.0).all()
 
 
-def test_small_errors_move_a_measure_as_its_slope_says(fmus, exhaustive):
-    """Two draws a little apart, against a finite difference of the study itself."""
+def test_small_errors_change_a_measure_according_to_its_slope(fmus, exhaustive):
+    """Two similar draws are compared with a finite difference of the study itself."""
     folder, nominal = exhaustive
     car = Uncertain.independent("middle", {"compression_scale": (1.0, 0.01)})
     baseline = nominal.study.baseline_setup.index
@@ -73,12 +73,12 @@ def test_draws_that_were_run_are_not_run_again(exhaustive, tmp_path):
     assert again.ran == []
 
 
-def test_nothing_uncertain_is_no_draw(exhaustive, tmp_path):
+def test_there_are_no_draws_if_nothing_is_uncertain(exhaustive, tmp_path):
     _, nominal = exhaustive
     assert list(run_draws(nominal, tmp_path, InProcess(), Draws(()), [0])) == []
 
 
-def test_vehicles_that_are_as_good_are_taken_in_turn():
+def test_the_draws_use_equivalent_vehicles_in_turn():
     made = result({"front": front}).study
     drawn = drawn_studies(made, [], draws=4, vehicles=[Path("second.fmu")])
     assert [s.vehicle.fmu.name for s in drawn] == ["car.fmu", "second.fmu", "car.fmu", "second.fmu"]
@@ -93,14 +93,14 @@ def test_the_leading_setups_are_the_best_and_the_baseline():
     assert leading(made, 1).tolist() == [0, 2400]
 
 
-def test_the_objective_varies_as_its_terms_do():
+def test_the_objective_varies_with_its_terms():
     made = result({"front": front, "rear": front}, objective=(Term("front", 3.0, "mm"), Term("rear", 4.0, "m")))
     spread = spreads_of(made, [], {"front": 1e-3, "rear": 1.0})[0]
     assert spread.measure == OBJECTIVE
     assert spread.run_to_run == pytest.approx(5.0)
 
 
-def test_the_file_says_what_is_uncertain(tmp_path):
+def test_an_uncertainty_file_is_read(tmp_path):
     path = tmp_path / "uncertain.toml"
     path.write_text(
         """schema = 1
@@ -127,7 +127,7 @@ front = "0.01 in"
     assert (found.run_to_run["front"], found.runs) == (pytest.approx(2.54e-4), 2)
 
 
-def test_how_runs_differ_is_taken_from_repeated_runs_on_the_rig(tmp_path):
+def test_the_run_to_run_deviation_is_read_from_a_comparison(tmp_path):
     setups = np.array([0, 0, 100, 2000])
     made = result({"front": front, "rear": front})
     found = comparisons(made, Measured(setups, {n: np.array([1.0, 3.0, 5.0, 9.0]) for n in ("front", "rear")}, {}))
@@ -138,7 +138,7 @@ def test_how_runs_differ_is_taken_from_repeated_runs_on_the_rig(tmp_path):
     assert noise == {"front": pytest.approx(np.sqrt(2.0)), "rear": 0.5}
 
 
-def test_a_comparison_without_repeated_runs_does_not_say_how_runs_differ(tmp_path):
+def test_a_comparison_without_repeated_runs_is_refused(tmp_path):
     made = result({"front": front})
     found = comparisons(made, Measured(np.array([0, 100, 2000]), {"front": np.array([1.0, 5.0, 9.0])}, {}))
     write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json", Verdict())
@@ -170,7 +170,7 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
          "parameters = { time_constant = { value = 1.0, deviation = 1.0 } }", "matrix"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_wrong_says_what(tmp_path, text, what):
+def test_the_message_on_a_wrong_file_names_the_entry(tmp_path, text, what):
     path = tmp_path / "uncertain.toml"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=what):

@@ -1,4 +1,4 @@
-"""What is selected for the rig, on banks whose low and high setups are known."""
+"""Selection of setups for the rig, on banks whose low and high setups are known."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .constructed import CORNERS, result
 
 
 def front(digits: np.ndarray) -> np.ndarray:
-    """Low with soft builds in front; the rear matters next to nothing, as 7.2 found for the front ride height."""
+    """Low with soft builds in front; the rear has little effect, as in 7.2 for the front ride height."""
     return 10.0 + digits[:, 0] + digits[:, 1] + 1e-3 * digits[:, 2] + 1e-4 * digits[:, 3]
 
 
@@ -46,7 +46,7 @@ def test_the_extreme_setups_of_every_measure_come_first():
         assert high.value == values.max()
 
 
-def test_twenty_setups_are_shared_out_as_table_7_5_does():
+def test_twenty_setups_are_divided_as_in_table_7_5():
     selection = select(STUDY, share={"front": 4, "rear": 4, "accel": 2})
     assert len({selected.setup.index for selected in selection.chosen}) == 20
     counts = [
@@ -55,7 +55,7 @@ def test_twenty_setups_are_shared_out_as_table_7_5_does():
     assert counts == [4, 4, 4, 4, 2, 2]
 
 
-def test_what_is_chosen_for_an_end_is_near_that_end():
+def test_setups_chosen_for_an_end_are_near_that_end():
     selection = select(STUDY, total=18)
     assert max(selected.rank for selected in selection.chosen) <= 0.02 * 2401 + 18
 
@@ -70,11 +70,11 @@ def test_chosen_setups_differ_more_than_the_plain_extremes_do():
     assert selection.closest == fewest_changes([s.setup for s in selection.chosen]) == 2
 
 
-def test_of_setups_equally_far_from_the_nearest_the_one_farther_from_the_others_is_chosen():
+def test_among_setups_equally_far_from_the_nearest_the_one_farthest_from_the_others_is_chosen():
     """Both candidates differ in two corners from the nearest one; from the other, one differs in two, one in four."""
     levels = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], [0, 0, 2, 2]])
     assert _spread(np.array([2, 3]), levels, [0, 1], 1, 1.0) == [3]
-    # Farther from the nearest goes before.
+    # The distance from the nearest one has priority.
     levels[2] = [0, 2, 1, 2]
     assert _spread(np.array([3, 2]), levels, [0, 1], 1, 1.0) == [2]
 
@@ -84,7 +84,7 @@ def test_the_same_study_selects_the_same_setups_every_time():
     assert select(again) == select(STUDY)
 
 
-def test_the_objective_says_which_measures_to_confirm():
+def test_the_measures_of_the_objective_are_confirmed_by_default():
     objective = (Term("rear", 2.0, "in"), Term("front", 1.0, "in"))
     selection = select(result({"front": front, "rear": rear, "accel": accel}, objective=objective), total=10)
     assert [len(selection.of(m)) for m in ("rear", "front", "accel")] == [6, 4, 0]
@@ -96,28 +96,28 @@ def test_failed_setups_are_not_sent_to_the_rig():
     assert lowest not in chosen
 
 
-def test_what_is_doubtful_of_a_prediction_goes_with_the_setup():
+def test_the_marks_of_a_prediction_are_kept_with_the_setup():
     marked = select(result({"front": front}, marks={0: "lf tire off the ground"}), total=2)
     assert [selected.marks for selected in marked.chosen if selected.setup.index == 0] == ["lf tire off the ground"]
 
 
-def test_more_than_the_study_has_are_refused():
+def test_more_setups_than_the_study_has_are_refused():
     few = result({"front": front}, kept=np.arange(6))
-    with pytest.raises(InputError, match="20 setups cannot be selected from 6"):
+    with pytest.raises(InputError, match="20 setups cannot be selected, because only 6 ran"):
         select(few)
 
 
 def test_fewer_than_one_of_each_end_are_refused():
-    with pytest.raises(InputError, match="ask for 6"):
+    with pytest.raises(InputError, match="select 6 or more"):
         select(STUDY, total=4)
 
 
-def test_a_measure_that_the_study_lacks_is_named():
+def test_an_unknown_measure_is_reported():
     with pytest.raises(InputError, match="did you mean 'front'"):
         select(STUDY, ["frnt"])
 
 
-def test_what_lies_in_the_folder_and_is_of_another_study_is_left_out_and_named(tmp_path):
+def test_files_of_another_study_in_the_folder_are_ignored_and_reported(tmp_path):
     other = result({"rear": rear})
     write_selection(select(other, total=4), other, tmp_path / "selection.csv")
     write_spreads(spreads_of(other, [], {"rear": 0.1}), tmp_path / "robust.parquet", digest="1" * 64)
@@ -129,7 +129,7 @@ def test_what_lies_in_the_folder_and_is_of_another_study_is_left_out_and_named(t
     assert chosen_so_far(studied, tmp_path).selection is not None
 
 
-def test_a_selection_with_names_like_formulas_is_safe_in_a_spreadsheet_and_comes_back(tmp_path):
+def test_a_selection_with_names_like_formulas_is_safe_in_a_spreadsheet_and_is_read_back(tmp_path):
     builds = ("=cmd|' /C calc'!A0", "+soft", "@firm", "-stiff")
     study = result({"=front": front, "rear": rear}, builds=builds)
     selection = select(study, total=8)

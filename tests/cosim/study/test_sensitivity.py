@@ -27,7 +27,7 @@ def constructed(levels: np.ndarray) -> np.ndarray:
     return 10.0 + LF[lf] + LR[lr] + LF_RF[lf, rf]
 
 
-def test_the_terms_that_made_a_measure_are_found_again():
+def test_the_terms_of_a_constructed_measure_are_found():
     found = sensitivity(FACTORS, LEVELS, constructed(LEVELS), "front ride height")
     assert found.mean == pytest.approx(10.0)
     np.testing.assert_allclose(found.main["lf"], LF, atol=1e-14)
@@ -64,7 +64,7 @@ def test_the_order_of_setups_does_not_matter():
 
 
 @pytest.mark.parametrize("kept", [45, 80])
-def test_a_part_of_the_bank_tells_the_same_terms(kept):
+def test_a_part_of_the_bank_gives_the_same_terms(kept):
     part = np.random.default_rng(4).permutation(81)[:kept]
     found = sensitivity(FACTORS, LEVELS[part], constructed(LEVELS[part]))
     assert found.method == "fitted"
@@ -73,7 +73,7 @@ def test_a_part_of_the_bank_tells_the_same_terms(kept):
     assert found.share("lf") == pytest.approx(sensitivity(FACTORS, LEVELS, constructed(LEVELS)).share("lf"))
 
 
-def test_a_failed_setup_is_left_out():
+def test_a_failed_setup_is_ignored():
     values = constructed(LEVELS)
     values[17] = np.nan
     found = sensitivity(FACTORS, LEVELS, values)
@@ -82,7 +82,7 @@ def test_a_failed_setup_is_left_out():
     np.testing.assert_allclose(found.main["lr"], LR, atol=1e-12)
 
 
-def test_what_does_not_fit_is_rest_of_the_size_of_its_variance():
+def test_noise_is_found_as_rest_with_its_variance():
     deviation = 0.3
     part = np.random.default_rng(5).permutation(81)[:70]
     noise = np.random.default_rng(6).normal(scale=deviation, size=(200, 70))
@@ -90,7 +90,7 @@ def test_what_does_not_fit_is_rest_of_the_size_of_its_variance():
     assert np.mean(rests) == pytest.approx(deviation**2, rel=0.05)
 
 
-def test_too_few_for_interactions_still_tell_the_main_effects():
+def test_main_effects_are_fitted_if_setups_are_too_few_for_interactions():
     part = np.random.default_rng(7).permutation(81)[:20]
     values = 10.0 + LF[LEVELS[part, 0]] + LR[LEVELS[part, 2]]
     found = sensitivity(FACTORS, LEVELS[part], values)
@@ -99,20 +99,20 @@ def test_too_few_for_interactions_still_tell_the_main_effects():
     np.testing.assert_allclose(found.main["lf"], LF, atol=1e-12)
 
 
-def test_too_few_for_main_effects_are_refused_with_how_many_it_takes():
+def test_the_message_on_too_few_setups_states_the_number_needed():
     with pytest.raises(InputError, match=r"ride height: 5 setups .* run 10 or more"):
         sensitivity(FACTORS, LEVELS[:5], constructed(LEVELS[:5]), "ride height")
 
 
-def test_places_that_are_always_alike_cannot_be_told_apart():
+def test_positions_that_are_always_alike_are_refused():
     alike = LEVELS[LEVELS[:, 0] == LEVELS[:, 1]]
-    with pytest.raises(InputError, match="no two places always alike"):
+    with pytest.raises(InputError, match="no two positions always alike"):
         sensitivity(FACTORS, alike, constructed(alike))
 
 
-def test_a_setup_that_comes_twice_is_refused():
+def test_a_setup_that_occurs_twice_is_refused():
     twice = np.vstack([LEVELS, LEVELS[:1]])
-    with pytest.raises(InputError, match="comes twice"):
+    with pytest.raises(InputError, match="occurs twice"):
         sensitivity(FACTORS, twice, constructed(twice))
 
 
@@ -125,12 +125,12 @@ def test_factors_may_have_different_numbers_of_builds():
     assert found.total("rear") == pytest.approx(5.0 / 6.0)
 
 
-def test_a_measure_that_nothing_changes_depends_on_nothing():
+def test_a_constant_measure_has_no_sensitivities():
     found = sensitivity(FACTORS, LEVELS, np.full(81, 2.0))
     assert all(share == 0.0 for _, share in found.shares())
 
 
-def test_a_study_tells_its_sensitivity_measure_by_measure():
+def test_a_study_has_sensitivities_for_every_measure():
     def front(digits: np.ndarray) -> np.ndarray:
         return digits[:, 0] + digits[:, 1] + 0.0
 

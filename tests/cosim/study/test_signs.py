@@ -1,4 +1,4 @@
-"""Signs of life: who is silent at work is ended, who has nothing to do is not."""
+"""Heartbeats: a worker that is not responding is ended, an idle one is not."""
 
 import subprocess
 import sys
@@ -8,15 +8,15 @@ from multiprocessing import get_context
 import pytest
 
 from cosim.study.running import signs as module
-from cosim.study.running.signs import Signs, sign, take_place, working
+from cosim.study.running.signs import Heartbeats, heartbeat, register_worker, working
 
 
 @pytest.fixture
 def pool():
-    """Signs of one worker, which is a process that only waits; what is said here counts as said by it."""
-    found = Signs(1, get_context("spawn"))
+    """Heartbeats of one worker: a process that only waits; this process sends its heartbeats."""
+    found = Heartbeats(1, get_context("spawn"))
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    take_place(*found.shared)
+    register_worker(*found.shared)
     found.shared[1][0] = process.pid
     yield found, process
     module._own.clear()
@@ -31,37 +31,37 @@ def ended(process):
         return False
 
 
-def test_a_worker_that_is_silent_at_work_is_ended(pool):
-    signs, process = pool
+def test_a_working_worker_without_heartbeats_is_ended(pool):
+    heartbeats, process = pool
     with working():
-        assert not signs.end_silent(0.1)
+        assert not heartbeats.end_unresponsive(0.1)
         time.sleep(0.15)
-        assert signs.end_silent(0.1) and ended(process)
+        assert heartbeats.end_unresponsive(0.1) and ended(process)
 
 
-def test_a_worker_that_gives_signs_goes_on_however_long_it_takes(pool):
-    signs, process = pool
+def test_a_worker_with_heartbeats_may_work_for_any_time(pool):
+    heartbeats, process = pool
     with working():
         for _ in range(6):
             time.sleep(0.05)
-            sign()
-            assert not signs.end_silent(0.2)
+            heartbeat()
+            assert not heartbeats.end_unresponsive(0.2)
     assert process.poll() is None
 
 
-def test_a_worker_without_work_may_be_silent(pool):
-    signs, process = pool
+def test_an_idle_worker_needs_no_heartbeats(pool):
+    heartbeats, process = pool
     with working():
-        sign()
-    signs.end_silent(0.01)
+        heartbeat()
+    heartbeats.end_unresponsive(0.01)
     time.sleep(0.05)
-    assert not signs.end_silent(0.01)
-    signs.end_working(0.0)
+    assert not heartbeats.end_unresponsive(0.01)
+    heartbeats.end_working(0.0)
     assert process.poll() is None
 
 
-def test_a_worker_that_nobody_waits_for_is_ended_when_its_time_is_up(pool):
-    signs, process = pool
+def test_a_worker_whose_result_is_not_needed_is_ended_after_the_grace_time(pool):
+    heartbeats, process = pool
     with working():
-        signs.end_working(0.1)
+        heartbeats.end_working(0.1)
         assert ended(process)

@@ -1,4 +1,4 @@
-"""Statistics of a few samples, worked out by hand."""
+"""Statistics of a few samples, compared with hand calculations."""
 
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ def of(name, rows=ROWS, step=0.5, **options):
         ("maximum", 9.0),
         ("minimum", -3.0),
         ("variation", 20.0**0.5 / 3.0),
-        # Products 6, -2, -4, 14: by trapezia of half a second.
+        # Products 6, -2, -4, 14; trapezoidal rule with steps of half a second.
         ("work", 0.5 * (0.5 * 6.0 - 2.0 - 4.0 + 0.5 * 14.0)),
     ],
 )
@@ -37,7 +37,7 @@ def test_a_statistic_of_four_samples(name, expected):
 
 
 @pytest.mark.parametrize(("percent", "expected"), [(0.0, -3.0), (25.0, 0.0), (50.0, 3.0), (100.0, 9.0)])
-def test_a_percentile_lies_on_the_line_between_sorted_samples(percent, expected):
+def test_a_percentile_is_interpolated_between_sorted_samples(percent, expected):
     assert of("percentile", percent=percent) == pytest.approx(expected, abs=1e-14)
 
 
@@ -45,8 +45,8 @@ def test_a_percentile_lies_on_the_line_between_sorted_samples(percent, expected)
     ("options", "expected"),
     [
         ({}, 1.0),
-        ({"from": 1.0}, 0.75),  # 1 itself is in
-        ({"to": 5.0}, 0.5),  # 5 itself is out
+        ({"from": 1.0}, 0.75),  # includes 1
+        ({"to": 5.0}, 0.5),  # excludes 5
         ({"from": 1.0, "to": 9.0}, 0.5),
         ({"from": 1.5, "to": 4.5}, 0.0),
     ],
@@ -61,14 +61,14 @@ def test_neighbouring_shares_count_every_sample_once():
     assert parts == [0.0, 0.25, 0.25, 0.25, 0.25]
 
 
-def test_a_variation_is_of_the_mean_of_either_sign_and_none_without_a_mean():
+def test_a_variation_is_positive_for_any_sign_of_the_mean_and_undefined_for_zero():
     assert of("variation", rows=[[-2.0, -4.0]]) == pytest.approx(1.0 / 3.0)
     with pytest.raises(InputError, match="the mean is zero"):
         of("variation", rows=[[-2.0, 2.0]])
 
 
-def test_what_hangs_on_the_mean_moves_with_it_and_nothing_else_does():
-    """A constant added to the first channel; work and share compare values with zero and with bounds."""
+def test_only_absolute_statistics_change_with_the_mean():
+    """A constant is added to the first channel; work and share depend on zero and on bounds and are excluded."""
     for name, entry in STATISTICS.items():
         if name in ("work", "share"):
             continue
@@ -77,14 +77,14 @@ def test_what_hangs_on_the_mean_moves_with_it_and_nothing_else_does():
         assert (after != pytest.approx(before, rel=1e-9)) == entry.absolute, name
 
 
-def test_units_are_those_of_the_channels_but_for_pure_numbers_and_work():
+def test_units_are_those_of_the_channels_except_for_ratios_and_work():
     units = {name: entry.unit for name, entry in STATISTICS.items() if entry.unit}
     assert units == {"variation": "1", "work": "J", "share": "1"}
 
 
-def test_options_are_filled_in_and_a_wrong_one_is_named():
+def test_missing_options_get_defaults_and_unknown_ones_are_reported():
     assert options_for("share", {"to": 2}) == {"from": -np.inf, "to": 2.0}
-    with pytest.raises(InputError, match=r"rms takes no option 'to'; it takes none"):
+    with pytest.raises(InputError, match=r"rms has no option 'to'; its options: none"):
         options_for("rms", {"to": 1.0})
-    with pytest.raises(InputError, match=r"share takes no option 'percent'; it takes from, to"):
+    with pytest.raises(InputError, match=r"share has no option 'percent'; its options: from, to"):
         options_for("share", {"percent": 1.0})

@@ -1,4 +1,4 @@
-"""Bad studies are caught before anything is simulated."""
+"""Invalid studies are refused before any simulation."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ HEIGHT = ("car.front.ride_height",)
 
 @pytest.fixture
 def refused(small_study, tmp_path):
-    """refused(error, said, **what is wrong)."""
+    """Return a function refused(error, message, **changes) that checks that a study is refused."""
 
-    def check(error, said, **changes):
-        with pytest.raises(error, match=said):
+    def check(error, message, **changes):
+        with pytest.raises(error, match=message):
             Sweep(small_study(**changes), tmp_path / "out")
         assert not (tmp_path / "out").exists()
 
@@ -37,7 +37,7 @@ def test_a_build_whose_file_is_not_there(refused, tmp_path):
     refused(FmuError, "none.fmu", bank=bank)
 
 
-def test_a_build_that_is_no_shock(refused, fmus):
+def test_a_build_that_is_not_a_shock(refused, fmus):
     refused(WiringError, "has no variable 'velocity'", bank=dict.fromkeys(("soft", "stiff"), Build(fmus["seven_dof"])))
 
 
@@ -47,17 +47,19 @@ def test_a_parameter_that_a_shock_does_not_have(refused, fmus):
 
 
 def test_a_measure_on_a_channel_that_is_not_there(refused):
-    said = r"measure 'camber': car\.lf\.camber: component 'car' has no variable 'lf.camber'"
-    refused(WiringError, said, measures=(Measure("camber", ("car.lf.camber",)),))
+    message = r"measure 'camber': car\.lf\.camber: component 'car' has no variable 'lf.camber'"
+    refused(WiringError, message, measures=(Measure("camber", ("car.lf.camber",)),))
 
 
 def test_a_measure_in_a_unit_of_another_kind(refused):
-    refused(InputError, "cannot be shown in 'lbf'", measures=(Measure("h", HEIGHT, display="lbf"),))
+    refused(
+        InputError, "cannot be converted to the display unit 'lbf'", measures=(Measure("h", HEIGHT, display="lbf"),)
+    )
 
 
 def test_an_objective_per_a_unit_of_another_kind(refused):
     terms = (Term("front ride height, RMS", 1.0, "lbf"),)
-    refused(InputError, "its weight is per 'lbf'", objective=terms)
+    refused(InputError, "cannot be converted to 'lbf', the unit of its weight", objective=terms)
 
 
 @pytest.mark.parametrize("statistic", ["mean", "variation", "maximum", "rms_with_mean"])
@@ -66,7 +68,7 @@ def test_a_mean_of_a_vehicle_whose_gain_at_0_hz_is_not_trusted(refused, fmus, st
     refused(InputError, "no trusted gain at 0 Hz", vehicle=untrusted, measures=(Measure("h", HEIGHT, statistic),))
 
 
-def test_what_hangs_on_no_mean_is_welcome_there(small_study, fmus, tmp_path):
+def test_measures_that_do_not_depend_on_a_mean_are_accepted_there(small_study, fmus, tmp_path):
     untrusted = Vehicle(fmus["seven_dof"], means_trusted=False)
     measures = (Measure("r", HEIGHT), Measure("p", HEIGHT, "peak"), Measure("m", HEIGHT, "mean", band=(0.5, 9.0)))
     assert Sweep(small_study(vehicle=untrusted, measures=measures), tmp_path / "out").left == 16
@@ -80,16 +82,16 @@ def test_a_band_beyond_what_is_recorded(refused):
     refused(InputError, "smaller record_step", measures=(Measure("h", HEIGHT, band=(1.0, 200.0)),))
 
 
-def test_a_measure_of_ones_own_that_is_not_there(refused):
+def test_a_user_defined_measure_that_does_not_exist(refused):
     refused(InputError, "no Python file", measures=(Measure("h", HEIGHT, function="none.py:f"),))
 
 
-def test_a_run_that_leaves_its_drivefile(refused, small_study):
+def test_a_run_beyond_the_end_of_its_drive_file(refused, small_study):
     drive = small_study().drives[0]
-    refused(InputError, "holds 0 to 30 s", drives=(replace(drive, start=28.0),))
+    refused(InputError, "contains 0 to 30 s", drives=(replace(drive, start=28.0),))
 
 
-def test_a_drive_that_leads_nowhere(refused, small_study):
+def test_a_drive_with_an_unknown_target(refused, small_study):
     drive = small_study().drives[0]
     refused(WiringError, "nowhere", drives=(replace(drive, targets={"lf.road": "car.nowhere"}),))
 
@@ -100,7 +102,7 @@ def test_no_drive_and_two_of_one_name(refused, small_study):
     refused(InputError, "two drives are called 'track'", drives=(drive, drive))
 
 
-def test_an_fmu_that_fails_in_every_setup_ends_the_study_with_its_words(small_study, here, fmus, tmp_path):
+def test_an_fmu_that_fails_in_every_setup_ends_the_study_with_its_message(small_study, here, fmus, tmp_path):
     bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
     sweep = Sweep(small_study(bank={"soft": bad, "stiff": bad}), tmp_path / "out")
     with pytest.raises(StepError, match=r"no setup could be run.*lag_zero_force"):

@@ -1,4 +1,4 @@
-"""A study file says what a study is, and what is wrong with it, by line."""
+"""Study files: content and error messages with line numbers."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ at_most = "0.5 in"
 
 @pytest.fixture
 def write(tmp_path, fmus):
-    """write(old, new): the file with something in it replaced."""
+    """Return a function write(old, new) that writes the study file with a text replaced."""
 
     def make(old: str = "", new: str = "", text: str = TEXT) -> Path:
         filled = text.format(car=fmus["seven_dof"], shock=fmus["lpnl2"], track=EXAMPLES / "data" / "track.parquet")
@@ -69,7 +69,7 @@ def write(tmp_path, fmus):
     return make
 
 
-def test_a_file_is_read_as_it_says(write):
+def test_the_entries_of_a_file_are_read(write):
     study = read_study(write())
     assert study.space.radices == (2, 2, 1, 1) and len(study.space) == 2
     assert study.baseline_setup == Setup(3, dict.fromkeys(("lf", "rf", "lr", "rr"), "B"))
@@ -92,7 +92,7 @@ def test_values_with_units_become_si_and_families_their_measures(write):
     ]  # fmt: skip
 
 
-def test_without_corners_every_build_may_go_wherever_the_vehicle_has_a_port(write):
+def test_without_corners_every_build_is_allowed_at_every_port(write):
     text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
     assert read_study(write(text=text)).corners == dict.fromkeys(("lf", "rf", "lr", "rr"), ("A", "B"))
 
@@ -106,7 +106,7 @@ def test_a_quarter_car_has_one_corner(write):
     assert study.measures[0].name == "corner suspension travel, RMS"
 
 
-def test_a_measure_is_of_each_drive_where_there_are_several(write):
+def test_families_are_evaluated_on_each_of_several_drives(write):
     second = '[[drive]]\nname = "again"\nfile = "{track}"\nstop = 3.0\nstart = 10.0\n\n[[measure]]'
     text = TEXT.replace("[[measure]]", second, 1)
     for drive, name in (("again", "grip number"), ("track", "aero number")):
@@ -117,13 +117,13 @@ def test_a_measure_is_of_each_drive_where_there_are_several(write):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
-        ("settling =", "setling =", "line 5: setling: is no entry of a study file"),
+        ("settling =", "setling =", "line 5: setling: is not an entry of a study file"),
         ('name = "slow rebound"', "", r"measure.0.name: is missing"),
-        ("band = [", "bands = [", "line 33: measure.0.bands: is no entry"),
+        ("band = [", "bands = [", "line 33: measure.0.bands: is not an entry"),
         ("[vehicle]", "[vehicle", "line 10"),
-        ('lr = ["B"]', 'lr = ["C"]', "line 21: corners: lr may have 'C', which is no build of the bank"),
+        ('lr = ["B"]', 'lr = ["C"]', "line 21: corners: lr allows 'C', which is not a build of the bank"),
         ('lr = ["B"]', "lr = []", "lr has no shock"),
         ('"numbers"', '"nombers"', "line 4: there is no family of measures 'nombers'"),
         ('"share"', '"sharp"', "line 31: .*no statistic 'sharp'"),
@@ -135,16 +135,16 @@ def test_a_measure_is_of_each_drive_where_there_are_several(write):
         ),
         ("compression_scale =", "compresion_scale =", "has no variable 'compresion_scale'"),
         ('baseline = "B"', 'baseline = "C"', "lf cannot have the build 'C'"),
-        ('settling = "1500 ms"', "settling = 5.0", "settling must be shorter"),
-        ("schema = 1", "schema = 2", "this version reads 1"),
+        ('settling = "1500 ms"', "settling = 5.0", "settling is 5 s; it must be shorter"),
+        ("schema = 1", "schema = 2", "this version reads schema 1"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(write, old, new, said):
-    with pytest.raises(InputError, match=said):
+def test_error_messages_state_the_line(write, old, new, message):
+    with pytest.raises(InputError, match=message):
         read_study(write(old, new))
 
 
-def test_a_file_that_is_not_there_is_said(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_study(tmp_path / "none.toml")
 

@@ -1,4 +1,4 @@
-"""The exhaustive study: the master's own numbers, however often it was stopped and whoever ran it."""
+"""Exhaustive study: results agree with the master's, independent of interruptions and workers."""
 
 import signal
 from dataclasses import replace
@@ -27,11 +27,11 @@ def table(result: StudyResult):
 
 @pytest.fixture
 def finished(small_study, here, tmp_path):
-    """A study that ran from beginning to end."""
+    """Return the result of a study that ran without interruption."""
     return run_study(small_study(), tmp_path / "whole", here)
 
 
-def test_every_setup_has_a_row_with_all_that_was_promised(finished):
+def test_every_setup_has_a_row_with_all_columns(finished):
     columns = ["setup", *CORNERS, "front ride height, RMS", "total tire force, RMS", "status", "message",
                "coupling_error_percent", "marks", "seconds", "coupling error of front ride height, RMS",
                "coupling error of total tire force, RMS"]  # fmt: skip
@@ -59,8 +59,8 @@ def test_a_row_is_what_the_master_gives_for_that_setup(finished, fmus):
     assert (trace["car.front.ride_height"] == run.series["car.front.ride_height"]).all()
 
 
-def test_the_coupling_error_that_rows_state_bounds_the_one_found_at_an_eighth_of_the_step(finished):
-    """Of the measures: what the table is read for."""
+def test_the_coupling_error_of_rows_bounds_the_error_found_at_an_eighth_of_the_step(finished):
+    """The errors of the measures are checked."""
     study, space = finished.study, finished.study.space
 
     coupling, evaluator = coupling_of(finished), Evaluator(study)
@@ -71,7 +71,7 @@ def test_the_coupling_error_that_rows_state_bounds_the_one_found_at_an_eighth_of
             assert abs(found / fine[measure.name] - 1.0) < 0.01 * study.accuracy
 
 
-def test_a_study_that_was_killed_goes_on_and_ends_alike(small_study, here, finished, tmp_path):
+def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here, finished, tmp_path):
     sweep = Sweep(small_study(), tmp_path / "killed")
     coupling = sweep.coupling(here)
 
@@ -88,7 +88,7 @@ def test_a_study_that_was_killed_goes_on_and_ends_alike(small_study, here, finis
     assert table(again).equals(table(finished))
 
 
-def test_ctrl_c_leaves_what_is_there_marked_partial(small_study, here, finished, tmp_path):
+def test_ctrl_c_leaves_a_partial_result(small_study, here, finished, tmp_path):
     def press(done, _total):
         if done == 3:
             signal.raise_signal(signal.SIGINT)
@@ -118,7 +118,7 @@ def test_objective_and_constraints_may_change_without_a_new_run(small_study, her
     assert (np.diff(result.objective[ranked]) >= 0.0).all()
 
 
-def test_a_study_that_differs_is_run_anew(small_study, here, tmp_path, finished):
+def test_a_changed_study_is_run_again(small_study, here, tmp_path, finished):
     here.ran.clear()
     run_study(small_study(settling=1.5), tmp_path / "whole", here)
     assert len(here.ran) == 16
@@ -147,7 +147,7 @@ def test_setups_beyond_a_shocks_fitted_range_are_marked(small_study, here, fmus,
 
 @pytest.mark.slow
 def test_several_processes_and_one_that_is_killed_give_the_same_table(small_study, here, tmp_path):
-    """The worker is killed by a measure: whatever dies in a process, dies like this."""
+    """A measure kills the worker, as an FMU that crashes would."""
     (tmp_path / "mine.py").write_text(
         "import os, pathlib\n"
         "HERE = pathlib.Path(__file__).parent\n"
@@ -175,7 +175,7 @@ def test_several_processes_and_one_that_is_killed_give_the_same_table(small_stud
 
 @pytest.mark.slow
 def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study, here, tmp_path):
-    """The worker hangs in a measure: whatever hangs in a process, hangs like this."""
+    """A measure hangs the worker, as an FMU that hangs would."""
     corners = dict.fromkeys(CORNERS, ("stiff",)) | {"lf": ("soft", "stiff")}
     plain = run_study(small_study(corners=corners), tmp_path / "plain", here)
     levels = plain.values("front ride height, RMS")
@@ -187,7 +187,7 @@ def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study
         "    return response.total.std()\n"
     )
     own = Measure("own", ("car.front.ride_height",), function=f"{tmp_path}/mine.py:rms")
-    workers = ProcessWorkers(1, patience=20.0)  # a worker's first setup loads the loop, beside what else runs
+    workers = ProcessWorkers(1, patience=20.0)  # a worker's first setup takes longer, because it loads the loop
     try:
         sweep = Sweep(small_study(corners=corners, measures=(own,)), tmp_path / "hanging")
         found = sweep.run(workers, coupling_of(plain))
@@ -196,10 +196,10 @@ def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study
     hung = levels > levels.mean()
     assert (found.done == ~hung).all() and found.values("own")[~hung] == levels[~hung]
     (message,) = np.array(found.table["message"].to_pylist())[hung]
-    assert "gave no sign for 20 s" in message and "hangs" in message
+    assert "not responding for 20 s" in message and "hangs" in message
 
 
-def test_a_result_comes_back_from_its_file_as_it_was(finished, tmp_path):
+def test_a_result_is_read_back_from_its_file(finished, tmp_path):
     path = tmp_path / "whole" / "results.parquet"
     loaded = StudyResult.load(path)
     assert loaded.table.equals(finished.table) and loaded.study == finished.study
@@ -209,10 +209,10 @@ def test_a_result_comes_back_from_its_file_as_it_was(finished, tmp_path):
     assert all(len(digest) == 64 for digest in loaded.provenance.digests.values())
 
 
-def test_a_file_that_is_no_result_is_refused(finished, tmp_path):
+def test_a_file_that_is_not_a_result_is_refused(finished, tmp_path):
     with pytest.raises(FileFormatError, match="no such file"):
         StudyResult.load(tmp_path / "none.parquet")
-    with pytest.raises(FileFormatError, match="no header of ours"):
+    with pytest.raises(FileFormatError, match="no eightpost header"):
         StudyResult.load(next((tmp_path / "whole").glob("chunks/*/*.parquet")))
     (tmp_path / "text.parquet").write_text("text")
     with pytest.raises(FileFormatError, match="not a Parquet file"):

@@ -1,15 +1,15 @@
-// A panel of dots on a canvas: one per setup, drawn in a frame however many there are, with a brush.
+// A panel of dots on a canvas, one per setup, with a brush. All dots are drawn within one frame.
 
 const MARGIN = { left: 78, right: 12, top: 26, bottom: 46 };
 const GREY = "#d5dae1", INK = "#1c2430", SOFT = "#5b6675";
-const ROOM = 0.03; // of the axis, beyond the least and the greatest level
-const NEAR = 9; // pixels within which a click means a dot
+const ROOM = 0.03; // margin of the axis beyond the levels 0 and 1
+const NEAR = 9; // largest distance between a click and its dot [px]
 const panels = [];
 
 /**
  * Make a panel.
  * @param place the element to draw in
- * @param view { point(row) -> [x, y] in levels, draw(pen, panel), title } of what is drawn, asked anew each time
+  * @param view { point(row) -> [x, y] in levels, draw(pen, panel), title }; its functions are called for every drawing
  */
 function panelIn(place, view) {
   const canvas = document.createElement("canvas"), band = document.createElement("div"), tip = document.createElement("div");
@@ -43,7 +43,7 @@ function inside(panel) { // the plotting area [px]
     height: clientHeight - MARGIN.top - MARGIN.bottom };
 }
 
-/** From levels to pixels, and back. */
+/** Return the conversions from levels to pixels and back. */
 function scales(panel) {
   const box = inside(panel), { x: [x0, x1], y: [y0, y1] } = panel.view.ranges();
   return {
@@ -77,7 +77,7 @@ function write(pen, text, x, y, { align = "center", color = SOFT, font = "11px s
 
 const QUARTERS = [0, 0.25, 0.5, 0.75, 1];
 
-/** The horizontal axis: levels, and under them what they are in the column's unit. */
+/** Draw the horizontal axis: levels, and below them the values in the column's unit. */
 function drawAxisX(pen, { x, box }, column) {
   for (const level of QUARTERS) {
     rule(pen, x(level), box.y, x(level), box.y + box.height, "#e6e9ee");
@@ -128,7 +128,7 @@ function diamond(pen, x, y, radius) {
   pen.stroke();
 }
 
-/** The marks that stand out in every panel: picked setups, the baseline, the one that was clicked. */
+/** Draw the markers of the picked setups, the baseline and the setup that was clicked. */
 function drawMarks(pen, { x, y }, point) {
   const at = (row) => { const [a, b] = point(row); return [x(a), y(b)]; };
   for (const row of state.picked) if (known(point, row)) ring(pen, ...at(row), 5, INK, 1.5);
@@ -143,16 +143,16 @@ function where(panel, event) {
   return [event.clientX - frame.left, event.clientY - frame.top];
 }
 
-/** The setup whose dot is nearest to a pixel; those that are filtered out only where no other is near. */
+/** Return the setup whose dot is nearest to a pixel, with a preference for setups that pass the filters. */
 function nearest(panel, [px, py]) {
   const { x, y } = scales(panel);
-  let best = null, least = Infinity;
+  let best = null, shortest = Infinity;
   for (let row = 0; row < data.count; row++) {
     const [a, b] = panel.view.point(row);
-    const far = Math.hypot(x(a) - px, y(b) - py) + (shown[row] ? 0 : 0.5 * NEAR);
-    if (far < least) { least = far; best = row; }
+    const distance = Math.hypot(x(a) - px, y(b) - py) + (shown[row] ? 0 : 0.5 * NEAR);
+    if (distance < shortest) { shortest = distance; best = row; }
   }
-  return least <= NEAR ? best : null;
+  return shortest <= NEAR ? best : null;
 }
 
 function showBand(panel, start, end) {
@@ -198,13 +198,13 @@ function listenPanel(panel) {
   panel.place.addEventListener("dblclick", unbrush);
 }
 
-/** Tell what is under the pointer. */
+/** Describe the setup under the pointer. */
 function point(panel, here) {
   const row = nearest(panel, here);
   panel.place.style.cursor = row === null ? "crosshair" : "pointer";
   panel.tip.hidden = row === null;
   if (row === null) return;
-  panel.tip.textContent = panel.view.tell(row);
+  panel.tip.textContent = panel.view.describe(row);
   const right = here[0] > panel.place.clientWidth / 2;
   Object.assign(panel.tip.style, { left: right ? "auto" : `${here[0] + 12}px`, top: `${here[1] + 12}px`,
     right: right ? `${panel.place.clientWidth - here[0] + 12}px` : "auto" });

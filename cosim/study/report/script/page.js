@@ -1,4 +1,4 @@
-// What the reader does, and the start.
+// Event handlers, and the start of the page.
 
 function switchUnits(event) {
   state.metric = event.target.value === "metric";
@@ -16,13 +16,13 @@ function switchBuild(event) {
   update();
 }
 
-/** A corner's name switches all of its builds on, or all off where all are on. */
+/** Switch all builds of a corner on; if all are on, switch them off. */
 function switchCorner(event) {
   const corner = Number(event.target.dataset.all), boxes = document.querySelectorAll(`#builds input[data-corner="${corner}"]`);
-  const wanted = state.off[corner].size > 0;
+  const checked = state.off[corner].size > 0;
   for (const box of boxes) {
-    box.checked = wanted;
-    if (wanted) state.off[corner].delete(Number(box.dataset.build)); else state.off[corner].add(Number(box.dataset.build));
+    box.checked = checked;
+    if (checked) state.off[corner].delete(Number(box.dataset.build)); else state.off[corner].add(Number(box.dataset.build));
   }
   update();
 }
@@ -35,12 +35,12 @@ function clearAll() {
   unbrush();
 }
 
-/** A text that a spreadsheet would take for a formula gets an apostrophe before it; a number stays one. */
+/** Put an apostrophe before a text that a spreadsheet would interpret as a formula; leave numbers unchanged. */
 const formula = /^'*[=+\-@\t\r\n＝＋－＠]/, number = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 const safe = (text) => (formula.test(text) && !number.test(text) ? `'${text}` : text);
 const quoted = (text) => `"${safe(String(text)).replace(/"/g, '""')}"`;
 
-/** The rows that the table lists, as CSV in the units that are shown. */
+/** Save the rows of the table as CSV, in the units shown. */
 function download() {
   const names = ["rank", "setup", ...manifest.corners, ...data.columns.map((column) => column.name)];
   const units = ["", "", ...manifest.corners.map(() => ""), ...data.columns.map(unit)];
@@ -70,9 +70,9 @@ function listenFilters() {
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") unbrush(); });
 }
 
-function showColumn(column, wanted) {
-  if (wanted) state.tabled.add(column); else state.tabled.delete(column);
-  document.querySelector(`#tabled input[value="${column}"]`).checked = wanted;
+function showColumn(column, visible) {
+  if (visible) state.tabled.add(column); else state.tabled.delete(column);
+  document.querySelector(`#tabled input[value="${column}"]`).checked = visible;
 }
 
 function listenViews() {
@@ -102,16 +102,16 @@ function listenPrint() {
   window.addEventListener("afterprint", () => { printing = false; update(); });
 }
 
-/** A browser that reloads a page keeps what was chosen in its boxes; the page begins anew. */
-function asWritten() {
+/** Reset all inputs: a browser that reloads a page would keep their old state. */
+function resetInputs() {
   for (const box of document.querySelectorAll("input[type=checkbox], input[type=radio]")) box.checked = box.defaultChecked;
   for (const box of document.querySelectorAll("input[type=search]")) box.value = "";
 }
 
-asWritten();
+resetInputs();
 for (const box of document.querySelectorAll("input[name=units]")) box.addEventListener("change", switchUnits);
 try {
-  data = opened(await unpacked("numbers"));
+  data = decode(await unpack("numbers"));
   for (const row of manifest.picked) state.picked.add(row);
   state.focus = Number(document.getElementById("focus").value);
   state.current = manifest.best;
@@ -120,7 +120,7 @@ try {
   listenFilters();
   listenViews();
   listenPrint();
-  sieve();
+  applyFilters();
   makeTrends();
   focusOn(state.focus);
   drawSetup();
@@ -128,6 +128,6 @@ try {
   document.body.dataset.ready = "yes";
 } catch (error) {
   const trouble = document.getElementById("trouble");
-  trouble.textContent = `The page cannot be drawn (${error}); it needs a browser of 2023 or later.`;
+  trouble.textContent = `The plots and tables of this page cannot be drawn (${error}). The page needs a browser of 2023 or later.`;
   trouble.hidden = false;
 }

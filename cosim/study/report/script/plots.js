@@ -1,23 +1,22 @@
-// Levels of one measure by the build at each corner (Figs 7.1, 7.3, 7.5), and what they cost in the others
+// Levels of one measure by the build at each corner (Figs 7.1, 7.3, 7.5), and trade-offs with other measures
 // (Figs 7.2, 7.4, 7.6).
 
-const TRADES = 6; // panels of trade-offs at first
 const focus = () => data.columns[state.focus];
 const LEVEL_RANGE = [-ROOM, 1 + ROOM];
 
-/** Rows in the order of drawing: those that are not shown first, so that the others lie on top. */
+/** Draw every row, those that are filtered out first, so that the others are on top. */
 function eachDot(draw) {
-  for (const wanted of [0, 1]) for (let row = 0; row < data.count; row++) if (shown[row] === wanted) draw(row, wanted);
+  for (const visible of [0, 1]) for (let row = 0; row < data.count; row++) if (shown[row] === visible) draw(row, visible);
 }
 
-function tellSetup(row, columns) {
+function describeSetup(row, columns) {
   const values = columns.map((column) => `${column.name} ${figure(convert(column, column.values[row]))} ${unit(column)}`);
   return [`setup ${data.numbers[row]}, rank ${manifest.failures[row] ? "–" : data.rank[row]}`,
     label(row).map((build, corner) => `${manifest.corners[corner].toUpperCase()} ${build}`).join("  "), ...values,
     remark(row)].filter(Boolean).join("\n");
 }
 
-// A lane per build, the first of the bank on top.
+// One lane per build, with the first build of the bank on top.
 function trendView(corner) {
   const lanes = manifest.builds.length;
   const pointOf = (column) => (row) => [column.levels[row], lanes - 1 - data.placed[corner][row]];
@@ -25,7 +24,7 @@ function trendView(corner) {
     point: (row) => pointOf(focus())(row),
     frozen: () => pointOf(focus()),
     ranges: () => ({ x: LEVEL_RANGE, y: [-0.6, lanes - 0.4] }),
-    tell: (row) => tellSetup(row, [focus()]),
+    describe: (row) => describeSetup(row, [focus()]),
     draw: (pen, axes) => drawTrend(pen, axes, corner, pointOf(focus())),
   };
 }
@@ -41,12 +40,12 @@ function drawTrend(pen, axes, corner, pointOf) {
     pen.fillStyle = manifest.colors[k];
     pen.fillRect(box.x - 12, y(lanes - 1 - k) - 5, 7, 10);
   }
-  eachDot((row, wanted) => {
+  => eachDot((row, visible) => => {
     const [level, lane] = pointOf(row);
-    pen.globalAlpha = wanted ? 0.55 : 0.5;
-    const near = wanted && focus().doubt?.tied[row];
-    if (near) { pen.fillStyle = "#ffe27a"; pen.fillRect(x(level) - 2.5, y(lane) - half - 2, 5, 2 * half + 4); }
-    pen.fillStyle = wanted ? manifest.colors[data.placed[corner][row]] : GREY;
+    pen.globalAlpha = visible ? 0.55 : 0.5;
+    const tied = visible && focus().uncertainty?.tied[row];
+    if (tied) { pen.fillStyle = "#ffe27a"; pen.fillRect(x(level) - 2.5, y(lane) - half - 2, 5, 2 * half + 4); }
+    pen.fillStyle = visible ? manifest.colors[data.placed[corner][row]] : GREY;
     pen.fillRect(x(level) - 0.75, y(lane) - half, 1.5, 2 * half);
   });
   pen.globalAlpha = 1;
@@ -59,7 +58,7 @@ function tradeView(other) {
     point: (row) => pointOf(focus())(row),
     frozen: () => pointOf(focus()),
     ranges: () => ({ x: LEVEL_RANGE, y: LEVEL_RANGE }),
-    tell: (row) => tellSetup(row, [focus(), data.columns[other]]),
+    describe: (row) => describeSetup(row, [focus(), data.columns[other]]),
     draw: (pen, axes) => drawTrade(pen, axes, data.columns[other], pointOf(focus())),
   };
 }
@@ -69,10 +68,10 @@ function drawTrade(pen, axes, column, pointOf) {
   write(pen, column.name + inUnit(column), 6, 12, { align: "left", color: INK, font: "600 12px system-ui, sans-serif" });
   drawAxisX(pen, axes, focus());
   drawAxisY(pen, axes, column);
-  eachDot((row, wanted) => {
+  => eachDot((row, visible) => => {
     const [a, b] = pointOf(row);
-    pen.globalAlpha = wanted ? 0.8 : 0.5;
-    pen.fillStyle = wanted ? manifest.colors[builds[row]] : GREY;
+    pen.globalAlpha = visible ? 0.8 : 0.5;
+    pen.fillStyle = visible ? manifest.colors[builds[row]] : GREY;
     pen.fillRect(x(a) - 1.5, y(b) - 1.5, 3, 3);
   });
   pen.globalAlpha = 1;
@@ -81,19 +80,19 @@ function drawTrade(pen, axes, column, pointOf) {
   drawMarks(pen, axes, pointOf);
 }
 
-const wish = (column, row) => (column.better === "high" ? -column.values[row] : column.values[row]);
+const cost = (column, row) => (column.better === "high" ? -column.values[row] : column.values[row]);
 
-/** The setups that keep the constraints and that no other of them betters in one measure without losing in the other. */
+/** Return the rows of the Pareto front of two measures among the feasible setups. */
 function front(first, second) {
   const rows = [];
   for (let row = 0; row < data.count; row++) {
-    if (data.allowed[row] && !manifest.failures[row] && isFinite(wish(first, row) + wish(second, row))) rows.push(row);
+    if (data.allowed[row] && !manifest.failures[row] && isFinite(cost(first, row) + cost(second, row))) rows.push(row);
   }
-  rows.sort((a, b) => wish(first, a) - wish(first, b) || wish(second, a) - wish(second, b));
-  let least = Infinity;
+  rows.sort((a, b) => cost(first, a) - cost(first, b) || cost(second, a) - cost(second, b));
+  let lowest = Infinity;
   return rows.filter((row) => {
-    if (wish(second, row) >= least) return false;
-    least = wish(second, row);
+    if (cost(second, row) >= lowest) return false;
+    lowest = cost(second, row);
     return true;
   });
 }
@@ -108,11 +107,11 @@ function drawFront(pen, { x, y }, points) {
   for (const [a, b] of points) { pen.beginPath(); pen.arc(x(a), y(b), 2.2, 0, 2 * Math.PI); pen.fill(); }
 }
 
-/** Two standard deviations about the setup that was clicked, and about those that are picked. */
+/** Draw bars of two standard deviations for the setup that was clicked and for the picked ones. */
 function drawSpread(pen, { x, y }, column, pointOf) {
   const rows = new Set(state.picked);
   if (state.current !== null) rows.add(state.current);
-  const half = (one, row) => (one.doubt?.spread[row] || 0) / (one.high - one.low || 1);
+  const half = (one, row) => (one.uncertainty?.spread[row] || 0) / (one.high - one.low || 1);
   for (const row of rows) {
     const [a, b] = pointOf(row), dx = half(focus(), row), dy = half(column, row);
     if (dx) rule(pen, x(a - dx), y(b), x(a + dx), y(b), INK, 1.2);
@@ -120,7 +119,7 @@ function drawSpread(pen, { x, y }, column, pointOf) {
   }
 }
 
-function drop(place) { // the panels of a place, before others take it
+function removePanels(place) {
   for (let k = panels.length - 1; k >= 0; k--) {
     if (!place.contains(panels[k].place)) continue;
     watch.unobserve(panels[k].place);
@@ -129,7 +128,7 @@ function drop(place) { // the panels of a place, before others take it
   place.replaceChildren();
 }
 
-function made(place, kind, name) {
+function addElement(place, kind, name) {
   const one = document.createElement("div");
   one.className = kind;
   one.setAttribute("role", "img");
@@ -142,31 +141,31 @@ function makeTrends() {
   const place = document.getElementById("trends");
   place.style.setProperty("--lanes", manifest.builds.length);
   for (const [corner, name] of manifest.corners.entries()) {
-    panelIn(made(place, "panel", `levels by the build at ${name}`), trendView(corner));
+    panelIn(addElement(place, "panel", `levels by the build at ${name}`), trendView(corner));
   }
 }
 
 function makeTrades() {
   const place = document.getElementById("trades");
-  drop(place);
+  removePanels(place);
   for (const box of document.querySelectorAll("#against input:checked")) {
     const other = Number(box.value);
-    if (other !== state.focus) panelIn(made(place, "panel", `trade-off with ${data.columns[other].name}`), tradeView(other));
+    if (other !== state.focus) panelIn(addElement(place, "panel", `trade-off with ${data.columns[other].name}`), tradeView(other));
   }
 }
 
-function tellTies() {
+function showTies() {
   const place = document.getElementById("ties"), { ties } = focus();
   place.hidden = ties === undefined;
-  place.textContent = `${ties} setups are not told from the best of this measure (yellow).`;
+  place.textContent = `${ties} setups, including the best, are tied for this measure (yellow).`;
 }
 
 function focusOn(column) {
   state.focus = column;
   document.getElementById("focus").value = column;
-  for (const { band } of panels) band.hidden = true; // the setups in it stay chosen
+  for (const { band } of panels) band.hidden = true; // its setups stay selected
   showColumn(column, true);
-  tellTies();
+  showTies();
   makeTrades();
   drawSensitivity();
   update();

@@ -1,4 +1,4 @@
-// What each build at each corner does to the measure in focus, on average over all else.
+// Main effects of the builds at each corner on the chosen measure, and interactions of two corners.
 
 const sensitivityPlace = document.getElementById("effects");
 let sensitivityIsNear = false;
@@ -36,7 +36,7 @@ function drawMain(terms) {
     marker: { size: 8, symbol: k }, hovertemplate: `%{x}: %{y:+.3~g} ${unit(column)}` }));
   const title = `effect on ${plain(column.name)}${inUnit(column)}`;
   Plotly.react(sensitivityPlace, lines, effectLayout({
-    title: { text: "Main effects: mean of all setups with that build there, less the mean of all", font: { size: 12 }, x: 0.01, xanchor: "left" },
+    title: { text: "Main effects: mean of all setups with that build at that corner, minus the mean of all setups", font: { size: 12 }, x: 0.01, xanchor: "left" },
     xaxis: { ...AXIS, type: "category", categoryorder: "array", categoryarray: manifest.builds.map(plain) },
     yaxis: { ...AXIS, zeroline: true, zerolinecolor: "#8d99a8", title: { text: title, font: { size: 12 } } } }), PLOT);
 }
@@ -56,7 +56,7 @@ function drawPair(terms) {
   Plotly.react(place, [{ type: "heatmap", x: buildsOf(names[1]), y: buildsOf(names[0]), z: values, zmin: -most, zmax: most,
     colorscale: [[0, "#2166ac"], [0.5, "#f7f7f7"], [1, "#b2182b"]], hovertemplate: `%{y}, %{x}: %{z:+.3~g} ${unit(column)}<extra></extra>`,
     colorbar: { thickness: 12, title: { text: unit(column), font: { size: 11 } } } }], effectLayout({
-    title: { text: "Interaction: what both together do beyond their main effects", font: { size: 12 }, x: 0.01, xanchor: "left" },
+    title: { text: "Interaction: effect of both builds together in addition to their main effects", font: { size: 12 }, x: 0.01, xanchor: "left" },
     xaxis: { ...AXIS, type: "category", title: { text: upper(names[1]) } },
     yaxis: { ...AXIS, type: "category", autorange: "reversed", title: { text: upper(names[0]) } } }), PLOT);
 }

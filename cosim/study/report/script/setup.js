@@ -1,9 +1,9 @@
-// One setup: its builds, its levels beside the baseline's and the best's, its time traces.
+// One setup: its builds, its values compared with the baseline and the best setup, its time traces.
 
 const PLOT = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"] };
 const AXIS = { gridcolor: "#e6e9ee", zeroline: false, linecolor: "#b9c1cb", ticks: "outside", tickcolor: "#b9c1cb" };
 const LINES = ["#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f"];
-const DRAWN = 700; // pairs of points per line
+const DRAWN = 700; // pairs of points (minimum, maximum) drawn per line
 
 function cornersOf(row) {
   const place = document.createElement("div");
@@ -23,34 +23,34 @@ function standing(row) {
   const number = data.numbers[row];
   if (manifest.failures[row]) return `Setup ${number} failed: ${manifest.failures[row]}`;
   const place = `Setup ${number} has rank ${data.rank[row]} of ${manifest.done}`;
-  const limits = data.allowed[row] ? "" : "; it does not keep the constraints";
+  const limits = data.allowed[row] ? "" : "; it breaks a constraint";
   const error = Number.isFinite(data.error[row]) ? ` Coupling error ${figure(data.error[row], 2)} %.` : "";
   return `${place}${limits}.${manifest.marks[row] ? ` Marked: ${manifest.marks[row]}.` : ""}${error}`;
 }
 
-/** The change from another setup in percent; `doubts` are two standard deviations of the difference from it. */
-function change(column, row, other, doubts) {
+/** Change from another setup in percent; `limits` are two standard deviations of the difference from it. */
+function change(column, row, other, limits) {
   if (other === null) return "";
-  if (other === row) return "itself";
+  if (other === row) return "(this setup)";
   const base = column.values[other], part = (column.values[row] - base) / Math.abs(base);
   if (!Number.isFinite(part)) return "";
-  const doubtful = doubts && Math.abs(column.values[row] - base) <= doubts[row];
-  return `${part > 0 ? "+" : ""}${percent(part, 2)}${doubtful ? " (not told apart)" : ""}`;
+  const tied = limits && Math.abs(column.values[row] - base) <= limits[row];
+  return `${part > 0 ? "+" : ""}${percent(part, 2)}${tied ? " (tie)" : ""}`;
 }
 
 function compared(row) {
   const body = document.getElementById("compared").tBodies[0];
   body.replaceChildren();
   for (const column of data.columns) {
-    const line = body.insertRow(), { doubt } = column, half = doubt?.spread[row];
+    const line = body.insertRow(), { uncertainty } = column, half = uncertainty?.spread[row];
     const spread = Number.isFinite(half) ? ` ± ${figure(width(column, half), 2)}` : "";
     cell(line, column.name, "name");
     cell(line, unit(column), "");
     cell(line, figure(convert(column, column.values[row])) + spread, "number");
     cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
     cell(line, percent(column.levels[row]), "number");
-    cell(line, change(column, row, manifest.baseline, doubt?.baseline), "number");
-    cell(line, change(column, row, manifest.best, doubt?.best), "number");
+    cell(line, change(column, row, manifest.baseline, uncertainty?.baseline), "number");
+    cell(line, change(column, row, manifest.best, uncertainty?.best), "number");
   }
 }
 
@@ -75,14 +75,14 @@ function drawTraces(row) {
   command.hidden = Boolean(trace);
   document.getElementById("has-traces").hidden = !trace;
   place.replaceChildren();
-  const wanted = manifest.trace_command.replace("{setup}", data.numbers[row]);
-  document.getElementById("command").textContent = wanted;
-  document.getElementById("command-place").hidden = !wanted;
+  const text = manifest.trace_command.replace("{setup}", data.numbers[row]);
+  document.getElementById("command").textContent = text;
+  document.getElementById("command-place").hidden = !text;
   if (!trace) return;
-  document.getElementById("thinned").textContent = trace.samples === 1 ? "This page holds every sample."
-    : `This page holds the least and the greatest of every ${trace.samples} samples (${figure(1e3 * trace.interval, 3)} ms): no peak is lost.`;
+  document.getElementById("thinned").textContent = trace.samples === 1 ? "The traces contain every sample."
+    : `The traces contain the minimum and maximum of every ${trace.samples} samples (${figure(1e3 * trace.interval, 3)} ms), so that no peak is lost.`;
   for (const quantity of [...new Set(trace.channels.map((channel) => channel.quantity))]) {
-    const one = made(place, "trace", `${quantity} of setup ${data.numbers[row]}`);
+    const one = addElement(place, "trace", `${quantity} of setup ${data.numbers[row]}`);
     one.quantity = quantity;
     traceWatch.observe(one);
   }
@@ -92,17 +92,17 @@ const traceWatch = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) if (isIntersecting) drawTrace(target);
 }, { rootMargin: "300px" });
 
-/** Least and greatest of every few samples: no peak is lost. */
-function thinned(values, time) {
+/** Keep the minimum and maximum of every few samples, so that no peak is lost. */
+function decimate(values, time) {
   const few = Math.max(1, Math.ceil(values.length / DRAWN)), kept = [];
   for (let start = 0; start < values.length; start += few) {
-    let least = start, greatest = start;
+    let lowest = start, highest = start;
     for (let k = start; k < Math.min(values.length, start + few); k++) {
-      if (values[k] < values[least]) least = k;
-      if (values[k] > values[greatest]) greatest = k;
+      if (values[k] < values[lowest]) lowest = k;
+      if (values[k] > values[highest]) highest = k;
     }
-    kept.push(Math.min(least, greatest));
-    if (least !== greatest) kept.push(Math.max(least, greatest));
+    kept.push(Math.min(lowest, highest));
+    if (lowest !== highest) kept.push(Math.max(lowest, highest));
   }
   return { x: kept.map((k) => time[k]), y: kept.map((k) => values[k]) };
 }
@@ -112,18 +112,18 @@ function lineOf(trace, channel, span, color, dash) {
   const first = time.findIndex((moment) => moment >= span[0]), after = time.findIndex((moment) => moment > span[1]);
   const last = after < 0 ? time.length : after;
   const name = plain(channel.name.replace(/\.[^.]*$/, "")) + (dash ? ", baseline" : "");
-  const { x, y } = thinned(values.subarray(first, last), time.subarray(first, last));
+  const { x, y } = decimate(values.subarray(first, last), time.subarray(first, last));
   return { type: "scatter", mode: "lines", name, showlegend: !dash, x, y: y.map((value) => convert(channel, value)),
     line: { color, width: dash ? 1 : 1.4, dash: dash || "solid" }, hovertemplate: `%{y:.4~g} ${unit(channel)}` };
 }
 
 const wholeOf = (trace) => [trace.from, trace.to];
-const wanted = () => document.getElementById("with-baseline").checked;
+document.getElementById("with-baseline").checked; => const withBaseline = () => document.getElementById("with-baseline").checked; => document.getElementById("with-baseline").checked;
 
 async function drawTrace(place) {
   await loadPlotly();
   if (!place.isConnected) return;
-  const trace = traceOf(state.current), other = wanted() && state.current !== manifest.baseline ? traceOf(manifest.baseline) : null;
+  const trace = traceOf(state.current), other = withBaseline() && state.current !== manifest.baseline ? traceOf(manifest.baseline) : null;
   if (!trace) return;
   const middle = 0.5 * (trace.from + trace.to);
   const span = state.span || [Math.max(trace.from, middle - 2), Math.min(trace.to, middle + 2)];

@@ -1,7 +1,7 @@
-// What the reader has chosen, and which setups that leaves.
+// The reader's choices, and the setups that pass them.
 
 let data; // see store.js
-let shown; // one byte per setup: it passes the filters and lies in the brush
+let shown; // one byte per setup: whether it passes the filters and is inside the brush
 let waiting = false;
 
 const state = {
@@ -30,7 +30,7 @@ const convert = (scale, value) => {
 };
 const width = (scale, value) => (state.metric ? scale.metric : scale.us).factor * value;
 
-/** Four significant digits, with a true minus sign. */
+/** Format a number with four significant digits and a true minus sign. */
 function figure(value, digits = 4) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -46,7 +46,7 @@ function powered(text) { // 1.2e-5 as 1.2·10⁻⁵
   return `${minus(mantissa)}·10${raised(exponent.replace("+", ""))}`;
 }
 
-/** A share [1] in percent. */
+/** Format a share [1] in percent. */
 const percent = (share, digits = 1) => (Number.isFinite(share) ? `${minus((100 * share).toFixed(digits))} %` : "–");
 
 function brushed(row) {
@@ -65,18 +65,18 @@ function filtered(row, words) {
   if (state.off.some((builds, corner) => builds.has(data.placed[corner][row]))) return false;
   if (state.kept.allowed && !data.allowed[row]) return false;
   if (state.kept.unmarked && (manifest.marks[row] || manifest.failures[row])) return false;
-  if (state.kept.tied && focus().doubt && !focus().doubt.tied[row]) return false;
+  if (state.kept.tied && focus().uncertainty && !focus().uncertainty.tied[row]) return false;
   if (state.kept.picked && !state.picked.has(row)) return false;
   return matches(row, words);
 }
 
-function sieve() {
+function applyFilters() {
   const words = state.words.toLowerCase().split(/\s+/).filter(Boolean);
   shown = new Uint8Array(data.count);
   for (let row = 0; row < data.count; row++) shown[row] = filtered(row, words) && brushed(row) ? 1 : 0;
 }
 
-/** Draw all that depends on the choice, once per frame however often it changes. */
+/** Redraw everything that depends on the choices, at most once per frame. */
 function update() {
   if (waiting) return;
   waiting = true;
@@ -85,13 +85,13 @@ function update() {
 
 function refresh() {
   waiting = false;
-  sieve();
-  tellChoice();
+  applyFilters();
+  showCounts();
   fillTable();
   drawPanels();
 }
 
-function tellChoice() {
+function showCounts() {
   let count = 0;
   for (const one of shown) count += one;
   document.getElementById("shown").textContent = `${count} of ${data.count} setups`;
@@ -107,7 +107,7 @@ function choose(row) {
   update();
 }
 
-function pick(row, wanted) {
-  if (wanted) state.picked.add(row); else state.picked.delete(row);
+function pick(row, picked) {
+  if (picked) state.picked.add(row); else state.picked.delete(row);
   update();
 }

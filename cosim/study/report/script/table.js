@@ -1,7 +1,7 @@
-// The ranking: as many rows as the window shows, however many there are.
+// The ranking. The document contains only the rows that are visible.
 
-const ROW = 26; // pixels, as page.css has it
-const MORE = 8; // rows above and below those that are seen
+const ROW = 26; // height of a row [px]; page.css has the same value
+const MORE = 8; // rows kept above and below the visible ones
 const table = document.getElementById("ranking");
 const pane = document.getElementById("ranking-pane");
 let listed = []; // rows in the order of the table
@@ -27,7 +27,7 @@ function keyOf(key) {
   return key.startsWith("corner") ? data.placed[place] : data.columns[place].values;
 }
 
-/** Sort what passes the filters; equals by rank, setups without a value last either way. */
+/** Sort the setups that pass the filters. Equal values are ordered by rank; setups without a value are always last. */
 function sorted() {
   const rows = [];
   for (let row = 0; row < data.count; row++) if (shown[row]) rows.push(row);
@@ -56,13 +56,13 @@ function fillHead() {
 }
 
 const remark = (row) => manifest.failures[row]
-  || [manifest.marks[row], data.allowed[row] ? "" : "over a limit"].filter(Boolean).join(", ");
+  || [manifest.marks[row], data.allowed[row] ? "" : "breaks a constraint"].filter(Boolean).join(", ");
 
 function cell(line, text, kind) {
-  const made = line.insertCell();
-  made.className = kind;
-  made.textContent = text;
-  return made;
+  const added = line.insertCell();
+  added.className = kind;
+  added.textContent = text;
+  return added;
 }
 
 function fillRow(row) {
@@ -104,7 +104,7 @@ function spacer(height) {
   return line;
 }
 
-/** Write the rows that are seen, between two empty ones as high as all the others. */
+/** Write the visible rows between two empty rows that are as high as the rows left out. */
 function fillWindow(all = 0) {
   const first = Math.max(0, Math.floor(pane.scrollTop / ROW) - MORE);
   const last = all || Math.min(listed.length, first + Math.ceil(pane.clientHeight / ROW) + 2 * MORE);
@@ -129,10 +129,10 @@ function onTableClick(event) {
 
 function listenTable() {
   table.addEventListener("click", onTableClick);
-  let asked = false;
+  let pending = false;
   pane.addEventListener("scroll", () => {
-    if (asked) return;
-    asked = true;
-    requestAnimationFrame(() => { asked = false; fillWindow(); });
+    if (pending) return;
+    pending = true;
+    { asked = false; fillWindow(); }); => requestAnimationFrame(() => { pending = false; fillWindow(); }); => { asked = false; fillWindow(); });
   });
 }

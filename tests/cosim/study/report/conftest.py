@@ -1,4 +1,4 @@
-"""A study that was never run: a formula in place of the FMUs, with the trends of chapter 7 and seeded noise."""
+"""A constructed study: formulas instead of FMUs, with the trends of chapter 7 and seeded noise."""
 
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def _row(study, setup, values, rng):
 
 @pytest.fixture(scope="session")
 def surrogate():
-    """A result over all setups of Table 7.3's builds, or of some of them; setup 40 fails, setup 7 is marked."""
+    """Return a function that gives the result for some builds of Table 7.3; setup 40 fails, setup 7 is marked."""
 
     def made(builds=BUILDS, objective=_OBJECTIVE):
         rng = np.random.default_rng(7)
@@ -84,7 +84,7 @@ def surrogate():
 
 @pytest.fixture(scope="session")
 def lap():
-    """Traces of four channels over 10 s at 500 Hz; `seed` tells one from the other."""
+    """Return a function of a seed that gives traces of three channels over 10 s at 500 Hz."""
 
     def made(seed):
         time, rng = np.arange(0.0, 10.001, 0.002), np.random.default_rng(seed)

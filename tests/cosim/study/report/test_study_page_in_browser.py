@@ -1,4 +1,4 @@
-"""The study's page in a browser, all 2401 setups: sorted, filtered, brushed, clicked, and it complains of nothing."""
+"""The study's page in a browser with all 2401 setups: sorting, filters, brush and clicks, without any error."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.selection import select
-from cosim.study.choice.sensitivity import told_sensitivities
+from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
 
@@ -15,11 +15,11 @@ IN, LBF = 0.0254, 4.4482216152605  # exact definitions
 
 _ROWS = "[...document.querySelectorAll('#ranking tbody tr[data-row]')]"
 _HEADS = "[...document.querySelectorAll('#ranking th')]"
-# Two frames: what was changed is drawn in the first of them.
+# Two frames: changes are drawn in the first of them.
 _DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
-# Of a panel, as script/dots.js has them: left, right, top, bottom [px]; room beyond the levels 0 and 1.
+# Margins of a panel as in script/dots.js: left, right, top, bottom [px]; margin beyond the levels 0 and 1.
 _LEFT, _RIGHT, _TOP, _BOTTOM, _ROOM = 78.0, 12.0, 26.0, 46.0, 0.03
-# Coloured pixels in the right part of the first trade-off, at levels above a half.
+# Number of coloured pixels in the right part of the first trade-off, at levels above 50 %.
 _COLORED = """(() => {
   const drawn = document.querySelector('#trades canvas'), x = Math.round(0.6 * drawn.width);
   const copy = document.createElement('canvas');
@@ -40,7 +40,7 @@ _EFFECTS = "JSON.stringify(document.querySelector('#effects').data.map((line) =>
 
 
 class _Page:
-    """The page as a reader uses it, on a laptop's screen."""
+    """The page on the screen of a laptop, with actions of a reader."""
 
     def __init__(self, browser, path):
         self.browser, self.path = browser, path
@@ -60,7 +60,7 @@ class _Page:
         return self.do(f"document.querySelector('{selector}').textContent")
 
     def rows(self):
-        """The rows that the document holds, cell by cell."""
+        """Return the table rows in the document, cell by cell."""
         return json.loads(self.do(f"JSON.stringify({_ROWS}.map((r) => [...r.cells].map((c) => c.textContent)))"))
 
     def column(self, head):
@@ -72,7 +72,7 @@ class _Page:
         return self.rows()
 
     def shown(self):
-        """How many setups pass, as the page says."""
+        """Return the number of setups that pass the filters, as shown on the page."""
         return int(self.text("#shown").split()[0])
 
     def focus(self, measure):
@@ -83,7 +83,7 @@ class _Page:
         )
 
     def panel(self, selector):
-        """A panel in the middle of the window: from levels to pixels of the window."""
+        """Scroll a panel to the middle of the window; return the conversion from levels to pixels of the window."""
         self.do(f"document.querySelector('{selector}').scrollIntoView({{block: 'center'}})")
         frame = json.loads(self.do(f"JSON.stringify(document.querySelector('{selector}').getBoundingClientRect())"))
         width, height = frame["width"] - _LEFT - _RIGHT, frame["height"] - _TOP - _BOTTOM
@@ -105,7 +105,7 @@ def written(whole, lap, tmp_path_factory):
     best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
     extras = Extras(
         traces={best: lap(1), baseline: lap(2)},
-        sensitivities=told_sensitivities(whole),
+        sensitivities=available_sensitivities(whole),
         selection=select(whole, [FRONT, TIRE, HUB], total=20).chosen,
     )
     path = tmp_path_factory.mktemp("page") / "report.html"
@@ -115,12 +115,12 @@ def written(whole, lap, tmp_path_factory):
 
 @pytest.fixture
 def opened(browser, written):
-    """The page; whatever is done with it, it loads nothing and complains of nothing."""
+    """Open the page; after the test, check that it loaded nothing and reported no error."""
     browser.events.clear()
     page = _Page(browser, written)
     yield page
-    asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [written.as_uri()]
+    urls = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in urls if not url.startswith(("data:", "blob:"))] == [written.as_uri()]
     trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
     assert [event for event in browser.events if event["method"] in trouble] == []
 
@@ -134,7 +134,7 @@ def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, wh
     best = int(whole.setups[whole.ranking()[0]])
     rows = opened.rows()
     assert [row[1] for row in rows[:3]] == ["1", "2", "3"] and rows[0][2] == str(best)
-    assert opened.shown() == 2401 and len(rows) < 60  # the document holds what the window shows
+    assert opened.shown() == 2401 and len(rows) < 60  # the document contains only the visible rows
     assert opened.text("#pickings") == "20"
     assert f"Setup {best} has rank 1 of 2400" in opened.text("#standing")
     assert opened.do("document.documentElement.scrollWidth <= window.innerWidth")
@@ -142,7 +142,7 @@ def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, wh
 
 
 @pytest.mark.slow
-def test_a_click_on_a_head_sorts_all_setups_and_the_failed_one_stays_last(opened, whole):
+def test_a_click_on_a_column_header_sorts_all_setups_and_the_failed_one_stays_last(opened, whole):
     front = whole.values(FRONT)
     place = opened.column(FRONT)
     assert opened.sort(FRONT)[0][place] == f"{np.nanmin(front) / IN:.4f}"
@@ -179,9 +179,9 @@ def test_a_drag_in_one_plot_chooses_setups_in_all_plots_and_in_the_table(opened,
     place = opened.panel("#trends .panel")
     before = opened.do(_COLORED)
     opened.browser.drag(place(-0.02, 0.99), place(0.25, 0.01))
-    # The mouse moves by whole pixels: a setup on the edge may fall on either side.
+    # The mouse moves by whole pixels: a setup on the edge may be on either side.
     assert np.sum(front <= 0.247) <= opened.shown() <= np.sum(front <= 0.253)
-    assert before > 500 and opened.do(_COLORED) == 0  # nor is what lies to its right coloured in another plot
+    assert before > 500 and opened.do(_COLORED) == 0  # setups outside are not coloured in another plot
     limit = (np.nanmin(whole.values(FRONT)) + 0.253 * np.ptp(whole.values(FRONT)[whole.done])) / IN
     opened.sort(FRONT)
     assert all(float(row[opened.column(FRONT)]) <= limit for row in opened.sort(FRONT))
@@ -204,7 +204,9 @@ def test_a_click_on_a_dot_shows_its_setup_with_traces_or_the_command_that_makes_
     opened.do("document.getElementById('ranking-pane').scrollTop = 0")
     opened.click("#ranking tbody tr[data-row]")  # the best one, which has traces
     opened.do("document.getElementById('traces').scrollIntoView()")
-    opened.browser.until("document.querySelector('#traces .js-plotly-plot')?.data.length === 4")  # with the baseline's
+    opened.browser.until(
+        "document.querySelector('#traces .js-plotly-plot')?.data.length === 4"
+    )  # including the baseline
     opened.click("#with-baseline")
     opened.browser.until("document.querySelector('#traces .js-plotly-plot').data.length === 2")
     opened.click("#whole")

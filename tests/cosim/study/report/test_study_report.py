@@ -1,4 +1,4 @@
-"""A study's report: what it says is what the result says, in files that others read."""
+"""Content of a study's report and its files, compared with the result."""
 
 import csv
 import json
@@ -13,10 +13,10 @@ import pytest
 
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.selection import select
-from cosim.study.choice.sensitivity import told_sensitivities
+from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
 from cosim.study.report.colors import build_colors
-from cosim.study.report.corner import telling_corner
+from cosim.study.report.corner import dominant_corner
 from cosim.study.report.csv_tables import write_ranking, write_traces
 from cosim.study.report.figures import front, write_figures
 from cosim.study.report.from_result import sheet_of
@@ -48,12 +48,12 @@ def sheet(few):
 
 @pytest.fixture
 def unranked(few):
-    """Without an objective, without constraints."""
+    """Return a result without objective and constraints."""
     return StudyResult(replace(few.study, objective=(), constraints=()), few.table, few.provenance)
 
 
 def _text(html):
-    """What a reader sees, near enough."""
+    """Return approximately the visible text of the page."""
     shown = html[: html.index('<script type="application/json"')]
     return re.sub(r"\s+", " ", re.sub(r"<style>.*?</style>|<[^>]*>", " ", shown, flags=re.DOTALL))
 
@@ -73,7 +73,7 @@ def test_setups_are_ranked_by_the_objective_within_the_constraints_then_the_othe
     np.testing.assert_array_equal(sheet.order[: groups[0].size], few.ranking())
 
 
-def test_levels_run_from_the_least_of_all_setups_to_the_greatest(sheet):
+def test_levels_range_from_the_lowest_to_the_highest_setup(sheet):
     for column in sheet.measures:
         levels = column.levels[np.isfinite(column.values)]
         assert (levels.min(), levels.max()) == (0.0, 1.0)
@@ -85,11 +85,11 @@ def test_every_unit_is_shown_in_both_systems():
     assert (height.us(IN), force.us(LBF), acceleration.us(G)) == pytest.approx((1.0, 1.0, 1.0))
     assert (height.metric(0.001), height.metric.unit) == (pytest.approx(1.0), "mm")
     assert (force.metric(5.0), force.metric.unit, acceleration.metric.unit) == (5.0, "N", "m/s2")
-    assert Scale.of("smiles").us.unit == "smiles"  # a measure of one's own may have a unit of its own
+    assert Scale.of("smiles").us.unit == "smiles"  # a user-defined measure may have any unit
 
 
-def test_the_page_says_which_is_best_what_failed_and_where_it_comes_from(few, sheet):
-    html = page(sheet, Extras(sensitivities=told_sensitivities(few)))
+def test_the_page_shows_the_best_setup_failures_and_provenance(few, sheet):
+    html = page(sheet, Extras(sensitivities=available_sensitivities(few)))
     text = _text(html)
     best = few.setup(int(few.ranking()[0]))
     assert f"Best: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
@@ -101,7 +101,7 @@ def test_the_page_says_which_is_best_what_failed_and_where_it_comes_from(few, sh
     assert f"{2.45 / G:.4f}" in text and "2.450" in text  # the limit, in g and in m/s2
 
 
-def test_the_page_asks_for_nothing_and_escapes_names(sheet):
+def test_the_page_loads_nothing_and_escapes_names(sheet):
     html = page(sheet, Extras())
     assert "default-src 'none'" in html
     assert "&lt;b&gt;own&lt;/b&gt; &amp; measure" in html and "<b>own</b>" not in html
@@ -111,50 +111,50 @@ def test_the_page_asks_for_nothing_and_escapes_names(sheet):
 def test_the_page_is_written_for_a_study_without_objective_baseline_and_constraints(unranked):
     bare = StudyResult(replace(unranked.study, baseline={}), unranked.table, unranked.provenance)
     text = _text(page(sheet_of(bare), Extras()))
-    assert f"{TIRE}, least first; the study has no objective" in text
+    assert f"{TIRE}, lowest first; the study has no objective" in text
     assert "Constraints none" in text
 
 
-def test_the_page_of_a_study_in_which_nothing_ran_says_why(few, tmp_path):
+def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few, tmp_path):
     table = few.table.to_pydict() | {m.name: [None] * len(few) for m in few.measures}
     table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
     broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
     sheet = sheet_of(broken)
-    text = _text(page(sheet, Extras(sensitivities=told_sensitivities(broken))))
+    text = _text(page(sheet, Extras(sensitivities=available_sensitivities(broken))))
     assert "no setup ran" in text and "no licence" in text
     assert write_figures(sheet, tmp_path) == ()
 
 
-def test_an_interrupted_study_says_so(few):
+def test_the_page_states_that_a_study_was_interrupted(few):
     part = StudyResult(few.study, few.table.slice(0, 50), few.provenance, partial=True)
-    text = _text(page(sheet_of(part), Extras(sensitivities=told_sensitivities(part))))
+    text = _text(page(sheet_of(part), Extras(sensitivities=available_sensitivities(part))))
     assert "The study is not complete: 50 of 81 setups were run" in text
     assert "the study is not complete: 50 of 81 setups were run (the study was stopped)" in text
 
 
-def test_a_build_that_is_the_same_fmu_with_other_parameters_says_which(few):
+def test_the_page_shows_the_parameters_of_a_build(few):
     bank = {name: Build(build.fmu, {"rebound_scale": 1.2}) for name, build in few.study.bank.items()}
     other = StudyResult(replace(few.study, bank=bank), few.table, few.provenance)
     assert "rebound_scale = 1.2" in _text(page(sheet_of(other), Extras()))
 
 
-def test_a_headline_that_is_marked_is_doubtful_and_says_so(few):
+def test_the_headline_and_the_verdict_report_a_marked_best_setup(few):
     best = int(few.ranking()[0])
     marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
     table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
     marked = StudyResult(few.study, table, few.provenance)
-    assert "The best is marked: tire off the ground: rf" in headline(sheet_of(marked))
+    assert "The best setup is marked: tire off the ground: rf" in headline(sheet_of(marked))
     (reason,) = [reason for reason in study_verdict(marked).reasons if reason.about == "marks"]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 81 setups, the best among them")
     assert "1 of 81 setups, the best among them" in _text(page(sheet_of(marked), Extras()))
 
 
-def test_the_verdict_counts_the_setups_that_are_not_told_from_the_best(few, unranked):
+def test_the_headline_counts_the_setups_that_are_tied_with_the_best(few, unranked):
     values, best = few.values(TIRE), int(unranked.ranking()[0])
     band = Spread(TIRE, few.setups, values, np.empty((0, values.size)), run_to_run=2.0)
     close = np.sum(values - values[best] <= 2.0 * np.sqrt(2.0) * 2.0) - 1  # two sigma of a difference of two runs
     assert close > 0
-    assert f"{close} others are not told apart from it." in headline(sheet_of(unranked, bands=[band]))
+    assert f"{close} other setups are tied with the best." in headline(sheet_of(unranked, bands=[band]))
 
 
 def _with(result, **columns):
@@ -164,13 +164,13 @@ def _with(result, **columns):
     return StudyResult(result.study, table, result.provenance)
 
 
-def test_where_nothing_is_in_doubt_the_verdict_is_usable(few):
+def test_the_verdict_is_usable_if_nothing_limits_it(few):
     done = StudyResult(few.study, few.table.filter(few.done), few.provenance)
     clean = _with(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
     assert study_verdict(clean).grade is Grade.USABLE
 
 
-def test_an_error_of_the_headline_above_five_percent_is_not_usable(few):
+def test_a_coupling_error_of_the_best_setup_above_five_percent_is_not_usable(few):
     best = int(few.ranking()[0])
     errors = [6.0 if row == best else 0.01 for row in range(len(few))]
     assert study_verdict(_with(few, coupling_error_percent=errors)).grade is Grade.NOT_USABLE
@@ -178,31 +178,31 @@ def test_an_error_of_the_headline_above_five_percent_is_not_usable(few):
     assert study_verdict(unknown).grade is Grade.UNKNOWN
 
 
-def test_what_models_say_of_themselves_is_in_the_verdict_on_a_study(few):
+def test_the_verdict_on_a_study_contains_the_validity_of_its_models(few):
     reason = Reason(
         "r", "fit of the shock", Grade.NOT_USABLE, "a lag of 40 ms", "40 ms", "record A.csv", "measure again"
     )
     models = {"a/A.fmu": Validity(Verdict([reason])).to_json(), "b/foreign.fmu": None}
-    told = study_verdict(StudyResult(few.study, few.table, replace(few.provenance, models=models)))
-    assert told.grade is Grade.NOT_USABLE
-    assert {"A.fmu: record A.csv", "foreign.fmu"} <= {reason.origin for reason in told.reasons}
-    assert told.grades["validity of the models"] is Grade.UNKNOWN
+    verdict = study_verdict(StudyResult(few.study, few.table, replace(few.provenance, models=models)))
+    assert verdict.grade is Grade.NOT_USABLE
+    assert {"A.fmu: record A.csv", "foreign.fmu"} <= {reason.origin for reason in verdict.reasons}
+    assert verdict.grades["validity of the models"] is Grade.UNKNOWN
 
 
-def test_no_setup_within_the_constraints_is_said_first(few):
+def test_the_verdict_begins_with_the_lack_of_a_feasible_setup(few):
     strict = StudyResult(replace(few.study, constraints=(Constraint(HUB, at_most=0.1),)), few.table, few.provenance)
     assert study_verdict(strict).summary().startswith("Not usable: no setup keeps all constraints")
     assert "Best" not in headline(sheet_of(strict))
 
 
-def test_selected_setups_are_shown_by_what_they_were_selected_for_and_picked(few, sheet):
+def test_selected_setups_are_picked_and_grouped_by_reason(few, sheet):
     chosen = select(few, [FRONT, TIRE], total=8).chosen
     html = page(sheet, Extras(selection=chosen))
     assert f"{FRONT}: low" in _text(html) and f"{TIRE}: high" in _text(html)
     assert _manifest(html)["picked"] == sorted(sheet.row(one.setup.index) for one in chosen)
 
 
-def test_setups_are_called_as_good_as_the_best_where_the_spread_says_so(few):
+def test_setups_are_tied_with_the_best_according_to_the_spread(few):
     rng = np.random.default_rng(3)
     values = few.values(FRONT)
     band = Spread(FRONT, few.setups, values, values * (1.0 + 0.01 * rng.standard_normal((12, values.size))), 2e-5)
@@ -210,11 +210,11 @@ def test_setups_are_called_as_good_as_the_best_where_the_spread_says_so(few):
     best = int(np.nanargmin(values))
     tied = np.isfinite(values) & ~band.worse_than(best)
     assert 1 < tied.sum() < 40
-    np.testing.assert_array_equal(column.doubt.tied, tied)
-    np.testing.assert_allclose(column.doubt.from_baseline, 2.0 * band.difference(few.baseline_row)[1])
+    np.testing.assert_array_equal(column.uncertainty.tied, tied)
+    np.testing.assert_allclose(column.uncertainty.from_baseline, 2.0 * band.difference(few.baseline_row)[1])
 
 
-def test_the_ranking_csv_has_settings_names_units_and_the_results_own_values(sheet, few, tmp_path):
+def test_the_ranking_csv_has_settings_names_units_and_values_of_the_result(sheet, few, tmp_path):
     with write_ranking(sheet, tmp_path / "ranking.csv").open(newline="", encoding="utf-8") as stream:
         rows = list(csv.reader(stream))
     blank = rows.index([])
@@ -269,18 +269,18 @@ def test_figures_for_papers_are_png_and_svg_and_the_same_every_time(surrogate, t
     assert [path.read_bytes() for path in paths[:2]] == [path.read_bytes() for path in again]
 
 
-def test_the_front_holds_the_allowed_setups_that_no_other_betters(sheet):
+def test_the_front_contains_the_feasible_setups_that_are_not_dominated(sheet):
     first, second = (next(c for c in sheet.measures if c.name == name) for name in (FRONT, TIRE))
     points = {row: (first.values[row], second.values[row]) for row in np.flatnonzero(sheet.allowed)}
-    beaten = {
+    dominated = {
         a for a, p in points.items() for q in points.values() if q != p and q[0] <= p[0] and q[1] <= p[1]
-    }  # by definition, pair by pair
-    assert set(front(sheet, first, second).tolist()) == set(points) - beaten
+    }  # by the definition, pair by pair
+    assert set(front(sheet, first, second).tolist()) == set(points) - dominated
 
 
-def test_dots_are_coloured_by_the_corner_that_tells_most(sheet):
+def test_dots_are_coloured_by_the_dominant_corner(sheet):
     hub = next(column for column in sheet.measures if column.name == HUB)
-    assert sheet.corners[telling_corner(sheet, hub)] == "rf"
+    assert sheet.corners[dominant_corner(sheet, hub)] == "rf"
 
 
 def test_every_build_of_a_large_bank_has_a_colour_of_its_own():
