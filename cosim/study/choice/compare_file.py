@@ -33,7 +33,7 @@ def write_comparisons(
         "kind": "comparison",
         "tool": f"eightpost {__version__}",
         "verdict": verdict.to_json(),
-        "measures": [_entry(found, units[found.measure]) for found in comparisons],
+        "measures": [_entry(one, units[one.measure]) for one in comparisons],
     }
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -47,32 +47,32 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     """
     document = json_content(path, advice="`eightpost compare --measured` writes it")
     try:
-        found = {str(entry["measure"]): float(entry["run_to_run"]) for entry in document["measures"]}
+        deviations = {str(entry["measure"]): float(entry["run_to_run"]) for entry in document["measures"]}
     except MALFORMED as error:
         raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
-    if not any(found.values()):
+    if not any(deviations.values()):
         raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
-    return found
+    return deviations
 
 
-def _entry(found: Comparison, unit: str) -> dict[str, Any]:
+def _entry(comparison: Comparison, unit: str) -> dict[str, Any]:
     return {
-        "measure": found.measure,
+        "measure": comparison.measure,
         "unit": unit,
-        "setups": found.setups.tolist(),
-        "runs": found.runs.tolist(),
-        "predicted": found.predicted.tolist(),
-        "measured": found.measured.tolist(),
-        "run_to_run": found.run_to_run,
-        "spearman": found.spearman,
-        "spearman_attainable": found.attainable,
-        "kendall": found.kendall,
-        "slope": found.line.slope,
-        "slope_interval_95": list(found.line.interval()),
-        "intercept": found.line.intercept,
-        "scatter": found.line.scatter,
-        "band": found.band,
-        "within_band": int(found.within.sum()),
-        "level_error_percent": found.level_error,
-        "bias_percent": found.bias,
+        "setups": comparison.setups.tolist(),
+        "runs": comparison.runs.tolist(),
+        "predicted": comparison.predicted.tolist(),
+        "measured": comparison.measured.tolist(),
+        "run_to_run": comparison.run_to_run,
+        "spearman": comparison.spearman,
+        "spearman_attainable": comparison.attainable,
+        "kendall": comparison.kendall,
+        "slope": comparison.line.slope,
+        "slope_interval_95": list(comparison.line.interval()),
+        "intercept": comparison.line.intercept,
+        "scatter": comparison.line.scatter,
+        "band": comparison.band,
+        "within_band": int(comparison.within.sum()),
+        "level_error_percent": comparison.level_error,
+        "bias_percent": comparison.bias,
     }

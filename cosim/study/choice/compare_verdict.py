@@ -40,18 +40,18 @@ OLD_RUN = Rule(
 RULES: tuple[Rule, ...] = (WRONG_RANK, WRONG_LEVEL, PREDICTED, OLD_RUN)
 
 
-def comparison_verdict(found: Sequence[Comparison], *, rank: float, level: float | None) -> Verdict:
+def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level: float | None) -> Verdict:
     """Return the verdict on comparisons of a study with the rig.
 
     Args:
-        found: Comparison of each measure.
+        comparisons: Comparison of each measure.
         rank: Minimum rank correlation (Spearman).
         level: Maximum level error [%]; None for no limit.
     """
-    reasons = [reason for one in found for reason in _faults(one, rank, level)]
+    reasons = [reason for one in comparisons for reason in _faults(one, rank, level)]
     if not reasons:
-        worst = min(found, key=lambda one: one.spearman)
-        levels = "" if level is None else f"; level errors up to {max(one.level_error for one in found):.1f} %"
+        worst = min(comparisons, key=lambda one: one.spearman)
+        levels = "" if level is None else f"; level errors up to {max(one.level_error for one in comparisons):.1f} %"
         figure = f"rank correlation {worst.spearman:.3f} or more; limit {rank:g}{levels}"
         reasons = [PREDICTED.reason("the study ranks setups as the rig does", figure=figure, origin=worst.measure)]
     return Verdict(reasons)

@@ -37,7 +37,7 @@ def terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) 
         sensitivities: Sensitivities of the measures.
         units: SI units by measure.
     """
-    rows = [row for found in sensitivities for row in _rows(found, units[found.measure])]
+    rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
     return pa.Table.from_pylist(rows, schema=_COLUMNS)
 
 
@@ -47,15 +47,15 @@ def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], 
         pyarrow.parquet.write_table(terms_table(sensitivities, units), temporary, compression="zstd")
 
 
-def _rows(found: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
-    builds = {factor.name: factor.builds for factor in found.factors}
-    common = {"measure": found.measure, "unit": unit, "method": found.method}
-    for name, effects in found.main.items():
-        term = common | {"first": name, "second": "", "second_build": "", "share": found.share(name)}
+def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
+    builds = {factor.name: factor.builds for factor in sensitivity.factors}
+    common = {"measure": sensitivity.measure, "unit": unit, "method": sensitivity.method}
+    for name, effects in sensitivity.main.items():
+        term = common | {"first": name, "second": "", "second_build": "", "share": sensitivity.share(name)}
         for build, effect in zip(builds[name], effects.tolist(), strict=True):
             yield term | {"first_build": build, "effect": effect}
-    for (first, second), effects in found.pairs.items():
-        term = common | {"first": first, "second": second, "share": found.share(first, second)}
+    for (first, second), effects in sensitivity.pairs.items():
+        term = common | {"first": first, "second": second, "share": sensitivity.share(first, second)}
         for build, row in zip(builds[first], effects.tolist(), strict=True):
             for other, effect in zip(builds[second], row, strict=True):
                 yield term | {"first_build": build, "second_build": other, "effect": effect}

@@ -55,7 +55,7 @@ def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp
     monkeypatch.setattr("eightpost.commands.optimise.write_page", lambda *given: pages.append(given))
     shown = optimise(fmus, tmp_path, "--evaluations", "4")
     assert shown.exit_code == 0, shown.output
-    for text in ("minimised: 1 x grip number", "4 setups were tried; 9 there are", "results.parquet"):
+    for text in ("minimised: 1 x grip number", "4 setups were evaluated; the study has 9 setups", "results.parquet"):
         assert text in shown.output
     first = StudyResult.load(tmp_path / "out" / "results.parquet")
     assert len(first) == 4

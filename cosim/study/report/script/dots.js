@@ -9,7 +9,7 @@ const panels = [];
 /**
  * Make a panel.
  * @param place the element to draw in
-  * @param view { point(row) -> [x, y] in levels, draw(pen, panel), title }; its functions are called for every drawing
+ * @param view { point(row) -> [x, y] in levels, draw(pen, panel), title }; its functions are called for every drawing
  */
 function panelIn(place, view) {
   const canvas = document.createElement("canvas"), band = document.createElement("div"), tip = document.createElement("div");

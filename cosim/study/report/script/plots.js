@@ -40,7 +40,7 @@ function drawTrend(pen, axes, corner, pointOf) {
     pen.fillStyle = manifest.colors[k];
     pen.fillRect(box.x - 12, y(lanes - 1 - k) - 5, 7, 10);
   }
-  => eachDot((row, visible) => => {
+  eachDot((row, visible) => {
     const [level, lane] = pointOf(row);
     pen.globalAlpha = visible ? 0.55 : 0.5;
     const tied = visible && focus().uncertainty?.tied[row];
@@ -68,7 +68,7 @@ function drawTrade(pen, axes, column, pointOf) {
   write(pen, column.name + inUnit(column), 6, 12, { align: "left", color: INK, font: "600 12px system-ui, sans-serif" });
   drawAxisX(pen, axes, focus());
   drawAxisY(pen, axes, column);
-  => eachDot((row, visible) => => {
+  eachDot((row, visible) => {
     const [a, b] = pointOf(row);
     pen.globalAlpha = visible ? 0.8 : 0.5;
     pen.fillStyle = visible ? manifest.colors[builds[row]] : GREY;

@@ -118,7 +118,7 @@ function lineOf(trace, channel, span, color, dash) {
 }
 
 const wholeOf = (trace) => [trace.from, trace.to];
-document.getElementById("with-baseline").checked; => const withBaseline = () => document.getElementById("with-baseline").checked; => document.getElementById("with-baseline").checked;
+const withBaseline = () => document.getElementById("with-baseline").checked;
 
 async function drawTrace(place) {
   await loadPlotly();

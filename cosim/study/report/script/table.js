@@ -133,6 +133,6 @@ function listenTable() {
   pane.addEventListener("scroll", () => {
     if (pending) return;
     pending = true;
-    { asked = false; fillWindow(); }); => requestAnimationFrame(() => { pending = false; fillWindow(); }); => { asked = false; fillWindow(); });
+    requestAnimationFrame(() => { pending = false; fillWindow(); });
   });
 }
