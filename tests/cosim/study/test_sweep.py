@@ -215,5 +215,5 @@ def test_a_file_that_is_not_a_result_is_refused(finished, tmp_path):
     with pytest.raises(FileFormatError, match="no eightpost header"):
         StudyResult.load(next((tmp_path / "whole").glob("chunks/*/*.parquet")))
     (tmp_path / "text.parquet").write_text("text")
-    with pytest.raises(FileFormatError, match="not a Parquet file"):
+    with pytest.raises(FileFormatError, match="not a readable Parquet file"):
         StudyResult.load(tmp_path / "text.parquet")
