@@ -91,7 +91,7 @@ def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resum
 @pytest.mark.parametrize(
     ("old", "new", "options", "expected"),
     [
-        ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf may have 'sofd'"),
+        ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf allows 'sofd'"),
         ('rr = ["stiff"]', "", (), "rr has no shock"),
         ('"grip number"', '"grip numbr"', (), "did you mean 'grip number'"),
         ("", "", ("--rank", "speed"), "there is no measure 'speed'"),
