@@ -17,8 +17,9 @@ _SLOWEST = 0.38
 #: the bonds' local errors did, because a difference may fall fast by chance.
 _FASTEST, _FASTEST_UNSEEN = 2.0, 1.5
 
-#: Order of everything coupled with a component that holds its inputs [1].
-_OF_HELD = 1.0
+#: Largest order of everything coupled with a component that holds its inputs [1]: if the channel's differences showed at
+#: least that, and if not.
+_OF_HELD, _OF_HELD_UNSEEN = 1.0, 0.5
 
 #: Smallest value of a difference as a share of the one before [1], because it may be small by chance.
 _LUCK = 1.0 / 8.0
@@ -56,7 +57,8 @@ def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) 
 
     The error is the last difference divided by 2^p - 1. The order p is the smallest that the last comparisons showed,
     from the channel's differences and from the bonds' local errors. It is at least 0.38, at most 2 if the channel's
-    differences were compared, else at most 1.5; 1 if nothing was observed; at most 1 for a channel of `held`.
+    differences were compared, else at most 1.5; 1 if nothing was observed. For a channel of `held` it is at most 1 if
+    the channel's differences were compared, else at most 0.5.
 
     Args:
         comparisons: Comparisons of runs at steps that halve, the coarsest first; at least one.
@@ -71,7 +73,10 @@ def _stated(name: str, comparisons: Sequence[Comparison], held: Collection[str])
     if len(differences) > 1 and comparisons[-2].reliable and differences[-2] < inf:
         last = max(last, _LUCK * differences[-2])
     seen = _orders_seen(differences, comparisons)
-    fastest = _OF_HELD if name.partition(".")[0] in held else _FASTEST if seen else _FASTEST_UNSEEN
+    if name.partition(".")[0] in held:
+        fastest = _OF_HELD if seen else _OF_HELD_UNSEEN
+    else:
+        fastest = _FASTEST if seen else _FASTEST_UNSEEN
     local = comparisons[-1].local_order if comparisons[-1].reliable else None
     order = min([*seen, *([] if local is None else [local])], default=1.0)
     return last / (float(2.0 ** min(max(order, _SLOWEST), fastest)) - 1.0)

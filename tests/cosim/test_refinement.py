@@ -114,6 +114,8 @@ def test_beside_a_component_that_holds_its_inputs_first_order_is_the_most() -> N
     assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
     assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
     assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
+    # Without two differences to compare, order 0.5.
+    assert stated(seen(0.3, local=2.0), held=("car",)) == pytest.approx(0.3 / (2.0**0.5 - 1.0))
 
 
 def test_a_channel_that_only_the_last_runs_have_is_compared_once() -> None:
