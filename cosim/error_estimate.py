@@ -17,8 +17,8 @@ _SLOWEST = 0.38
 #: the bonds' local errors did, because a difference may fall fast by chance.
 _FASTEST, _FASTEST_UNSEEN = 2.0, 1.5
 
-#: Largest order of everything coupled with a component that holds its inputs [1]: if the channel's differences showed at
-#: least that, and if not.
+#: Largest order of everything coupled with a component that holds its inputs [1]: if the channel's differences showed
+#: at least that, and if not.
 _OF_HELD, _OF_HELD_UNSEEN = 1.0, 0.5
 
 #: Smallest value of a difference as a share of the one before [1], because it may be small by chance.
