@@ -15,10 +15,9 @@ import numpy as np
 from benchmarks.identification_measures import QUANTITIES, measures_of, truth_of
 from benchmarks.identification_shocks import bank, close_bank, physical_bank, twelve
 from eightpost.ident.preparation import Preparation, prepare
-from eightpost.ident.vehicle.baseline import find_baseline
-from eightpost.ident.vehicle.experiment import Experiment, experiment_of
+from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.rig import shim_build
-from eightpost.rig.multisine import random_multisine
+from eightpost.rig.excitations import random_multisine
 from eightpost.rig.post import (
     NO_DRIFT,
     TRUTHS,
@@ -33,7 +32,7 @@ from eightpost.rig.post import (
     simulate_setups,
     track_drive,
 )
-from eightpost.rig.post.drive import RATE
+from eightpost.rig.post.drivefiles import RATE
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from eightpost.ident.vehicle.friction.law import Signal
+    from eightpost.ident.vehicle.friction import Signal
     from eightpost.signals import TimeSeries
 
     Array = NDArray[np.float64]

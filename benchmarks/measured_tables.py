@@ -8,7 +8,7 @@ from benchmarks.shock_records import BOUC_WEN, LAWS
 from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
-from eightpost.ident.shock.report.tables import law_title
+from eightpost.ident.shock.plots import law_title
 
 _COLUMNS = (*LAWS, BOUC_WEN)
 

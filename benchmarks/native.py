@@ -25,7 +25,7 @@ import fmpy
 import numpy as np
 
 from builder.build import build
-from builder.native.headers import fmi_headers
+from builder.native.toolchain import fmi_headers
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, law_name, write_shock

@@ -14,7 +14,7 @@ from benchmarks.bouc_wen import fit_bouc_wen, predict
 from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.fit import RecipeName
-from eightpost.ident.shock.record.preparation import prepare
+from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 
 Row = dict[str, Any]

@@ -26,14 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from cosim.difference import difference
+from cosim.error_estimate import difference
 from cosim.study import Study, StudyResult
-from cosim.study.running.evaluator import Evaluator
+from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import run_study
-from cosim.study.running.trace import coupling_of
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study_file import read_study, source_files
-from eightpost.processors import usable_processors
+from eightpost.processes import usable_processors
 
 ROOT = Path(__file__).resolve().parents[1]
 

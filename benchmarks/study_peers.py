@@ -23,8 +23,7 @@ from benchmarks.engines.drive_fmu import write_drive
 from benchmarks.engines.job import CORNERS, Diverged, Job, Recording
 from benchmarks.engines.peers import PEERS, run_peer
 from cosim.study import StudyResult
-from cosim.study.running.evaluator import Evaluator
-from cosim.study.running.trace import coupling_of
+from cosim.study.running.evaluator import Evaluator, coupling_of
 from eightpost.signals import Drivefile, TimeSeries
 
 Array = NDArray[np.float64]

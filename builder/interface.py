@@ -1,7 +1,4 @@
-"""The interface of an FMU: the table of interface.toml, completed for one shock or one vehicle.
-
-modelDescription.xml, the table of the Python slave and the documentation are derived from it.
-"""
+"""Interface of an FMU: the variables of interface.toml, from which everything else is derived."""
 
 from __future__ import annotations
 
@@ -9,16 +6,41 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from builder.sources import source_folder
 from eightpost.errors import FmuError
 
 if TYPE_CHECKING:
     from eightpost.shock import Shock
     from eightpost.vehicle import StateSpace
+
+
+# ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
+
+_PACKAGE = Path(__file__).parent
+
+
+def source_folder() -> Path:
+    """Return the folder that contains common/, shock_lpnl2/, vehicle_ss/ and so on.
+
+    Raises:
+        FmuError: The folder does not exist; the installation is broken.
+    """
+    for folder in (_PACKAGE / "fmus", _PACKAGE.parent / "fmus"):
+        if (folder / "vehicle_ss" / "interface.toml").is_file():
+            return folder
+    raise FmuError(f"there is no fmus/ folder inside or next to {_PACKAGE}; reinstall eightpost")
+
+
+def shock_kinds() -> tuple[str, ...]:
+    """Return the names of the shock interfaces: the folders fmus/shock_<law>/."""
+    return tuple(sorted(path.parent.name for path in source_folder().glob("shock_*/interface.toml")))
+
+
+# ---- The interface of an FMU ----------------------------------------------------------------------------------------
 
 #: Corners in the order of their value references (docs/ports.md).
 CORNERS = ("lf", "rf", "lr", "rr")

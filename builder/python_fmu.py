@@ -22,9 +22,8 @@ import eightpost.shock
 import eightpost.vehicle.friction
 from builder.description import Description, content_guid, model_description
 from builder.documents import Disclosure, Subject, documents
-from builder.interface import friction_ports
+from builder.interface import friction_ports, source_folder
 from builder.product import Product
-from builder.sources import source_folder
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.shock import Shock

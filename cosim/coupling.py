@@ -10,8 +10,7 @@ import numpy as np
 
 from cosim.component import Component
 from cosim.conversion import Conversion, convert_between, named_unit
-from cosim.scenario import Scenario
-from cosim.system import System
+from cosim.system import Scenario, System
 from eightpost.errors import WiringError
 
 

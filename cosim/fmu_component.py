@@ -12,25 +12,11 @@ from typing import Any
 
 from fmpy import fmi1, fmi2
 
-from cosim.fmu_failure import (
-    DISCARD,
-    ERROR,
-    FATAL,
-    PENDING,
-    advice,
-    no_state,
-    not_begun,
-    returned,
-    unknown_state,
-)
-from cosim.fmu_file import FmuFile, SharedFmu
-from cosim.fmu_instance import FmuInstance, State
-from cosim.fmu_log import FmuLog
+from cosim.fmu_file import FmuFile, OpenedFmu, SharedFmu
+from cosim.fmu_instance import FmuInstance, State, TypedBuffer, typed_buffers
+from cosim.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, no_state, not_begun, returned, unknown_state
 from cosim.functions import FunctionTable
-from cosim.opened_fmu import OpenedFmu
-from cosim.surroundings import Surroundings
-from cosim.typed_buffer import TypedBuffer, typed_buffers
-from cosim.watch import calling
+from cosim.watch import Surroundings, calling
 from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}

@@ -1,15 +1,11 @@
-"""Instance of an FMU in this process: created, freed in order, or, after fmi2Fatal, never called again.
-
-Only an FMU that this project built is reset for its next run. Any other is freed with its library after each run and
-created again, because an fmi2Reset may restore the variables but not the time or the solver.
-"""
+"""An instance of an FMU: typed calls of its C functions, and buffers for its variables."""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +13,67 @@ from typing import Any
 
 from fmpy import fmi2
 
-from cosim.engine import calls
+from cosim.engine import blocks
 from cosim.fmu_file import FmuFile, SharedFmu
 from cosim.fmu_log import FmuLog
 from cosim.functions import FUNCTIONS, FunctionTable, address_of
 from eightpost.errors import StepError
+
+# ---- Buffers for the values of an FMU's variables -------------------------------------------------------------------
+
+#: Name of the FMI functions for a type, and the C type of its values.
+_KINDS: Mapping[str, tuple[str, Any]] = {
+    "Real": ("Real", ctypes.c_double),
+    "Integer": ("Integer", ctypes.c_int),
+    "Enumeration": ("Integer", ctypes.c_int),
+    "Boolean": ("Boolean", ctypes.c_int),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TypedBuffer:
+    """Values of one type, with the references of their variables.
+
+    Args:
+        kind: Real, Integer or Boolean, as in fmi2GetReal.
+        places: Positions of the values among all requested values.
+        references: Value references (C array).
+        buffer: Values (C array).
+    """
+
+    kind: str
+    places: tuple[int, ...]
+    references: Any
+    buffer: Any
+
+    def number(self, value: float) -> float | int:
+        """Return a value converted to the type of the buffer."""
+        if self.kind == "Real":
+            return value
+        return int(value != 0.0) if self.kind == "Boolean" else round(value)
+
+
+def typed_buffers(
+    names: Sequence[str], types: Mapping[str, str], references: Mapping[str, int]
+) -> tuple[TypedBuffer, ...]:
+    """Return one buffer for each type of function that the names need.
+
+    Args:
+        names: Names of the variables.
+        types: Types of the variables; String is not supported.
+        references: Value references of the variables.
+    """
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        places.setdefault(_KINDS[types[name]][0], []).append(place)
+    buffers = []
+    for kind, own in places.items():
+        array = (ctypes.c_uint * len(own))(*[references[names[place]] for place in own])
+        buffers.append(TypedBuffer(kind, tuple(own), array, (_KINDS[kind][1] * len(own))()))
+    return tuple(buffers)
+
+
+# ---- Instance of an FMU in this process -----------------------------------------------------------------------------
 
 #: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
 _instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
@@ -88,7 +140,7 @@ class FmuInstance:
         slave = self.slave
         if not self.addresses:
             self.addresses = {name: _address(slave, name) for name in FUNCTIONS}
-        found, free = self.addresses, calls.SAVE(self._free_for_the_loop)
+        found, free = self.addresses, blocks.SAVE(self._free_for_the_loop)
         return FunctionTable(
             set_real=found["SetReal"],
             set_slopes=found["SetRealInputDerivatives"],

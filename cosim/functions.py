@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.component import Component
-from cosim.engine import calls
+from cosim.engine import blocks
 from eightpost.errors import StepError
 
 #: fmi2Status returned by callbacks.
@@ -69,7 +69,7 @@ def free_states(tables: Sequence[FunctionTable], states: NDArray[np.int64]) -> N
     for k in np.flatnonzero(states):
         table = tables[int(k) % len(tables)]
         if table.free:
-            calls.save_state(table.free, table.instance, states, int(k))
+            blocks.save_state(table.free, table.instance, states, int(k))
 
 
 class Callbacks:
@@ -92,10 +92,10 @@ class Callbacks:
     def _functions(self) -> dict[str, Any]:
         """Return callbacks by their names in a table; functions that are not listed are missing."""
         return {
-            "set_real": calls.EXCHANGE(self._guarded(self._set)),
-            "set_slopes": calls.SLOPES(self._guarded(self._set_slopes)),
-            "do_step": calls.STEP(self._guarded(self._step)),
-            "get_real": calls.EXCHANGE(self._guarded(self._get)),
+            "set_real": blocks.EXCHANGE(self._guarded(self._set)),
+            "set_slopes": blocks.SLOPES(self._guarded(self._set_slopes)),
+            "do_step": blocks.STEP(self._guarded(self._step)),
+            "get_real": blocks.EXCHANGE(self._guarded(self._get)),
         }
 
     def _guarded(self, function: Callable[..., None]) -> Callable[..., int]:

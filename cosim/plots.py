@@ -11,7 +11,7 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.display import DISPLAY
+from cosim.result import DISPLAY
 from eightpost import units
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries

@@ -1,4 +1,4 @@
-"""Result of a run: series, status and statistics, in memory and on disk."""
+"""Result of a run: recorded signals, coupling error, verdict, notes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ from pathlib import Path
 
 from cosim.energy import BondEnergy
 from cosim.system import System
-from cosim.validity import Model
-from cosim.verdict import LARGEST_ERROR, verdict_of
+from cosim.verdict import LARGEST_ERROR, Model, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series
 from eightpost.verdict import Verdict
+
+# ---- Units for display of results -----------------------------------------------------------------------------------
+
+#: Display unit for each SI unit.
+DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
+
+
+# ---- Result of a run ------------------------------------------------------------------------------------------------
 
 SCHEMA = 1
 
@@ -29,7 +36,7 @@ class Coupled:
         velocity_spread: Standard deviation of that velocity [m/s].
         force_error: Local error of the force given to the vehicle [N].
         force_spread: Standard deviation of that force [N].
-        velocity_scale: Scale of the velocity's error [m/s]; see cosim.difference.judged_by.
+        velocity_scale: Scale of the velocity's error [m/s]; see cosim.error_estimate.judged_by.
         force_scale: Scale of the force's error [N].
     """
 
@@ -77,7 +84,7 @@ class Result:
         ended_at: Time at which it did [s]; None if none did.
         stepping_seconds: Wall time of the steps alone [s]; for the default, of all its runs.
         stated_error: Estimated coupling error per recorded variable and per decisive channel, in percent of its scale
-            (cosim.difference.scales) after settling; empty if only one run was made.
+            (cosim.error_estimate.scales) after settling; empty if only one run was made.
         scheme: Algorithm that the default chose; empty if an algorithm was given.
         decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
         models: Components with the information that the verdict uses.

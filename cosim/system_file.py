@@ -1,4 +1,4 @@
-"""System files: a system and its scenario as TOML; SSP packages are read through the same function."""
+"""System files (TOML): components, connections and scenario of a run."""
 
 from __future__ import annotations
 
@@ -11,17 +11,41 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cosim.algorithm import Algorithm
-from cosim.automatic import SCHEMES, Automatic
 from cosim.component import DISCRETE, Component
 from cosim.conversion import convert_between, named_unit
-from cosim.open_component import open_component
-from cosim.scenario import Scenario
+from cosim.fmu_component import FmuComponent
+from cosim.isolated_component import IsolatedComponent
+from cosim.master import SCHEMES, Automatic
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.system import Bond, Connection, System, find_variable
+from cosim.system import Bond, Connection, Scenario, System, find_variable
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import toml_content
 from eightpost.signals import ChannelMap, Drivefile
+
+# ---- Opening of an FMU as a component, in this process or in its own ------------------------------------------------
+
+
+def open_component(
+    path: str | Path, name: str, *, isolate: bool = False, compile_missing: bool = False
+) -> FmuComponent | IsolatedComponent:
+    """Open an FMU.
+
+    Args:
+        path: FMU file (.fmu).
+        name: Name of the component.
+        isolate: Whether to run it in its own process, where a crash or hang is a failed step.
+        compile_missing: Whether to compile its sources if it has no binary for this platform.
+
+    Raises:
+        FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
+            this platform.
+    """
+    kind = IsolatedComponent if isolate else FmuComponent
+    return kind(path, name, compile_missing=compile_missing)
+
+
+# ---- System files ---------------------------------------------------------------------------------------------------
 
 SCHEMA = 1
 

@@ -17,7 +17,7 @@ from benchmarks.shock_records import BOUC_WEN, LAWS
 from benchmarks.shock_rows import Bench, FitErrors, results
 from benchmarks.shock_tables import gains_table, grid, summary, table_3_4, table_3_5, virtual
 from benchmarks.table import number
-from eightpost.ident.shock.report.tables import law_title
+from eightpost.ident.shock.plots import law_title
 
 DOCS = Path(__file__).parent
 ALL = tuple(range(1, 13))

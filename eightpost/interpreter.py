@@ -29,7 +29,7 @@ def python_command(module: str, *arguments: str) -> list[str]:
     """
     code = (
         f"import sys; sys.path[:] = {import_path()!r}; "
-        f"from eightpost.parent_process import end_with; end_with({os.getpid()}); import runpy; "
+        f"from eightpost.processes import end_with; end_with({os.getpid()}); import runpy; "
         f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     )
     return [sys.executable, "-P", "-c", code, *arguments]

@@ -16,8 +16,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from builder.build import build
-from builder.native.platforms import PLATFORMS, this_platform
-from builder.native.toolchain import Zig
+from builder.native.toolchain import PLATFORMS, Zig, this_platform
 from cosim import FmuComponent
 from eightpost.shock import (
     LAWS,

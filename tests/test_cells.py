@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.cells import plain_cell, quoted_cell, safe_cell, safe_line
-from eightpost.ident.linearity import tables
+from eightpost.ident.linearity import plots
 from eightpost.signals import TimeSeries, read_series, write_csv, write_series
 
 FORMULA = "=cmd|' /C calc'!A0"
@@ -62,7 +62,7 @@ def test_a_preamble_is_safe(tmp_path):
 
 
 def test_the_judgement_of_linearity_is_safe(tmp_path):
-    tables._write(tmp_path / "paths.csv", ["# note"], ("input", "output"), [(FORMULA, "-1.5"), ("a,b", 'say "x"')])
+    plots._write(tmp_path / "paths.csv", ["# note"], ("input", "output"), [(FORMULA, "-1.5"), ("a,b", 'say "x"')])
     assert cells(tmp_path / "paths.csv")[3:] == [f"'{FORMULA}", "-1.5", "a,b", 'say "x"']
 
 

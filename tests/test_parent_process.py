@@ -22,7 +22,7 @@ time.sleep(600)
 
 ORPHANED = """
 import os, sys, time
-from eightpost.parent_process import end_with
+from eightpost.processes import end_with
 end_with(os.getppid() + int(sys.argv[1]))
 time.sleep(2.0)
 """

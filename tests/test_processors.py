@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from eightpost.processors import usable_processors
+from eightpost.processes import usable_processors
 
 
 def test_only_the_processors_that_this_process_may_use_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
 from benchmarks.shock_records import Case
 from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
-from eightpost.ident.shock.record.preparation import prepare
+from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 

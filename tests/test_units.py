@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost import unit_table, units
+from eightpost import units
 from eightpost.errors import UnknownUnitError
 
 #: Definitions: the inch, the pound and standard gravity are exact.
@@ -84,8 +84,8 @@ def test_a_unit_with_an_unsupported_dimension_is_refused():
 
 
 def test_the_table_of_common_units_agrees_with_pint():
-    """The values are equal to the last bit; `python -m eightpost.unit_table` writes the table again."""
-    assert unit_table.read_table() == unit_table.make_table()
+    """The values are equal to the last bit; `python -m eightpost.units` writes the table again."""
+    assert units.read_table() == units.make_table()
 
 
 def test_common_units_are_converted_without_pint():

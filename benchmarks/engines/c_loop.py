@@ -13,7 +13,7 @@ import fmpy
 import numpy as np
 
 from benchmarks.engines.job import CAR_OUTPUTS, CORNERS, DRIVEN, Diverged, Job, Recording
-from builder.native.headers import fmi_headers
+from builder.native.toolchain import fmi_headers
 from eightpost.archive import extract_archive
 
 SCHEMES = ("jacobi, held", "jacobi, extrapolated", "gauss-seidel, extrapolated", "gauss-seidel, parabolic")

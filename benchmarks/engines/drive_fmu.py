@@ -9,9 +9,8 @@ import fmpy
 import numpy as np
 
 from benchmarks.engines.job import DRIVEN
-from builder.native.headers import fmi_headers
-from builder.native.platforms import this_platform
-from cosim.rebuild import find_compiler
+from builder.native.toolchain import fmi_headers, this_platform
+from cosim.fmu_file import find_compiler
 from eightpost.archive import write_archive
 from eightpost.signals import Drivefile
 

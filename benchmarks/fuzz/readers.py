@@ -75,13 +75,13 @@ def _dyno(path: Path) -> Any:
 
 
 def _peaks(path: Path) -> Any:
-    from eightpost.rig.peak_velocity_file import read_peak_velocity  # noqa: PLC0415
+    from eightpost.rig.peak_velocity import read_peak_velocity  # noqa: PLC0415
 
     return read_peak_velocity(path)
 
 
 def _rig(path: Path) -> Any:
-    from eightpost.ident.validation.configuration import configuration_of_file  # noqa: PLC0415
+    from eightpost.ident.validation.record import configuration_of_file  # noqa: PLC0415
     from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
 
     configuration_of_file(path)
@@ -110,7 +110,7 @@ def _shock(path: Path) -> Any:
 def _shock_origin(path: Path) -> Any:
     """Read a shock file as a build does: create its product and its documents."""
     from builder.build import _product  # noqa: PLC0415
-    from builder.documents.origin import open_shock_origin  # noqa: PLC0415
+    from builder.documents.archive import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415
 
     _product(path)
@@ -130,7 +130,7 @@ def _fit(path: Path) -> Any:
 
 
 def _preparation(path: Path) -> Any:
-    from eightpost.ident.preparation.preparation_file import read_preparation  # noqa: PLC0415
+    from eightpost.ident.preparation.preparation import read_preparation  # noqa: PLC0415
 
     return read_preparation(path)
 
@@ -212,13 +212,13 @@ def _sound_result(path: Path) -> Any:
 
 
 def _selection(path: Path) -> Any:
-    from cosim.study.choice.selection_file import read_selection  # noqa: PLC0415
+    from cosim.study.choice.selection import read_selection  # noqa: PLC0415
 
     return read_selection(path, _sound_result(path))
 
 
 def _run_list(path: Path) -> Any:
-    from cosim.study.choice.compare_runs import read_run_list  # noqa: PLC0415
+    from cosim.study.choice.compare import read_run_list  # noqa: PLC0415
 
     return read_run_list(path, _sound_result(path).study)
 
@@ -236,7 +236,7 @@ def _comparison(path: Path) -> Any:
 
 
 def _spreads(path: Path) -> Any:
-    from cosim.study.choice.robust_table import read_spreads  # noqa: PLC0415
+    from cosim.study.choice.robust_file import read_spreads  # noqa: PLC0415
 
     return read_spreads(path, digest="0" * 64)
 

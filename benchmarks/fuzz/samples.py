@@ -16,9 +16,8 @@ from builder.build import build
 from cosim.study.choice.compare import Comparison
 from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.robust import Spread
-from cosim.study.choice.robust_table import write_spreads
-from cosim.study.choice.selection import select
-from cosim.study.choice.selection_file import write_selection
+from cosim.study.choice.robust_file import write_spreads
+from cosim.study.choice.selection import select, write_selection
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Drive, Study, Vehicle

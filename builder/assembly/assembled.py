@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from builder.assembly.documents import assembly_documents
-from builder.assembly.interface import assembly_interface
-from builder.assembly.plan import Assembly
+from builder.assembly.plan import Assembly, assembly_interface
 from builder.assembly.sources import assembly_sources
 from builder.description import Description
 from builder.interface import Interface

@@ -1,14 +1,17 @@
-"""The plan of an assembly: parts, connections and start values, which are validated on construction."""
+"""Plan of an assembled FMU: its parts, their connections, its variables."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part
 from builder.connection import Ends
+from builder.interface import RATES, Interface, Variable, read_table
 from eightpost.errors import FmuError
+
+# ---- The plan of an assembly ----------------------------------------------------------------------------------------
 
 _RUN = "run it as separate FMUs (eightpost run)"
 
@@ -130,3 +133,172 @@ def _loops(assembly: Assembly) -> Iterator[str]:
                 f"{link.source} -> {link.target} makes an algebraic loop, because {link.source} has feedthrough from "
                 f"{', '.join(direct)}: {_RUN} with the implicit algorithm"
             )
+
+
+# ---- The interface of an assembly -----------------------------------------------------------------------------------
+
+KIND = "assembly"
+
+#: Offset of the value references of each part; the references of the assembly's own variables are below it.
+REFERENCES_PER_PART = 1000
+_ERROR_REFERENCE = 900
+
+#: Parameters that affect the force of a shock at rest; all others only have an effect when it moves.
+_AT_REST = ("motion_ratio", "gas_stiffness", "gas_preload")
+
+
+def assembly_interface(assembly: Assembly) -> Interface:
+    """Return the interface of an assembly."""
+    table = read_table(KIND)
+    own = {row["name"]: row for row in table["variable"]}
+    variables = [_own(own["coupling_step"], "coupling_step"), _own(own["coupling_error"], "coupling_error")]
+    for number, part in enumerate(assembly.parts, start=1):
+        variables += _of_part(assembly, part, REFERENCES_PER_PART * number)
+        if not part.is_vehicle:
+            row = own["<shock>.coupling_error"]
+            reference = REFERENCES_PER_PART * number + _ERROR_REFERENCE
+            variables.append(replace(_own(row, f"{part.name}.coupling_error"), reference=reference))
+    outputs = [v.name for v in variables if v.causality == "output"]
+    initial, direct = _initial(assembly), _direct(assembly)
+    return Interface(
+        kind=table["interface"],
+        version=table["version"],
+        description=table["description"],
+        variables=tuple(variables),
+        direct={name: direct.get(name, ()) for name in outputs},
+        initial={name: initial.get(name, ()) for name in outputs},
+    )
+
+
+def _own(row: Mapping[str, object], name: str) -> Variable:
+    def text(key: str) -> str | None:
+        return None if row.get(key) is None else str(row[key])
+
+    def number(key: str) -> float | None:
+        value = row.get(key)
+        return float(value) if isinstance(value, (int, float)) else None
+
+    return Variable(
+        name=name,
+        reference=int(str(row["reference"])),
+        type="Real",
+        causality=str(row["causality"]),
+        variability=str(row.get("variability", "continuous")),
+        unit=text("unit"),
+        display=text("display"),
+        start=number("start"),
+        minimum=number("min"),
+        maximum=number("max"),
+        description=str(row["description"]),
+    )
+
+
+def _of_part(assembly: Assembly, part: Part, first: int) -> Iterator[Variable]:
+    for variable in part.interface.variables:
+        if variable.causality == "input" and not assembly.is_outside(part, variable.name):
+            continue
+        name = f"{part.name}.{variable.name}"
+        yield replace(
+            variable,
+            name=name,
+            reference=first + variable.reference,
+            start=assembly.starts.get(name, variable.start),
+            description=f"{part.name}: {variable.description}",
+        )
+
+
+def _direct(assembly: Assembly) -> dict[str, tuple[str, ...]]:
+    """Return the inputs with feedthrough to each output.
+
+    These are inputs of the same part; for a shock, also inputs with feedthrough to the vehicle's outputs that are
+    connected to it. A shock force reaches the vehicle one step later.
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    for part in assembly.parts:
+        for output, inputs in part.interface.direct.items():
+            known: set[str] = set()
+            for name in inputs:
+                if assembly.is_outside(part, name):
+                    known.add(f"{part.name}.{name}")
+                if not part.is_vehicle:
+                    known.update(*(found.get(link.source, ()) for link in assembly.into(part, name)))
+            found[f"{part.name}.{output}"] = tuple(sorted(known))
+    return found
+
+
+def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
+    """Return the variables that each output depends on at the start, which is the union of two kinds of start.
+
+    In a start from zero, nothing moves and only feedthrough matters. In an equilibrium start, nothing moves either, and
+    the displacements depend on constant inputs; accelerations are zero.
+    """
+    steady = _closed(assembly, _steady(assembly))
+    zero = _closed(assembly, assembly.vehicle.interface.direct)
+    flag = f"{assembly.vehicle.name}.start_at_equilibrium"
+    found = {}
+    for name in steady:
+        part, _, output = name.partition(".")
+        known = steady[name] | zero[name] | ({flag} if steady[name] != zero[name] else set())
+        if part == assembly.vehicle.name:
+            known |= {f"{part}.{offset}" for offset in _offsets(assembly, output)}
+        found[name] = tuple(sorted(known))
+    return found
+
+
+def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
+    """Return the inputs that each vehicle output depends on in steady state; without a steady state, by feedthrough."""
+    interface = assembly.vehicle.interface
+    units = {v.name: v.unit for v in interface.variables}
+    inputs = set(interface.names("input"))
+    if "HAS_EQUILIBRIUM = 0" in assembly.vehicle.data:
+        return interface.direct
+    return {
+        name: () if units[name] in RATES else tuple(known for known in names if known in inputs)
+        for name, names in interface.initial.items()
+    }
+
+
+def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
+    """Return the parameters that the vehicle adds to an output."""
+    interface = assembly.vehicle.interface
+    added = {v.name for v in interface.variables if v.causality == "parameter" and v.type == "Real"}
+    return tuple(name for name in interface.initial[output] if name in added)
+
+
+def _closed(assembly: Assembly, vehicle: Mapping[str, tuple[str, ...]]) -> dict[str, set[str]]:
+    """Return the dependencies of each output at a start, followed through the loop of vehicle and shocks.
+
+    `vehicle` contains the inputs of the vehicle that each of its outputs depends on.
+    """
+    found: dict[str, set[str]] = {
+        f"{part.name}.{output}": set() for part in assembly.parts for output in part.interface.names("output")
+    }
+    before = -1
+    while before != (before := sum(map(len, found.values()))):
+        for part in assembly.parts:
+            for output in part.interface.names("output"):
+                found[f"{part.name}.{output}"] |= (
+                    {known for name in vehicle[output] for known in _behind(assembly, part, name, found)}
+                    if part.is_vehicle
+                    else set(_at_shock(assembly, part, output, found))
+                )
+    return found
+
+
+def _at_shock(assembly: Assembly, part: Part, output: str, found: Mapping[str, set[str]]) -> Iterator[str]:
+    named = part.interface
+    behind = {name: set(_behind(assembly, part, name, found)) for name in named.names("input")}
+    for name in named.initial[output]:
+        at_rest = name in _AT_REST and (name != "gas_stiffness" or behind["displacement"])
+        if name not in behind and (at_rest or behind["velocity"]):
+            yield f"{part.name}.{name}"
+    for known in behind.values():
+        yield from known
+
+
+def _behind(assembly: Assembly, part: Part, name: str, found: Mapping[str, set[str]]) -> Iterator[str]:
+    """Yield the variables that an input of a part depends on."""
+    if assembly.is_outside(part, name):
+        yield f"{part.name}.{name}"
+    for link in assembly.into(part, name):
+        yield from found[link.source]

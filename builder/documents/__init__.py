@@ -1,6 +1,6 @@
 """The documents in an FMU archive: everything besides binaries, sources and modelDescription.xml."""
 
 from builder.documents.archive import documents
-from builder.documents.subject import SECRET, Disclosure, Subject
+from builder.documents.reference import SECRET, Disclosure, Subject
 
 __all__ = ["SECRET", "Disclosure", "Subject", "documents"]

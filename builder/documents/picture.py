@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from builder.documents.quantities import CUSTOMARY
+from builder.documents.reference import CUSTOMARY
 from eightpost import units
 from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.vehicle import StateSpace, Vehicle

@@ -1,31 +1,126 @@
-"""Reference results that any host must get from the FMU, in the format of the FMI cross-check rules.
-
-They are computed from the law or the exact linear step of the library and never from a binary, so that they are
-independent evidence. Rules: github.com/modelica/fmi-cross-check, FMI-CROSS-CHECK-RULES.md, 9.1.4 and 10.
-
-The inputs are smooth and start at zero, so that it does not matter whether a host sets them before or after
-initialization ends. They are held over each step, like those of a host that sets inputs between steps: the row at t_k
-is set before the step from t_k to t_k+1, and the outputs at t_k+1 are read before the next row is set.
-"""
+"""Reference results of an FMU, computed by the library."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from builder.documents.subject import Subject
-from builder.interface import Interface
+from builder.interface import Interface, Variable
+from eightpost import units
 from eightpost.shock import Shock, ShockLaw
 from eightpost.vehicle import IdentifiedVehicle, LinearStepper, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     Array = NDArray[np.float64]
+
+
+# ---- The subject of an FMU's documents, and how much of it they disclose --------------------------------------------
+
+#: Prefix of the variables that disclose the shape of a curve.
+SECRET = "curve."
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One FMU to document: its C name, a one-line description, its variables, and its shock or vehicle."""
+
+    identifier: str
+    text: str
+    interface: Interface
+    source: Shock | Vehicle
+
+
+class Disclosure(Enum):
+    """Amount of information in an archive about its source."""
+
+    FULL = "full"
+    """Everything: sources, pictures, coefficients, conditions, digests of the source files."""
+
+    CONFIDENTIAL = "confidential"
+    """Only what is needed to use the FMU: no sources, curve pictures, coefficients, or names of source files."""
+
+
+# ---- Formatting of quantities for readers ---------------------------------------------------------------------------
+
+#: US customary unit that is shown for each SI unit.
+CUSTOMARY = {
+    "Pa": "psi",
+    "K": "degF",
+    "m": "in",
+    "m/s": "in/s",
+    "m/s2": "g",
+    "N": "lbf",
+    "N.m": "lbf.in",
+    "N/m": "lbf/in",
+    "N.s/m": "lbf/(in/s)",
+    "N.m/rad": "lbf.in/deg",
+    "kg": "lbm",
+    "kg.m2": "lbm.in2",
+    "rad": "deg",
+}
+
+Number = int | float
+
+
+def quantity(value: Number | Sequence[Number], unit: str) -> str:
+    """Return a value, or a range of two, with its unit.
+
+    >>> quantity([-0.8, 0.75], "m/s")
+    '-0.8 to 0.75 m/s'
+    """
+    numbers = [value] if isinstance(value, (int, float)) else value
+    return f"{' to '.join(f'{number:.4g}' for number in numbers)} {_shown(unit)}".strip()
+
+
+def customary(value: Number | Sequence[Number], unit: str) -> str:
+    """Return a value or a range in US customary units; empty if only the SI unit is shown.
+
+    >>> customary([-0.8, 0.75], "m/s")
+    '-31.5 to 29.53 in/s'
+    """
+    if unit not in CUSTOMARY:
+        return ""
+    target = CUSTOMARY[unit]
+    numbers = [value] if isinstance(value, (int, float)) else value
+    return quantity([units.convert(float(number), unit, target) for number in numbers], target)
+
+
+def start(variable: Variable) -> str:
+    """Return a variable's start value in SI, with six digits, without its unit."""
+    return "" if variable.start is None else _plain(variable.start)
+
+
+def displayed_start(variable: Variable) -> str:
+    """Return a variable's start value with its display unit; empty if it has no display unit."""
+    if variable.unit is None or variable.display is None or variable.start is None:
+        return ""
+    return quantity(units.convert(float(variable.start), variable.unit, variable.display), variable.display)
+
+
+def limits(variable: Variable) -> str:
+    """Return a variable's range in SI, without its unit."""
+    if variable.minimum is None and variable.maximum is None:
+        return ""
+    low = "−∞" if variable.minimum is None else _plain(variable.minimum)
+    high = "∞" if variable.maximum is None else _plain(variable.maximum)
+    return f"{low} … {high}"
+
+
+def _plain(value: float | bool) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value:.6g}"
+
+
+def _shown(unit: str) -> str:
+    return "" if unit == "1" else {"degF": "°F", "deg": "°"}.get(unit, unit)
+
+
+# ---- Reference results that any host must get from the FMU, in the format of the FMI cross-check rules --------------
 
 STEP, COUNT = 1e-3, 1000
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
 
-from builder.documents.subject import Disclosure
+from builder.documents.reference import Disclosure
 from eightpost.errors import InputError
 from eightpost.shock import Shock
 from eightpost.validity import MEMBER, Range, Validity

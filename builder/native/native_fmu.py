@@ -1,4 +1,4 @@
-"""Construction of native FMUs: description, sources, binaries and documents of an archive."""
+"""Native FMUs: generated headers, C sources, compiled binaries."""
 
 from __future__ import annotations
 
@@ -7,13 +7,67 @@ from dataclasses import dataclass, replace
 
 from builder.description import Description, content_guid, model_description
 from builder.documents import SECRET, Disclosure, Subject, documents
-from builder.interface import Interface
-from builder.native.compiler import Library, compile_libraries
-from builder.native.sources import c_sources
-from builder.native.toolchain import Toolchain
+from builder.interface import Interface, source_folder
+from builder.native.tables import interface_header, interface_source, layout
+from builder.native.toolchain import Library, Toolchain, compile_libraries
+from builder.native.vehicle_data import kept_numbers, vehicle_data
 from builder.product import Product
 from eightpost import __version__
 from eightpost.shock import Shock
+from eightpost.vehicle.modal import modal_form
+
+# ---- The C sources of one FMU ---------------------------------------------------------------------------------------
+
+COMMON = (
+    "component.h",
+    "derivatives.c",
+    "elementary.c",
+    "elementary.h",
+    "exchange.c",
+    "fmu_state.c",
+    "fresh.h",
+    "instance.h",
+    "lifecycle.c",
+    "logging.c",
+    "message.c",
+    "message.h",
+    "names.h",
+    "refusals.c",
+    "state_check.c",
+    "step.c",
+    "variables.c",
+    "wide.h",
+)
+SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
+
+
+def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
+    """Return file name -> content of sources/; `visible` contains the variables that a host can see.
+
+    Raises:
+        FmuError: The vehicle has no modal form.
+    """
+    folder = source_folder()
+    model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
+    states, generated = 0, {}
+    if isinstance(product.source, Shock):
+        model |= {name: (folder / "common" / name).read_bytes() for name in SHOCK}
+    else:
+        space = product.source.coupled()
+        form = modal_form(space)
+        states = kept_numbers(form, product.interface)
+        model["phi.h"] = (folder / product.sources / "phi.h").read_bytes()
+        generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
+    plan = layout(product.interface, states)
+    generated |= {
+        "interface.h": interface_header(plan, product.identifier, guid),
+        "interface.c": interface_source(plan, visible.variables),
+    }
+    common = {name: (folder / "common" / name).read_bytes() for name in COMMON}
+    return common | model | {name: text.encode() for name, text in generated.items()}
+
+
+# ---- Construction of native FMUs ------------------------------------------------------------------------------------
 
 #: Capabilities of fmus/common, which are the same for every model.
 CAPABILITIES = {

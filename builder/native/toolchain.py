@@ -1,22 +1,132 @@
-"""C compilers: zig, which builds for all platforms on any platform, and the system's compiler."""
+"""Compilers for all platforms."""
 
 from __future__ import annotations
 
 import importlib.util
 import os
+import platform as this
 import shutil
+import struct
 import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
-from builder.native.headers import fmi_headers
-from builder.native.platforms import PLATFORMS, Platform, this_platform
-from builder.sources import source_folder
+from builder.interface import source_folder
+from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
+from eightpost.processes import usable_processors
+
+# ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
+
+NAMES = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+
+
+def fmi_headers() -> Path:
+    """Return the folder that contains the header files.
+
+    Raises:
+        FmuError: FMPy is not installed, or no longer contains the header files.
+    """
+    spec = importlib.util.find_spec("fmpy")
+    if spec is None or spec.origin is None:
+        raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
+    folder = Path(spec.origin).with_name("c-code")
+    if missing := [name for name in NAMES if not (folder / name).is_file()]:
+        raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
+    return folder
+
+
+# ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """One folder of binaries/.
+
+    Attributes:
+        name: Name of the platform in FMI 2.0.
+        suffix: Suffix of the library's file name.
+        targets: Target names of the cross compiler, one per slice; several slices make a universal file.
+        processor: Minimum processor, set if the target's default would round doubles differently.
+    """
+
+    name: str
+    suffix: str
+    targets: tuple[str, ...]
+    processor: str = "baseline"
+
+    def member(self, identifier: str) -> str:
+        """Return the path of the library in the archive."""
+        return f"binaries/{self.name}/{identifier}{self.suffix}"
+
+
+#: glibc 2.17 is the version of CentOS 7. win32 needs SSE2: the x87 unit computes with more digits than a double has.
+PLATFORMS: Mapping[str, Platform] = MappingProxyType(
+    {
+        found.name: found
+        for found in (
+            Platform("linux64", ".so", ("x86_64-linux-gnu.2.17",)),
+            Platform("win64", ".dll", ("x86_64-windows-gnu",)),
+            Platform("win32", ".dll", ("x86-windows-gnu",), "pentium4"),
+            Platform("aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
+            Platform("darwin64", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
+            Platform("aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
+        )
+    }
+)
+
+_MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+def this_platform() -> Platform:
+    """Return the platform that this program runs on; a platform that FMI does not list gets a similar name."""
+    system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
+    machine = _MACHINES.get(this.machine().lower(), this.machine().lower())
+    if struct.calcsize("P") == 4:
+        name = f"{system}32"
+    else:
+        name = f"aarch64-{system}" if machine == "aarch64" else f"{system}{machine}"
+    return PLATFORMS.get(name) or Platform(name, ".so", ("",))
+
+
+# ---- Creation of a universal macOS library from several thin Mach-O files, one per processor ------------------------
+
+_FAT_MAGIC = 0xCAFEBABE
+_THIN_MAGIC = 0xFEEDFACF
+#: Alignment of slices (power of 2): the largest page size in use, 16 KiB on Apple's processors.
+_ALIGNMENT = 14
+
+
+def universal(slices: Sequence[bytes]) -> bytes:
+    """Return the fat file of 64-bit slices, in the given order.
+
+    Source: Apple, "Mach-O Programming Topics" and <mach-o/fat.h>: a big-endian header, then one entry per slice with
+    processor type and subtype, offset, size and alignment.
+
+    Raises:
+        ValueError: A slice is not a 64-bit Mach-O file.
+    """
+    offset = 8 + 20 * len(slices)
+    header = struct.pack(">II", _FAT_MAGIC, len(slices))
+    body = b""
+    for content in slices:
+        magic, kind, subkind = struct.unpack_from("<IiI", content)
+        if magic != _THIN_MAGIC:
+            raise ValueError(f"a slice starts with {magic:#x} and is not a 64-bit Mach-O file")
+        start = -(-(offset + len(body)) >> _ALIGNMENT) << _ALIGNMENT
+        header += struct.pack(">iIIII", kind, subkind, start, len(content), _ALIGNMENT)
+        body += b"\0" * (start - offset - len(body)) + content
+    return header + body
+
+
+# ---- C compilers ----------------------------------------------------------------------------------------------------
 
 #: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
 #: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent.
@@ -153,3 +263,152 @@ def _zig() -> str | None:
 def _first_line(command: tuple[str, ...]) -> str:
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     return (ran.stdout or ran.stderr).strip().partition("\n")[0]
+
+
+# ---- Compilation of C sources into shared libraries, in parallel and with a cache -----------------------------------
+
+#: A C file that includes all others, and one that does the same for processors with AVX (fmus/common/wide.h).
+_WHOLE, _WIDE = "whole.c", "wide.c"
+
+#: The typedef is there because ISO C requires at least one declaration in every file.
+_WIDE_UNIT = """\
+#if defined(__x86_64__)
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx"))), apply_to = function)
+#else
+#pragma GCC target("avx")
+#endif
+#define FMI2_FUNCTION_PREFIX wide_
+{includes}#if defined(__clang__)
+#pragma clang attribute pop
+#endif
+#else
+typedef int not_here;
+#endif
+"""
+
+
+@dataclass(frozen=True)
+class Library:
+    """One shared library to compile.
+
+    Args:
+        identifier: Name of the library.
+        sources: C files and headers by name (one flat folder).
+        is_one_unit: Whether its C files can be compiled as one translation unit, which requires that no two of them
+            define the same static name. Functions can then be inlined across files, which makes steps a few percent
+            faster.
+        is_wide: Whether the unit is compiled a second time for processors with AVX.
+    """
+
+    identifier: str
+    sources: Mapping[str, bytes]
+    is_one_unit: bool = False
+    is_wide: bool = False
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Names of the C files that are compiled."""
+        if not self.is_one_unit:
+            return _c_files(self.sources)
+        return (_WHOLE, _WIDE) if self.is_wide else (_WHOLE,)
+
+    @property
+    def files(self) -> Mapping[str, bytes]:
+        """Files in the compiler's working folder."""
+        if not self.is_one_unit:
+            return self.sources
+        includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
+        if not self.is_wide:
+            return {**self.sources, _WHOLE: includes.encode()}
+        units = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
+        return {**self.sources, **{name: text.encode() for name, text in units.items()}}
+
+
+def compile_libraries(
+    libraries: Sequence[Library],
+    *,
+    toolchain: Toolchain,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[dict[str, bytes]]:
+    """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
+
+    Args:
+        libraries: Libraries to compile.
+        toolchain: Compiler and its platforms.
+        progress: Callback that receives the number of finished binaries and the total number.
+
+    Returns:
+        Members of the archive for each library: name -> content.
+
+    Raises:
+        FmuError: The compiler fails; the message quotes its error.
+    """
+    jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
+    done: list[bytes] = []
+    with ThreadPoolExecutor(usable_processors()) as pool:
+        for content in pool.map(lambda job: _binary(toolchain, *job), jobs):
+            done.append(content)
+            if progress:
+                progress(len(done), len(jobs))
+    found = iter(done)
+    return [{p.member(library.identifier): next(found) for p in toolchain.platforms} for library in libraries]
+
+
+def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
+    slices = [_slice(toolchain, library, platform, target) for target in platform.targets]
+    return slices[0] if len(slices) == 1 else universal(slices)
+
+
+def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
+    command = toolchain.command(library.identifier, platform, target, library.units)
+    key = _key(toolchain, library, target or platform.name, command)
+    content = recall("binaries", key)
+    if content is None:
+        content = _compile(toolchain, library, platform, command)
+        keep("binaries", key, content)
+    return content
+
+
+def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[str]) -> str:
+    """Return a digest of everything that the binary depends on, without folder names of this machine."""
+    parts: list[bytes | str] = [toolchain.name, library.identifier, target]
+    parts += [part for part in command if not Path(part).is_absolute()]
+    for name, content in sorted(library.files.items()):
+        parts += [name, content]
+    own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
+    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in NAMES)))])
+
+
+def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in library.files.items():
+            (Path(folder) / name).write_bytes(content)
+        ran = subprocess.run(
+            command, cwd=folder, env=_environment(folder), capture_output=True, text=True, errors="replace", check=False
+        )
+        if ran.returncode != 0:
+            raise FmuError(
+                f"{library.identifier}: {toolchain.name} could not compile it for {platform.name}: "
+                f"{_first_error(ran.stderr) or f'it ended with status {ran.returncode} and printed no error'}"
+            )
+        return (Path(folder) / f"{library.identifier}{platform.suffix}").read_bytes()
+
+
+def _c_files(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(name for name in names if name.endswith(".c")))
+
+
+def _first_error(errors: str) -> str:
+    lines = [line for line in errors.splitlines() if "error" in line]
+    return (lines or errors.strip().splitlines() or [""])[0]
+
+
+def _environment(folder: str) -> dict[str, str]:
+    """Return the environment of the compiler, which sets the cache folders of zig.
+
+    The compiled C libraries are kept in a folder of our cache. The cache of one FMU is in `folder` and is deleted with
+    it: zig would never reuse it, because the folder's name is always different, and it never removes anything.
+    """
+    local = Path(folder) / ".zig-cache"
+    return os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"), "ZIG_LOCAL_CACHE_DIR": str(local)}

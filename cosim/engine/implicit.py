@@ -9,7 +9,7 @@ chapter 7; for whole steps of a co-simulation: Sicklinger et al., Interface Jaco
 
 from __future__ import annotations
 
-from cosim.engine import calls
+from cosim.engine import blocks
 from cosim.engine.compiled import shared
 from cosim.engine.plan import (
     GUESSED,
@@ -46,7 +46,7 @@ def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
     """Save the states of the parts first to last - 1; return 1 if one refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
-        status = calls.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
+        status = blocks.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, SAVE):
             return 1
     return 0
@@ -57,7 +57,7 @@ def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> in
     """Restore the saved states; return 1 if a part refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
-        status = calls.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
+        status = blocks.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, RESTORE):
             return 1
     return 0

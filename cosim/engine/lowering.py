@@ -26,7 +26,7 @@ _ROOT = Path(__file__).parents[2]
 _PROGRAM = """
 import sys, types
 sys.path.insert(0, {root!r})
-from eightpost.parent_process import end_with
+from eightpost.processes import end_with
 end_with({parent})
 package = sys.modules["cosim"] = types.ModuleType("cosim")
 package.__path__ = [{cosim!r}]

@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from cosim.engine import calls
+from cosim.engine import blocks
 
 _WORD, _POINTER, _REAL, _INT = ir.IntType(64), ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
 _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT}
@@ -59,7 +59,7 @@ def _call_state(_context, address, instance, pointer):  # type: ignore[no-untype
     return _signature(_STATE), _call(_STATE)
 
 
-@overload(calls.exchange)
+@overload(blocks.exchange)
 def _exchange(address, instance, references, count, values):  # type: ignore[no-untyped-def]
     def implementation(address, instance, references, count, values):  # type: ignore[no-untyped-def]
         return _call_exchange(address, instance, references, count, values)
@@ -67,7 +67,7 @@ def _exchange(address, instance, references, count, values):  # type: ignore[no-
     return implementation
 
 
-@overload(calls.set_slopes)
+@overload(blocks.set_slopes)
 def _set_slopes(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
     def implementation(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
         return _call_slopes(address, instance, references, count, orders, values)
@@ -75,7 +75,7 @@ def _set_slopes(address, instance, references, count, orders, values):  # type: 
     return implementation
 
 
-@overload(calls.do_step)
+@overload(blocks.do_step)
 def _do_step(address, instance, time, step, final):  # type: ignore[no-untyped-def]
     def implementation(address, instance, time, step, final):  # type: ignore[no-untyped-def]
         return _call_step(address, instance, time, step, final)
@@ -83,7 +83,7 @@ def _do_step(address, instance, time, step, final):  # type: ignore[no-untyped-d
     return implementation
 
 
-@overload(calls.save_state)
+@overload(blocks.save_state)
 def _save_state(address, instance, states, index):  # type: ignore[no-untyped-def]
     def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
         return _call_state(address, instance, states.ctypes.data + 8 * index)
@@ -91,7 +91,7 @@ def _save_state(address, instance, states, index):  # type: ignore[no-untyped-de
     return implementation
 
 
-@overload(calls.restore_state)
+@overload(blocks.restore_state)
 def _restore_state(address, instance, states, index):  # type: ignore[no-untyped-def]
     def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
         return _call_state(address, instance, states[index])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.engine import calls
+from cosim.engine import blocks
 from cosim.engine.compiled import shared
 from cosim.engine.plan import (
     EXTRAPOLATED,
@@ -179,7 +179,7 @@ def failed(m: Memory, status: int, c: int, function: int) -> int:
 def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
     """Set the inputs of part c, which are at the address `values`."""
     parts, at = plan.parts, m.at
-    status = calls.exchange(parts.set_real[c], parts.instance[c], at.input_references[c], parts.input_count[c], values)
+    status = blocks.exchange(parts.set_real[c], parts.instance[c], at.input_references[c], parts.input_count[c], values)
     return failed(m, status, c, SET)
 
 
@@ -189,7 +189,7 @@ def _ramp(plan: Plan, m: Memory, c: int, values: int, slopes: int) -> int:
     if _set(plan, m, c, values):
         return 1
     parts, at = plan.parts, m.at
-    status = calls.set_slopes(
+    status = blocks.set_slopes(
         parts.set_slopes[c], parts.instance[c], at.input_references[c], parts.input_count[c], at.orders[c], slopes
     )
     return failed(m, status, c, SLOPES)
@@ -234,7 +234,7 @@ def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) ->
 @shared
 def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int:
     parts = plan.parts
-    return failed(m, calls.do_step(parts.do_step[c], parts.instance[c], time, h, final), c, STEP)
+    return failed(m, blocks.do_step(parts.do_step[c], parts.instance[c], time, h, final), c, STEP)
 
 
 @shared
@@ -276,7 +276,7 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
     parts, at = plan.parts, m.at
     if parts.signal_count[c] == 0:
         return 0
-    status = calls.exchange(
+    status = blocks.exchange(
         parts.get_real[c], parts.instance[c], at.signal_references[c], parts.signal_count[c], at.signals[c]
     )
     return failed(m, status, c, GET)

@@ -1,32 +1,366 @@
-"""Report page out/report.html: one run in one file that loads nothing."""
+"""HTML report of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
+import hashlib
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from markupsafe import Markup
 
 from cosim.energy import LIMIT
-from cosim.report.channels import Scale, panels, statistics
-from cosim.report.figures import figure, listed, percent
-from cosim.report.graph import graph
-from cosim.report.groups import Group, groups
-from cosim.report.packing import Store
-from cosim.report.provenance import drive_digest, origins, versions
-from cosim.report.spectra import Spectra, spectra
-from cosim.report.status import bond_rows, facts, notes, tiles
-from cosim.report.traces import Traces, traces
-from cosim.report.wiring import arrows
-from cosim.result import Result
-from cosim.scenario import Scenario
-from cosim.system import System
-from eightpost.files import atomic_path
+from cosim.report.figures import Spectra, Store, Traces, figure, listed, percent, spectra, traces
+from cosim.report.wiring import Group, arrows, graph, groups
+from cosim.result import Coupled, Result
+from cosim.study.measures import DISPLAY
+from cosim.system import Scenario, System
+from eightpost import __version__, units
+from eightpost.archive import open_archive
+from eightpost.errors import FmuError
+from eightpost.files import atomic_path, sha256_of
 from eightpost.page import insert, plotly, template
-from eightpost.signals import TimeSeries
+from eightpost.signals import Drivefile, TimeSeries
+
+# ---- Recorded channels for display ----------------------------------------------------------------------------------
+
+#: Okabe and Ito's colours, which colour-blind readers can distinguish, without the yellow, which is too light on white.
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f")
+
+#: Dash styles, which distinguish lines of the same colour.
+DASHES = ("solid", "dash", "dot", "dashdot")
+
+#: Number of panels that are open at first, and of lines that each of them draws at first: one per colour.
+_OPEN, _DRAWN = 5, len(COLORS)
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Conversion from SI to the unit on the axis: `shown = factor * value + offset`."""
+
+    si: str
+    unit: str
+    factor: float
+    offset: float
+
+    @property
+    def squared(self) -> tuple[str, str]:
+        """Square of the unit on the axis, and of the SI unit, for power spectral densities."""
+        return _squared(self.unit), _squared(self.si)
+
+    @classmethod
+    def of(cls, si: str) -> Scale:
+        """Return the scale of an SI unit."""
+        unit = DISPLAY.get(si, si)
+        return cls(si, unit, *units.conversion(si, unit))
+
+    def __call__(self, value: float) -> float:
+        """Return the value in the unit on the axis."""
+        return self.factor * value + self.offset
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """Statistics of a channel after settling, in its SI unit.
+
+    Args:
+        name: Name of the channel.
+        scale: Conversion to the display unit.
+        mean: Mean.
+        rms: Root mean square about the mean.
+        least: Minimum.
+        greatest: Maximum.
+        error: Stated coupling error in percent of `rms`; None if it is not known.
+    """
+
+    name: str
+    scale: Scale
+    mean: float
+    rms: float
+    least: float
+    greatest: float
+    error: float | None
+
+    @property
+    def deviation(self) -> float:
+        """Stated error in the SI unit, root mean square; 0 if it is not known."""
+        return 0.01 * (self.error or 0.0) * self.rms
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One channel: its row in the series, its colour and dashes, and whether it is drawn at first."""
+
+    row: int
+    name: str
+    color: str
+    dash: str
+    drawn: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Channels of one quantity and unit on common axes."""
+
+    quantity: str
+    scale: Scale
+    lines: tuple[Line, ...]
+    opened: bool
+
+
+def panels(series: TimeSeries) -> tuple[Panel, ...]:
+    """Sort channels into panels by the last part of their name and their unit, in the order of the series."""
+    members: dict[tuple[str, str], list[int]] = {}
+    for row, (name, unit) in enumerate(zip(series.names, series.units, strict=True)):
+        members.setdefault((name.rpartition(".")[2], unit), []).append(row)
+    return tuple(
+        Panel(quantity, Scale.of(unit), _lines(series, rows), opened=k < _OPEN)
+        for k, ((quantity, unit), rows) in enumerate(members.items())
+    )
+
+
+def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statistics, ...]:
+    """Return the statistics of each channel, with the error that the run states for it [%]."""
+    return tuple(
+        Statistics(
+            name,
+            Scale.of(unit),
+            *(float(row.mean()), float(row.std()), float(row.min()), float(row.max())),
+            error=stated[name] if isfinite(stated.get(name, inf)) else None,
+        )
+        for name, unit, row in zip(series.names, series.units, series.values, strict=True)
+    )
+
+
+def _lines(series: TimeSeries, rows: Sequence[int]) -> tuple[Line, ...]:
+    return tuple(
+        Line(row, series.names[row], COLORS[k % len(COLORS)], DASHES[k // len(COLORS) % len(DASHES)], drawn=k < _DRAWN)
+        for k, row in enumerate(rows)
+    )
+
+
+def _squared(unit: str) -> str:
+    """Return `m²` of `m`, `(m/s)²` of `m/s`."""
+    return "1" if unit == "1" else f"{unit}²" if unit.isalpha() else f"({unit})²"
+
+
+# ---- Origin of a run ------------------------------------------------------------------------------------------------
+
+_PACKAGES = ("numpy", "scipy", "numba", "fmpy")
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Origin of a component.
+
+    Args:
+        name: Name of the component.
+        file: Name of its file.
+        identity: GUID.
+        made_by: Tool and model version stated in its description; empty if not known.
+        digest: SHA-256 of the file; empty if not known.
+        parameters: Values that differ from its defaults, in its own units.
+    """
+
+    name: str
+    file: str
+    identity: str
+    made_by: str
+    digest: str
+    parameters: tuple[str, ...]
+
+
+def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
+    """Return the origin of every component.
+
+    Args:
+        result: Result of the run.
+        files: FMU files by component, if known; each is read once.
+    """
+    known = {path: (_made_by(path), _digest(path)) for path in set(files.values())}
+    return tuple(
+        Origin(
+            name,
+            result.sources.get(name, ""),
+            identity,
+            *(known[files[name]] if name in files else ("", "")),
+            parameters=tuple(f"{p} = {value}" for p, value in result.parameters.get(name, {}).items()),
+        )
+        for name, identity in result.identities.items()
+    )
+
+
+def drive_digest(drive: Drivefile) -> str:
+    """Return the SHA-256 of the contents of a drive, independent of its file format.
+
+    It is computed from one line `name [unit]` per channel in UTF-8, then the times and the values, channel
+    after channel, in SI as little-endian 64-bit numbers.
+    """
+    digest = hashlib.sha256()
+    for name, unit in zip(drive.names, drive.units, strict=True):
+        digest.update(f"{name} [{unit}]\n".encode())
+    digest.update(drive.series.time.astype("<f8").tobytes())
+    digest.update(drive.series.values.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+def versions() -> str:
+    """Return the versions of the current installation."""
+    return ", ".join((f"eightpost {__version__}", f"Python {platform.python_version()}", *_packages(), _machine()))
+
+
+def _packages() -> Iterator[str]:
+    for name in _PACKAGES:
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            continue
+
+
+def _machine() -> str:
+    return f"{platform.system()} {platform.machine()}"
+
+
+def _digest(path: Path) -> str:
+    return sha256_of(path) if path.is_file() else ""
+
+
+def _made_by(path: Path) -> str:
+    """Return the tool and the model's version from modelDescription.xml; empty if the file cannot be read."""
+    try:
+        with open_archive(path) as archive:
+            content = archive.read("modelDescription.xml")
+        root = ElementTree.fromstring(content)
+    except (FmuError, ElementTree.ParseError, ValueError, LookupError):
+        return ""
+    model = f"version {root.get('version')}" if root.get("version") else ""
+    return ", ".join(filter(None, (root.get("generationTool"), model, f"FMI {root.get('fmiVersion', '')}")))
+
+
+# ---- Information about a run other than its verdict -----------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Figure in the page's head: its name, its value, and a detail such as the channel or the limit."""
+
+    what: str
+    value: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """Largest stated error of several channels, in percent of that channel's scale."""
+
+    channel: str
+    percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class BondRow:
+    """Energy and local errors of one bond.
+
+    Args:
+        name: Name of the bond.
+        transferred: Energy through it [J].
+        residual: Energy that the coupling added (+) or lost (-) [J].
+        percent: Residual in percent of the energy transferred.
+        acceptable: Whether the residual is small enough.
+        coupled: Local errors of the values that its ends assumed of each other; None if not estimated.
+    """
+
+    name: str
+    transferred: float
+    residual: float
+    percent: float
+    acceptable: bool
+    coupled: Coupled | None
+
+
+def bond_rows(result: Result) -> tuple[BondRow, ...]:
+    """Return energy and local errors of every bond."""
+    return tuple(
+        BondRow(name, e.transferred, e.residual, 100.0 * e.relative, e.acceptable, result.coupled.get(name))
+        for name, e in result.energy.items()
+    )
+
+
+def worst(stated: Mapping[str, float], among: Iterable[str] | None = None) -> Worst | None:
+    """Return the largest known error among some channels; None if no error is known."""
+    chosen = stated if among is None else stated.keys() & set(among)
+    known = {name: stated[name] for name in chosen if isfinite(stated[name])}
+    return max(
+        (Worst(name, value) for name, value in known.items()), key=lambda w: (w.percent, w.channel), default=None
+    )
+
+
+def tiles(result: Result) -> tuple[Tile, ...]:
+    """Return the figures of the page's head."""
+    return tuple(_tiles(result, worst(result.stated_error, result.decisive), worst(result.stated_error)))
+
+
+def _tiles(result: Result, ports: Worst | None, any_channel: Worst | None) -> Iterator[Tile]:
+    if ports and ports != any_channel:
+        yield Tile("Coupling error (bonds, tires)", percent(ports.percent), ports.channel)
+    if any_channel:
+        yield Tile("Coupling error (all channels)", percent(any_channel.percent), any_channel.channel)
+    else:
+        yield Tile("Coupling error", "not stated", "one run at one step")
+    if result.energy:
+        name = max(result.energy, key=lambda bond: abs(result.energy[bond].relative))
+        share = percent(100.0 * result.energy[name].relative)
+        yield Tile("Energy residual, worst bond", share, f"{name}; limit {100.0 * LIMIT:g} %")
+    yield Tile("Coupling step", _step(result), f"{result.scheme or result.algorithm}, steps: {result.steps}")
+    yield Tile("Simulated", f"{float(result.series.time[-1]):g} s", f"in {figure(result.seconds, 3)} s")
+
+
+def notes(result: Result) -> tuple[str, ...]:
+    """Return all notes for the reader; the run's own notes first."""
+    return tuple(note.replace(" %", "\N{NO-BREAK SPACE}%") for note in (*result.notes, *_notes(result)))
+
+
+def _notes(result: Result) -> Iterator[str]:
+    if result.settling and result.series.time[-1] <= result.settling:
+        yield f"the run ended within its settling time ({result.settling:g} s): statistics and spectra use all of it"
+    if result.held_direct:
+        yield (
+            "outputs that follow, without delay, an input that was held over each step: "
+            f"{listed(result.held_direct)}; their error is proportional to the step"
+        )
+
+
+def facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """Return facts about the run, as pairs of name and value."""
+    return tuple(_facts(result))
+
+
+def _facts(result: Result) -> Iterator[tuple[str, str]]:
+    first, last = float(result.series.time[0]), float(result.series.time[-1])
+    yield "Time", f"{first:g} to {last:g} s{', ended early (partial)' if result.partial else ''}"
+    yield "Settling, excluded from statistics and spectra", f"{result.settling:g} s"
+    yield "Algorithm", f"{result.algorithm}, which used {result.scheme}" if result.scheme else result.algorithm
+    yield "Order of the components", listed(result.order)
+    yield "Converged", "yes" if result.converged else "no"
+    yield "Coupling step", f"{_step(result)}; the largest was {1e3 * (result.largest_step or result.step):g} ms"
+    yield "Steps", f"{result.steps}, {result.rejected_steps} more rejected"
+    yield "Iterations of implicit steps", f"{result.iterations}"
+    yield "Evaluations until the equilibrium start converged", f"{result.equilibrium_sweeps}"
+    yield "Recorded", f"{len(result.series.names)} channels, {len(result.series)} samples each"
+    yield "Computed in", f"{figure(result.seconds, 3)} s, of which {figure(result.stepping_seconds, 3)} s in steps"
+
+
+def _step(result: Result) -> str:
+    return f"{1e3 * result.step:.4g} ms"
+
+
+# ---- Report page out/report.html ------------------------------------------------------------------------------------
 
 _PACKAGE = "cosim.report"
 

@@ -1,4 +1,4 @@
-"""Files of a package: an archive is unpacked, a bare description is read in its folder."""
+"""SSP packages: writing a system as an archive for other tools."""
 
 from __future__ import annotations
 
@@ -6,16 +6,182 @@ import os.path
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
+from cosim.component import UnitDefinition
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file
+
+# ---- XML of SSP files -----------------------------------------------------------------------------------------------
+
+_NAMESPACES = {
+    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
+    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
+    "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
+}
+_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+#: Types of SSP 2.0 that FMI 2.0 has under other names.
+_TYPES = {"Float64": "Real", "Float32": "Real"} | {
+    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+
+
+class _DoctypeError(Exception):
+    """Error for a document type, which can declare entities that expand without limit or read other files."""
+
+
+class _Builder(ET.TreeBuilder):
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise _DoctypeError
+
+
+def tag(name: str) -> str:
+    """Return the full name of an element: `ssd:System`; files may use any prefix for a namespace."""
+    prefix, _, local = name.partition(":")
+    return f"{{{_NAMESPACES[prefix]}}}{local}"
+
+
+def read_document(content: bytes, where: str, root: str) -> ET.Element:
+    """Read an XML file of SSP 1.x or 2.x, which share their namespaces.
+
+    Args:
+        content: Contents of the file.
+        where: Name of the file for messages.
+        root: Required root element: `ssd:SystemStructureDescription`.
+
+    Raises:
+        InputError: The file is not XML, declares a document type, or has another root element or SSP version.
+    """
+    try:
+        element = ET.fromstring(content, parser=ET.XMLParser(target=_Builder()))
+    except _DoctypeError:
+        raise InputError(
+            f"{where}: declares a document type (DOCTYPE), which is not allowed in SSP; remove it"
+        ) from None
+    except (ET.ParseError, LookupError, ValueError) as error:
+        raise InputError(f"{where}: is not a readable XML file ({error}); export it again") from error
+    if element.tag != tag(root):
+        raise InputError(f"{where}: its root element is {element.tag}, not {tag(root)}; export it as SSP 1.0 or 2.0")
+    check_version(element, where)
+    return element
+
+
+def check_version(element: ET.Element, where: str) -> None:
+    """Refuse versions other than SSP 1.x and 2.x."""
+    version = element.get("version", "1.0")
+    if not version.startswith(("1.", "2.")):
+        raise InputError(f"{where}: is SSP {version}; only SSP 1.0 and 2.0 are supported; export it as one of these")
+
+
+def attribute(element: ET.Element, name: str, where: str) -> str:
+    """Return a required attribute."""
+    value = element.get(name)
+    if value is None:
+        raise InputError(f"{where}: a {local_name(element)} has no attribute {name!r}; export the package again")
+    return value
+
+
+def number(element: ET.Element, name: str, where: str, default: float | None = None) -> float:
+    """Return an attribute as a number.
+
+    Raises:
+        InputError: It is not a number, or is missing without a default.
+    """
+    if default is not None and element.get(name) is None:
+        return default
+    text = attribute(element, name, where)
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a number; correct it") from None
+
+
+def integer(element: ET.Element, name: str, where: str) -> int:
+    """Return an attribute as a whole number.
+
+    Raises:
+        InputError: It is not a whole number, or is missing.
+    """
+    text = attribute(element, name, where)
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a whole number; correct it") from None
+
+
+def flag(element: ET.Element, name: str, where: str, default: str | None = "false") -> bool:
+    """Return an attribute as a Boolean.
+
+    Raises:
+        InputError: It is neither true nor false, or is missing without a default.
+    """
+    text = attribute(element, name, where) if default is None else element.get(name, default)
+    known = {"true": True, "1": True, "false": False, "0": False}
+    if text.strip() not in known:
+        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is neither true nor false; correct it")
+    return known[text.strip()]
+
+
+def local_name(element: ET.Element) -> str:
+    """Return an element's name without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def type_of(element: ET.Element) -> str:
+    """Return the type of an element by its name in FMI 2.0."""
+    return _TYPES.get(local_name(element), local_name(element))
+
+
+def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefinition]:
+    """Return the units that a file defines; a unit without base units is looked up by its name later.
+
+    Args:
+        root: Root element of the file.
+        units: Name of the element with the units: `ssd:Units`.
+        where: Name of the file for messages.
+    """
+    found = {}
+    for unit in root.iterfind(f"{tag(units)}/{tag('ssc:Unit')}"):
+        name, base = attribute(unit, "name", where), unit.find(tag("ssc:BaseUnit"))
+        found[name] = UnitDefinition(name, {"?": 1}) if base is None else _definition(name, base, where)
+    return found
+
+
+def _definition(name: str, base: ET.Element, where: str) -> UnitDefinition:
+    place = f"{where}: unit {name!r}"
+    exponents = {key: integer(base, key, place) for key in _EXPONENTS if base.get(key, "0").strip() != "0"}
+    factor, offset = number(base, "factor", place, 1.0), number(base, "offset", place, 0.0)
+    if factor == 0.0:
+        raise InputError(f"{place} has the factor 0; correct it")
+    return UnitDefinition(name, exponents, factor, offset)
+
+
+def unit_of(element: ET.Element | None, units: Mapping[str, UnitDefinition]) -> UnitDefinition | None:
+    """Return the unit that a Real element names; None if it names none."""
+    name = None if element is None else element.get("unit")
+    return None if not name else units.get(name, UnitDefinition(name, {"?": 1}))
+
+
+def read_enumerations(root: ET.Element, element: str, where: str) -> dict[str, dict[str, int]]:
+    """Return the enumerations that a file defines: name -> item -> value."""
+    return {
+        attribute(enumeration, "name", where): {
+            attribute(item, "name", where): integer(item, "value", where)
+            for item in enumeration.iterfind(tag("ssc:Item"))
+        }
+        for enumeration in root.iterfind(f"{tag(element)}/{tag('ssc:Enumeration')}")
+    }
+
+
+# ---- Files of a package ---------------------------------------------------------------------------------------------
 
 DEFAULT = "SystemStructure.ssd"
 

@@ -9,14 +9,12 @@ from weakref import WeakKeyDictionary
 
 from cosim.component import Component
 from cosim.fmu_component import FmuComponent
-from cosim.scenario import Scenario
-from cosim.ssp import flatten, wiring
+from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
-from cosim.ssp.drive import OpenInputs
+from cosim.ssp.flatten import Experiment, FmuElement, Structure, Value
 from cosim.ssp.package import Unpacked, named, open_package
-from cosim.ssp.structure import Experiment, FmuElement, Structure, Value
-from cosim.ssp.values import Values, read_values
-from cosim.system import System
+from cosim.ssp.values import OpenInputs, Values, read_values
+from cosim.system import Scenario, System
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import Drivefile
 
@@ -111,7 +109,7 @@ def _case(
     drive = None if given.drive is None else inputs.drive(Drivefile.read(given.drive))
     fixed = inputs.fixed(values.inputs, given.inputs, () if drive is None else drive.names)
     idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))
-    bonds, connections = wiring.with_bonds(wiring.connections(network, names))
+    bonds, connections = flatten.with_bonds(flatten.connections(network, names))
     parameters = _parameters(values, names)
     return SspCase(
         name=structure.name,

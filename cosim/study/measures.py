@@ -1,18 +1,54 @@
-"""Response measures: scalar values computed from a run (2.5, chapter 7)."""
+"""Measures of a study: levels of ride height, tire force and other signals, and measures of the user's own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
-from cosim.display import DISPLAY
-from cosim.study.band import Filtered
-from cosim.study.own_measure import own_function
-from cosim.study.statistics import Array, Response, options_for, rms, statistic
+from cosim.result import DISPLAY
+from cosim.study.statistics import Array, Filtered, Response, options_for, rms, statistic
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
+
+# ---- User-defined measures ------------------------------------------------------------------------------------------
+
+OwnFunction = Callable[[Response], float]
+
+
+@cache
+def own_function(entry: str) -> OwnFunction:
+    """Return the function that `file.py:name` names.
+
+    The function takes a Response (`rows` (C, N) in SI, `total` (N,), `step` [s], `options`) and returns a number in SI.
+
+    Raises:
+        InputError: The file or the function does not exist, or the file cannot be run.
+    """
+    file, colon, name = entry.rpartition(":")
+    if not colon or not name.isidentifier():
+        raise InputError(f"{entry!r}: a user-defined measure must be written as FILE.py:FUNCTION")
+    path = Path(file)
+    specification = importlib.util.spec_from_file_location(f"_measures_of_{path.stem}", path)
+    if specification is None or specification.loader is None or not path.is_file():
+        raise InputError(f"{entry}: there is no Python file {path}")
+    module = importlib.util.module_from_spec(specification)
+    try:
+        specification.loader.exec_module(module)
+    except Exception as error:  # the file may raise anything
+        raise InputError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
+    found = getattr(module, name, None)
+    if not callable(found):
+        raise InputError(f"{path}: has no function {name!r}")
+    function: OwnFunction = found
+    return function
+
+
+# ---- Response measures ----------------------------------------------------------------------------------------------
 
 __all__ = ["DISPLAY", "Measure", "available", "channel_measures", "ride_measures", "rms"]
 

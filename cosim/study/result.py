@@ -20,7 +20,7 @@ from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, parse_json
-from eightpost.signals.parquet_table import read_table
+from eightpost.signals.parquet_file import read_table
 
 #: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1

@@ -9,8 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from cosim.study.result import StudyResult
-from cosim.validity import MODEL_UNKNOWN
-from cosim.verdict import LARGEST_ERROR
+from cosim.verdict import LARGEST_ERROR, MODEL_UNKNOWN
 from eightpost.errors import InputError
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed

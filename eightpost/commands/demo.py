@@ -20,7 +20,7 @@ from eightpost.commands.check import show_report
 from eightpost.commands.compare import measure_table
 from eightpost.commands.fit import show_fit, show_test
 from eightpost.commands.run import run_with_progress
-from eightpost.commands.show_run import show_result
+from eightpost.commands.show import show_result
 from eightpost.commands.study import run_with_workers, show_study
 from eightpost.commands.study import show_result as show_study_result
 from eightpost.commands.study_page import chosen_so_far, page_of
@@ -28,7 +28,7 @@ from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.ident import ShockFit, fit_shock, fit_table, plot_force_velocity
 from eightpost.ident.shock.fit import LawName
-from eightpost.processors import usable_processors
+from eightpost.processes import usable_processors
 from eightpost.rig import DynoTest, read_dyno_test
 from eightpost.shock import write_shock
 

@@ -25,7 +25,7 @@ from eightpost.rig import (
     static_steps,
 )
 from eightpost.rig.damper import SHIMS_OF_BUILD
-from eightpost.rig.dyno_program import RANDOM_DURATION, program
+from eightpost.rig.dynamometer import RANDOM_DURATION, program
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.parquet_file import write_parquet
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -11,30 +12,93 @@ import click
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from eightpost import units
-from eightpost.commands.identify_static import with_static_state
-from eightpost.commands.show_verdict import show_verdict
+from eightpost.commands.show import show_verdict
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
-from eightpost.ident.vehicle.baseline import Baseline, find_baseline
 from eightpost.ident.vehicle.common_poles import plot_stabilisation
-from eightpost.ident.vehicle.experiment import experiment_of
-from eightpost.ident.vehicle.fit_plots import plot_fits
+from eightpost.ident.vehicle.experiment import Baseline, experiment_of, find_baseline
+from eightpost.ident.vehicle.plots import plot_fits
 from eightpost.ident.vehicle.recipes import recipe
-from eightpost.ident.vehicle.summary import damping_sentence, friction_table, residual_table, trust_table
+from eightpost.ident.vehicle.static_rating import rate_statically
 from eightpost.ident.vehicle.vehicle_fit import write_fit
-from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
+from eightpost.ident.vehicle.verdict import (
+    damping_sentence,
+    fit_verdict,
+    friction_table,
+    residual_table,
+    trust_table,
+    with_validity,
+)
 from eightpost.rig.post import read_rig_test
+from eightpost.rig.post.modes import MODES
 from eightpost.signals import ChannelMap
+from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
     from eightpost.ident.preparation import Prepared
     from eightpost.ident.vehicle.experiment import Experiment
+    from eightpost.ident.vehicle.static_rating import StaticRating
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig.post import RigTest
+    from eightpost.signals import TimeSeries
+
+
+# ---- The static part of `eightpost identify` ------------------------------------------------------------------------
+
+#: Sampling rate to which static records are decimated [Hz].
+_RATE = 125.0
+
+
+def with_static_state(console: Console, experiment: Experiment, tests: Sequence[RigTest]) -> Experiment:
+    """Return the experiment with the tire forces and ride heights of static tests at zero load, and print them.
+
+    Raises:
+        InputError: The tests have no held load levels.
+    """
+    loads = [name for name in experiment.rig if name.rpartition(".")[2] != "road"]
+    rating = rate_statically([_with_means(test) for test in tests], loads)
+    static = {name: value for name, value in rating.zero.items() if name in experiment.outputs}
+    _show(console, rating, static)
+    return replace(experiment, static=static)
+
+
+def _with_means(test: RigTest) -> TimeSeries:
+    prepared = prepare([test], Preparation(Decimation(_RATE)))
+    series = prepared.records[0]
+    for name, mean in prepared.means[0].items():
+        series = series.with_channel(name, series.unit(name), series[name] + mean)
+    return series
+
+
+def _show(console: Console, rating: StaticRating, static: dict[str, float]) -> None:
+    tires = [f"{n.rpartition('.')[0]} {convert(v, 'N', 'lbf'):.0f}" for n, v in static.items() if "tire" in n]
+    heights = [f"{n.rpartition('.')[0]} {convert(v, 'm', 'in'):.3f}" for n, v in static.items() if "height" in n]
+    lifted = f" ({rating.lifted} more left out, at which a tire carries no load)" if rating.lifted else ""
+    text = f"static state at zero load, from {rating.levels} levels{lifted}: tires {', '.join(tires)} lbf"
+    console.print(f"{text}; ride heights {', '.join(heights)} in" if heights else text, highlight=False, soft_wrap=True)
+    if rating.modal is not None and rating.unexplained is not None:
+        console.print(_spring_table(rating))
+        left = ", ".join(f"{100.0 * part:.1f}" for part in rating.unexplained)
+        console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
+
+
+def _spring_table(rating: StaticRating) -> Table:
+    """Return the table of Eq 6.11: a row for each mode's force, in the units of the dissertation."""
+    assert rating.modal is not None
+    force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
+    moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]
+    table = Table("", title="spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)")
+    for mode in MODES:
+        table.add_column(mode, justify="right")
+    for mode, row, unit in zip(MODES, rating.modal, force, strict=True):
+        table.add_row(mode, *(f"{1e-3 * value * unit / step:.2f}" for value, step in zip(row, moved, strict=True)))
+    return table
+
+
+# ---- `eightpost identify` -------------------------------------------------------------------------------------------
 
 Plots = Literal["none", "main", "all"]
 
@@ -76,7 +140,7 @@ def identify(  # one parameter per option
     with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
     fit = with_validity(fit)
-    _show(console, fit)
+    _identify_show(console, fit)
     written = [*write_fit(output, fit), *_draw(fit, output, plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if fit_verdict(fit).is_acceptable else 1)
@@ -138,7 +202,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 
-def _show(console: Console, fit: VehicleFit) -> None:
+def _identify_show(console: Console, fit: VehicleFit) -> None:
     console.print(residual_table(fit))
     if fit.trust is not None and fit.trust.outputs:
         console.print(trust_table(fit.trust))

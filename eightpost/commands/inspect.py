@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from eightpost.commands.show_rig import is_rig, show_rig_test
+from eightpost.commands.show import is_rig, show_rig_test
 from eightpost.rig import DynoTest, PeakVelocityTable, read_dyno_tests, split_runs, temperature_effect
 from eightpost.rig.dyno_notes import temperature_drift
-from eightpost.rig.peak_velocity_file import is_peak_velocity, read_peak_velocity
+from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap, read_records
 from eightpost.signals.raw_record import RawRecord

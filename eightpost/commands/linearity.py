@@ -13,8 +13,7 @@ from rich.table import Table
 
 from eightpost.files import check_output_folder
 from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
-from eightpost.ident.linearity.plots import plot_conditions, plot_output
-from eightpost.ident.linearity.tables import write_effects, write_paths
+from eightpost.ident.linearity.plots import plot_conditions, plot_output, write_effects, write_paths
 from eightpost.ident.preparation import prepare, read_preparation
 from eightpost.ident.response import LocalPolynomial
 from eightpost.rig.post import read_rig_test

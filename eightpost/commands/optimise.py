@@ -12,10 +12,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
-from cosim.study.choice.optimise import Optimum
-from cosim.study.choice.optimise_study import Search, objectives_in_words, search_study
+from cosim.study.choice.optimise import Optimum, Search, objectives_in_words, search_study
 from cosim.study.result import StudyResult
-from cosim.study.running.requested import Requested
+from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from eightpost.commands.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
 from eightpost.commands.study_page import RESULTS, write_page

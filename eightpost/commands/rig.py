@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +11,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from eightpost import __version__, units
-from eightpost.commands.rig_shocks import per_corner, shocks_named, si
-from eightpost.errors import InputError
+from eightpost.errors import InputError, ParameterError
+from eightpost.rig import configuration, demo_damper, shim_build
 from eightpost.rig.post import (
     NO_DRIFT,
     TRUTHS,
+    LinearDamper,
     RigConditions,
     RigSensors,
     bump_test,
@@ -27,12 +29,57 @@ from eightpost.rig.post import (
     track_drive,
 )
 from eightpost.rig.post.program import SINGLE, random_length
+from eightpost.shock.file import read_shock
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from eightpost.rig.post import Car, PlannedTest, RigTest
+    from eightpost.rig.post import Car, PlannedTest, RigTest, Shock
     from eightpost.signals import Drivefile
+
+
+# ---- Shocks of the virtual rig, by their names on the command line --------------------------------------------------
+
+
+def per_corner(names: tuple[str, ...], corners: int) -> tuple[str, ...]:
+    """Return one name for each corner, from one name for all or one for each."""
+    if len(names) not in (1, corners):
+        raise InputError(f"give --shock once or {corners} times, not {len(names)} times")
+    return names * corners if len(names) == 1 else names
+
+
+def shocks_named(names: Iterable[str]) -> dict[str, Shock]:
+    """Return each different shock by its name: 'demo:A', 'configuration:1', 'build:C/B', a damping, or a shock.json."""
+    return {name: _shock(name) for name in dict.fromkeys(names)}
+
+
+def _shock(name: str) -> Shock:
+    kind, _, own_name = name.partition(":")
+    try:
+        if kind == "demo" and own_name:
+            return demo_damper(own_name)
+        if kind == "configuration" and own_name:
+            return configuration(int(own_name))
+        if kind == "build" and own_name:
+            return shim_build(own_name)
+    except ValueError as error:
+        raise InputError(f"--shock {name}: {error}") from error
+    if Path(name).suffix == ".json":
+        return read_shock(name).law
+    return LinearDamper(si(name, "N.s/m", "--shock"))
+
+
+def si(text: str, unit: str, option: str) -> float:
+    """Return the positive quantity that was given to an option, in an SI unit."""
+    try:
+        number, given = units.quantity(text)
+        value = units.convert(number, given, unit)
+    except InputError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error
+    if not value > 0.0:
+        raise ParameterError(f"{option} must be above 0, not {text!r}")
+    return float(value)
+
+
+# ---- `eightpost rig` ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

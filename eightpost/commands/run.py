@@ -16,7 +16,7 @@ from cosim.plots import plot_traces
 from cosim.ssp import Given
 from cosim.system_file import Case, read_case
 from eightpost import units
-from eightpost.commands.show_run import show_result, show_verification
+from eightpost.commands.show import show_result, show_verification
 from eightpost.errors import InputError, UnknownUnitError
 from eightpost.files import check_output_folder
 from eightpost.signals import TimeSeries

@@ -8,9 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from cosim.study.choice.selection import Selection
+from cosim.study.choice.selection import BASELINE_RUNS, Selection, write_selection
 from cosim.study.choice.selection import select as choose
-from cosim.study.choice.selection_file import BASELINE_RUNS, write_selection
 from cosim.study.result import StudyResult
 from eightpost import units
 from eightpost.commands.study_page import RESULTS, SELECTION, write_page

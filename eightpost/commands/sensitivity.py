@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cosim.study.choice.sensitivity import Sensitivity, sensitivities_of
-from cosim.study.choice.sensitivity_table import write_terms
+from cosim.study.choice.sensitivity import Sensitivity, sensitivities_of, write_terms
 from cosim.study.result import StudyResult
 from eightpost.commands.study_page import RESULTS
 

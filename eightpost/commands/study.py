@@ -15,20 +15,19 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 
 from cosim.study.result import StudyResult
-from cosim.study.running.evaluator import Coupling
+from cosim.study.running.evaluator import Coupling, traces
 from cosim.study.running.sweep import Sweep
-from cosim.study.running.trace import traces
 from cosim.study.running.workers import PATIENCE, ProcessWorkers, Workers
 from cosim.study.study import Study
 from cosim.study.study_file import read_study, source_files
 from cosim.study.verdict import study_verdict
 from eightpost.commands.build import build_with_progress
-from eightpost.commands.rig_shocks import si
-from eightpost.commands.show_verdict import show_verdict
+from eightpost.commands.rig import si
+from eightpost.commands.show import show_verdict
 from eightpost.commands.study_page import write_page
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
-from eightpost.processors import usable_processors
+from eightpost.processes import usable_processors
 from eightpost.signals import write_series
 
 #: Number of failed setups that are listed individually, and of measures in the ranking.

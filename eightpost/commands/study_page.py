@@ -9,12 +9,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from cosim.study.choice.robust import Spread
-from cosim.study.choice.robust_table import read_spreads
-from cosim.study.choice.selection import Selection
-from cosim.study.choice.selection_file import read_selection
+from cosim.study.choice.robust_file import read_spreads
+from cosim.study.choice.selection import Selection, read_selection
 from cosim.study.report import write_study_report
 from cosim.study.result import StudyResult
-from cosim.study.running.trace import traces
+from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError
 
 #: File names in the folder of a study.

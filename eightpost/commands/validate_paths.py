@@ -12,8 +12,7 @@ from rich.table import Table
 
 from eightpost.errors import InputError
 from eightpost.files import document_kind
-from eightpost.ident.validation.field_units import field_factor, field_unit, shown
-from eightpost.ident.validation.tables import Amount
+from eightpost.ident.validation.tables import Amount, field_factor, field_unit, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

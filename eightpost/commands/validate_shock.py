@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 from rich.progress import track
 
-from eightpost.commands.show_verdict import show_verdict
+from eightpost.commands.show import show_verdict
 from eightpost.commands.validate_paths import RecordChoices, show_table
 from eightpost.ident.validation import Kind, notes_on, record_of, validate, validation_verdict
 from eightpost.ident.validation.tables import (
@@ -78,7 +78,7 @@ def validate_shocks(
     study = validate(laws, held_out, cutoff=options.cutoff)
     show_study(console, study, options.limit)
     if report:
-        from eightpost.ident.validation.report import write_validation_report  # noqa: PLC0415 - loads plotly
+        from eightpost.ident.validation.page import write_validation_report  # noqa: PLC0415 - loads plotly
 
         title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in laws))}"
         written = write_validation_report(report, study, limit=options.limit, title=title)

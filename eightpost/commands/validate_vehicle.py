@@ -10,13 +10,12 @@ import click
 from rich.markup import escape
 from rich.progress import track
 
-from eightpost.commands.show_verdict import show_verdict
+from eightpost.commands.show import show_verdict
 from eightpost.commands.validate_paths import RecordChoices, pair, show_table
 from eightpost.ident.vehicle import read_fit, write_fit
-from eightpost.ident.vehicle.summary import trust_table
+from eightpost.ident.vehicle.verdict import trust_table
 from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.fit_tables import port_table
-from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, trend_table
+from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, port_table, trend_table
 from eightpost.rig.post import read_rig_test
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
@@ -82,7 +81,7 @@ def validate_one(
         study = validate_vehicle(fit, held_out, shocks=shocks, against=against, settling=options.settling)
     _show(console, study, options.limits)
     if report:
-        from eightpost.ident.vehicle_validation.report import write_vehicle_report  # noqa: PLC0415 - loads plotly
+        from eightpost.ident.vehicle_validation.page import write_vehicle_report  # noqa: PLC0415 - loads plotly
 
         title = f"Validation of {fit.vehicle.name}"
         written = write_vehicle_report(report, study, limits=options.limits, title=title)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.signals.faults import check_gaps
-from eightpost.signals.origin import Origin
+from eightpost.signals.faults import Origin, check_gaps
 from eightpost.signals.read import read_series
 from eightpost.signals.write import write_series
 

@@ -12,10 +12,9 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 from eightpost.signals.channel_map import TIME_NAMES
-from eightpost.signals.header import split_header
-from eightpost.signals.origin import Origin
+from eightpost.signals.faults import Origin
 from eightpost.signals.provenance import parse_header, time_series_header
-from eightpost.signals.raw_record import RawRecord
+from eightpost.signals.raw_record import RawRecord, split_header
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ import numpy as np
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
-from eightpost.signals.origin import Origin
+from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
 
 if TYPE_CHECKING:

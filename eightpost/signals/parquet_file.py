@@ -1,28 +1,103 @@
-"""Parquet files with units, schema version, tool version and sources in the schema's metadata."""
+"""Parquet files of signals."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
+from numpy.typing import NDArray
 
-from eightpost.files import atomic_path
-from eightpost.signals.arrow_columns import to_arrow, to_numpy
-from eightpost.signals.header import split_header
-from eightpost.signals.origin import Origin
-from eightpost.signals.parquet_table import read_metadata, read_table
+from eightpost.errors import FileFormatError
+from eightpost.files import MALFORMED, atomic_path, reading
+from eightpost.signals.faults import Origin
 from eightpost.signals.provenance import parse_header, time_series_header
-from eightpost.signals.raw_record import RawRecord
+from eightpost.signals.raw_record import RawRecord, split_header
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from eightpost.signals.timeseries import TimeSeries
+
+
+# ---- Conversion of numeric columns between numpy and Arrow ----------------------------------------------------------
+
+
+def to_arrow(values: NDArray[Any]) -> pa.Array:
+    """Return numbers as an Arrow array that shares their memory if they are contiguous."""
+    values = np.ascontiguousarray(values)
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), values.size, [None, pa.py_buffer(values)])
+
+
+def to_numpy(column: pa.ChunkedArray) -> NDArray[np.float64]:
+    """Return a column of numbers as floats, with NaN for missing values."""
+    if column.null_count or not column.num_chunks:
+        return np.asarray(column.to_numpy(), dtype=np.float64)
+    return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks], dtype=np.float64)
+
+
+# ---- Reading of Parquet files as tables, with error messages that name the file -------------------------------------
+
+#: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.
+MOST_CELLS = 2**28
+
+
+def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str = "") -> pa.Table:
+    """Return a Parquet file's table with its metadata.
+
+    Args:
+        path: Path of the file.
+        schema: Required columns, by name and type; None to accept any columns.
+        advice: Advice for the user if the file does not exist.
+
+    Raises:
+        FileFormatError: The file cannot be read, is not a Parquet file, has other columns or too many cells.
+    """
+    path = Path(path)
+    with _refusing(path, advice), pa.parquet.ParquetFile(path) as file:
+        _check_size(path, file.metadata)
+        table = file.read(use_threads=False)
+        table.validate(full=True)
+        if schema is not None:
+            table = table.select(schema.names).cast(schema.with_metadata(table.schema.metadata))
+    return table
+
+
+def read_metadata(path: str | Path) -> dict[bytes, bytes]:
+    """Return the metadata of a Parquet file's schema.
+
+    Raises:
+        FileFormatError: The file cannot be read, or is not a Parquet file.
+    """
+    path = Path(path)
+    with _refusing(path, ""):
+        return dict(pa.parquet.read_schema(path).metadata or {})
+
+
+def _check_size(path: Path, metadata: pa.parquet.FileMetaData) -> None:
+    cells = metadata.num_rows * metadata.num_columns
+    if not 0 <= cells <= MOST_CELLS:
+        what = (
+            f"it declares {metadata.num_rows} rows of {metadata.num_columns} columns; the limit is {MOST_CELLS} cells"
+        )
+        raise FileFormatError(f"{what}; export a shorter record or fewer channels", path=path)
+
+
+@contextmanager
+def _refusing(path: Path, advice: str) -> Iterator[None]:
+    """Turn all exceptions of pyarrow into an error that names the file."""
+    with reading(path, advice=advice):
+        try:
+            yield
+        except FileFormatError:
+            raise
+        except (pa.ArrowException, *MALFORMED) as error:
+            raise FileFormatError(f"not a readable Parquet file: {error}", path=path) from error
+
+
+# ---- Parquet files with units, schema version, tool version and sources in the schema's metadata --------------------
 
 _KEY = b"eightpost"
 

@@ -1,26 +1,104 @@
-"""Raw records: the columns of a file before selection and conversion."""
+"""Records as a file has them, and their channels under this library's names and units."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.errors import (
     FileFormatError,
     MissingChannelError,
     MissingUnitError,
     NotANumberError,
+    TooShortError,
     UnknownUnitError,
 )
+from eightpost.signals.channel_map import ChannelMap, MappedChannel, find_time
+from eightpost.signals.faults import check_finite, check_time
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import SI_UNITS, compatible, convert, is_unit, si_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from eightpost.signals.faults import Origin
 
-    from numpy.typing import NDArray
 
-    from eightpost.signals.origin import Origin
+# ---- Column headers -------------------------------------------------------------------------------------------------
+
+_BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
+_BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+
+#: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
+_SUFFIXES = {
+    "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",
+    "m_s": "m/s", "m_s2": "m/s2", "ips": "in/s", "mm": "mm", "cm": "cm", "inch": "in", "N": "N", "kN": "kN",
+    "lbf": "lbf", "lbs": "lbf", "lb": "lbf", "Nm": "N.m", "psi": "psi", "bar": "bar", "kPa": "kPa",
+    "MPa": "MPa", "Pa": "Pa", "degC": "degC", "degF": "degF", "Hz": "Hz", "rpm": "rpm", "sec": "s",
+    "rad": "rad", "deg": "deg",
+}  # fmt: skip
+
+_TIME = {"t", "time", "timestamp"}
+_LENGTH = {"x", "z", "disp", "displacement", "pos", "position", "travel", "stroke", "height", "road"}
+_TEMPERATURE = {"t", "temp", "temperature"}
+#: Suffixes that may also be words or abbreviations (`max_s`, `sensor_in`): units only after a matching quantity.
+_CAUTIOUS = {
+    "s": ("s", _TIME), "ms": ("ms", _TIME), "us": ("us", _TIME), "m": ("m", _LENGTH), "in": ("in", _LENGTH),
+    "C": ("degC", _TEMPERATURE), "F": ("degF", _TEMPERATURE), "K": ("K", _TEMPERATURE),
+}  # fmt: skip
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """Split a column header into its name and its unit, which is None for a header without a unit.
+
+    Brackets (`velocity [in/s]`, `Force (N)`) contain any unit, known or not. A suffix (`x_mm`, `v_mm_s`, `T_degC`) is a
+    unit only if it is in a list of such suffixes: `lf_force` and `max_s` have no unit.
+
+    >>> split_header("Force (N)"), split_header("v_mm_s"), split_header("max_s")
+    (('Force', 'N'), ('v', 'mm/s'), ('max_s', None))
+    """
+    text = text.strip()
+    match = _BRACKETED.match(text)
+    if match:
+        return match["name"], match["unit"].strip()
+    for cut in [i for i, letter in enumerate(text) if letter == "_" and i > 0]:
+        unit = _suffix_unit(text[:cut], text[cut + 1 :])
+        if unit:
+            return text[:cut], unit
+    return text, None
+
+
+def _suffix_unit(stem: str, suffix: str) -> str | None:
+    if suffix in _SUFFIXES:
+        return _SUFFIXES[suffix]
+    unit, words = _CAUTIOUS.get(suffix, (None, set()))
+    return unit if re.split(r"[\s_.]", stem)[-1].lower() in words else None
+
+
+def units_row(cells: list[str]) -> list[str] | None:
+    """Return the units of a row under the header (`s;mm;N`, brackets allowed), or None if it is not a row of units.
+
+    A row of units contains no number and at least one cell that can be read as a unit.
+    """
+    bare = [_BARE_BRACKETS.sub(lambda match: match["unit"], cell).strip() for cell in cells]
+    if any(is_number(cell) for cell in bare if cell != "1"):
+        return None
+    return bare if any(cell and is_unit(cell) for cell in bare) else None
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, with a decimal point or comma."""
+    try:
+        float(cell.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+# ---- Raw records ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,3 +172,97 @@ class RawRecord:
             what = "the cell is empty" if cell == "" else f"{cell!r} is not a number"
             advice = "correct the cell or delete these lines"
             raise self.origin.fault(NotANumberError, f"{what}; {advice}", channel=channel, sample=row) from None
+
+
+# ---- Conversion of a raw record into a time series in SI ------------------------------------------------------------
+
+
+def mapped_series(
+    record: RawRecord,
+    channel_map: ChannelMap,
+    *,
+    units: Mapping[str, str] | None = None,
+    expected: Mapping[str, str] | None = None,
+) -> TimeSeries:
+    """Return the channels of a channel map as a time series in SI.
+
+    Args:
+        record: Columns of a file.
+        channel_map: Columns to read, with units, gains and offsets.
+        units: Units by channel (or column) name, for columns without a unit in the header.
+        expected: SI units by channel name, for channels that must have a given dimension.
+
+    Raises:
+        TooShortError: There is no sample.
+        MissingChannelError: A column is missing, or a unit is given for a channel that is not read.
+        MissingUnitError: A column has no unit.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
+        NotANumberError: A sample is NaN, empty or text.
+        BackwardTimeError: Time decreases.
+        DuplicateTimeError: Time repeats.
+    """
+    if not record.columns[0].size:
+        raise record.origin.header_fault(TooShortError, "it has no samples")
+    time = channel_map.time or find_time(record)
+    picks = {"time": time, **{name: pick for name, pick in channel_map.channels.items() if name != "time"}}
+    _check_given(units or {}, picks, record)
+    labels = {name: _label(name, channel_map) for name in picks}
+    columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
+    expected = {"time": "s", **(expected or {})}
+    plans = {}
+    for name, pick in picks.items():
+        unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
+        target = _target_unit(record, name, unit, expected.get(name))
+        plans[name] = _Plan(name, columns[name], pick, unit, target)
+    channels = {name: (plan.target, plan.values(record)) for name, plan in plans.items()}
+    _, times = channels.pop("time")
+    check_time(times, origin=record.origin)
+    return TimeSeries.from_channels(times, channels)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Recipe for one channel: column, gain and offset, unit of the column and SI unit."""
+
+    name: str
+    column: int
+    pick: MappedChannel
+    unit: str
+    target: str
+
+    def values(self, record: RawRecord) -> NDArray[np.float64]:
+        raw = record.numbers(self.column, channel=self.name)
+        check_finite(raw, channel=self.name, origin=record.origin)
+        pick = self.pick
+        scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
+        return convert(scaled, self.unit, self.target)
+
+
+def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], record: RawRecord) -> None:
+    """Refuse a unit for a channel that is not read, because the channel name may be a typing error."""
+    known = {*picks, *(pick.source for pick in picks.values())}
+    for name in units:
+        if name not in known:
+            what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
+            raise record.origin.header_fault(MissingChannelError, what, channel=name)
+
+
+def _label(name: str, channel_map: ChannelMap) -> str:
+    """Return the channel for messages: its name, or its key in the channel map's file."""
+    if channel_map.path is None:
+        return name
+    return f"{name if name == 'time' else f'channels.{name}'} of {channel_map.path}"
+
+
+def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | None) -> str:
+    """Return the SI unit of a channel; refuse a unit that is unknown or has the wrong dimension."""
+    try:
+        if expected is None:
+            return unit if unit in SI_UNITS else si_unit(unit)
+        if compatible(unit, expected):
+            return expected
+    except UnknownUnitError as error:
+        what = f"{error}; or use a channel map that names only the columns to read"
+        raise record.origin.header_fault(UnknownUnitError, what, channel=channel) from error
+    what = f"the unit {unit!r} cannot be converted to {expected!r}; check that it is the right column"
+    raise record.origin.header_fault(UnknownUnitError, what, channel=channel)

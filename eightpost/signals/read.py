@@ -9,10 +9,10 @@ from eightpost.errors import FileFormatError
 from eightpost.files import reading
 from eightpost.signals.channel_map import find_time, identity_map
 from eightpost.signals.csv_file import read_csv, read_csv_blocks
-from eightpost.signals.mapped_series import mapped_series
 from eightpost.signals.mat_file import read_mat
 from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet
+from eightpost.signals.raw_record import mapped_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Linear vehicle models with named channels; docs/ports.md defines names and signs."""
 
-from eightpost.vehicle.discretise import discretise
+from eightpost.vehicle.exchange import discretise
 from eightpost.vehicle.kernel import LinearStepper
 from eightpost.vehicle.port_damping import add_port_damping
 from eightpost.vehicle.quantities import CORNERS, Corners

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, rebuild
 from builder.check.static.units import RULES as UNIT_RULES
 from builder.check.subject import read_subject
-from builder.native.platforms import this_platform
+from builder.native.toolchain import this_platform
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError
 from eightpost.units import SI_UNITS, si_exponents

@@ -12,13 +12,19 @@ from pathlib import Path
 import lief
 import pytest
 
-from builder.native import compiler
-from builder.native.compiler import Library, compile_libraries
-from builder.native.headers import fmi_headers
-from builder.native.platforms import PLATFORMS, this_platform
-from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
-from builder.native.universal import universal
-from builder.sources import source_folder
+from builder.interface import source_folder
+from builder.native import toolchain
+from builder.native.toolchain import (
+    PLATFORMS,
+    Library,
+    SystemCompiler,
+    Zig,
+    compile_libraries,
+    find_toolchain,
+    fmi_headers,
+    this_platform,
+    universal,
+)
 from eightpost import cache
 from eightpost.errors import FmuError
 
@@ -220,7 +226,7 @@ def test_the_cache_drops_the_least_recently_used_entry(tmp_path, monkeypatch):
 def key_of(zig, library, platform):
     target = platform.targets[0]
     command = zig.command(library.identifier, platform, target, ["little.c"])
-    return compiler._key(zig, library, target, command)
+    return toolchain._key(zig, library, target, command)
 
 
 def test_the_cache_key_covers_everything_a_binary_depends_on_and_no_folder_name(zig, tmp_path, monkeypatch):
@@ -233,7 +239,7 @@ def test_the_cache_key_covers_everything_a_binary_depends_on_and_no_folder_name(
         shutil.copytree(fmi_headers() if folder == "c-code" else source_folder(), tmp_path / folder)
     monkeypatch.setattr("builder.native.toolchain.source_folder", lambda: tmp_path / "fmus")
     monkeypatch.setattr("builder.native.toolchain.fmi_headers", lambda: tmp_path / "c-code")
-    monkeypatch.setattr("builder.native.compiler.fmi_headers", lambda: tmp_path / "c-code")
+    monkeypatch.setattr("builder.native.toolchain.fmi_headers", lambda: tmp_path / "c-code")
     assert key_of(zig, LIBRARY, windows) == key
     for name in ("fmus/common/windows_entry.c", "c-code/fmi2TypesPlatform.h"):
         old = (tmp_path / name).read_bytes()
@@ -245,7 +251,7 @@ def test_the_cache_key_covers_everything_a_binary_depends_on_and_no_folder_name(
 def test_machines_that_share_a_cache_folder_do_not_share_binaries_of_different_compilers():
     system = system_compiler()
     command = system.command("little", PLATFORMS["linux64"], "", ["little.c"])
-    assert len({compiler._key(system, LIBRARY, name, command) for name in ("linux64", "aarch64-linux")}) == 2
+    assert len({toolchain._key(system, LIBRARY, name, command) for name in ("linux64", "aarch64-linux")}) == 2
 
 
 def test_libraries_of_one_name_stay_apart(tmp_path, monkeypatch):

@@ -17,9 +17,9 @@ from builder.check import Scope
 from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
-from eightpost.ident.shock.curve.shape import Shape
+from eightpost.ident.shock.curve import Shape
 from eightpost.ident.shock.fit import GasTreatment, RecipeName
-from eightpost.ident.shock.solvers.robust import Robust
+from eightpost.ident.shock.robust import Robust
 from eightpost.ident.vehicle.recipes import recipe_names
 from eightpost.rig.post.program import PROGRAMS
 from eightpost.rig.post.truths import TRUTHS

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from cosim import Algorithm, Bond, Capabilities, Result, Scenario, System, run
-from cosim.engine import calls
+from cosim.engine import blocks
 from cosim.engine.plan import DISCARD
 from cosim.functions import address_of
-from cosim.isolation.callbacks import StateCallbacks
+from cosim.isolated_component import StateCallbacks
 from eightpost.errors import StepError
 
 MASS, STIFFNESS, DAMPING = 10.0, 4000.0, 60.0
@@ -25,9 +25,9 @@ def restorable_parts(make: Any) -> Any:
             table = StateCallbacks(self).table()
 
             def do_step(instance: Any, time: float, step: float, final: int) -> int:
-                return DISCARD if step > self.longest else calls.do_step(table.do_step, 0, time, step, final)
+                return DISCARD if step > self.longest else blocks.do_step(table.do_step, 0, time, step, final)
 
-            function = calls.STEP(do_step)
+            function = blocks.STEP(do_step)
             return replace(table, do_step=address_of(function), keep=(table.keep, function))
 
         def refused(self, what: str, *_: Any) -> StepError:

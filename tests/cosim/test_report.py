@@ -17,12 +17,9 @@ from cosim import Bond, Connection, Result, Scenario, System
 from cosim.energy import BondEnergy
 from cosim.report import page as page_module
 from cosim.report import write_report
-from cosim.report.figures import figure
-from cosim.report.groups import groups
-from cosim.report.packing import LEVELS
-from cosim.report.provenance import drive_digest
-from cosim.report.traces import traces
-from cosim.report.wiring import arrows
+from cosim.report.figures import LEVELS, figure, traces
+from cosim.report.page import drive_digest
+from cosim.report.wiring import arrows, groups
 from cosim.result import Coupled
 from eightpost.errors import OutputError
 from eightpost.signals import Drivefile, TimeSeries

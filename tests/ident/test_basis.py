@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eightpost.ident.shock.curve.basis import (
+from eightpost.ident.shock.curve import (
     COEFFICIENTS,
     CurveBasis,
     curve_coefficients,

@@ -7,8 +7,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve.basis import curve_coefficients
-from eightpost.ident.shock.curve.fitted_curve import fitted_curve
+from eightpost.ident.shock.curve import curve_coefficients, fitted_curve
 from eightpost.shock import Lpf1
 
 

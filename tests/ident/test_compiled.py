@@ -7,8 +7,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.laws.compiled import lagged_columns, machine, number_of, stepped_force
-from eightpost.ident.shock.record.lagging import lag
+from eightpost.ident.shock.compiled import lagged_columns, machine, number_of, stepped_force
+from eightpost.ident.shock.lag import lag
 from eightpost.shock import Maxwell
 
 

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from eightpost.ident.response.coherence import multiple_coherence, partial_coherence, response_variance
-from eightpost.ident.response.regression import regress
-from eightpost.ident.shock.solvers.uncertainty import blocks_of, covariance, curve_band, quantile
-from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
-from eightpost.ident.vehicle.common_poles.uncertainty import (
+from eightpost.ident.response.averaged import multiple_coherence, partial_coherence, regress, response_variance
+from eightpost.ident.shock.uncertainty import blocks_of, covariance, curve_band, quantile
+from eightpost.ident.vehicle.common_poles.deviations import (
+    Ranges,
     correlation_length,
+    ranges_of,
     response_deviation,
     sampled_models,
     spread,
+    unmodelled,
 )
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
@@ -319,7 +320,7 @@ def test_the_band_of_the_fit_includes_its_edges():
 
 
 def test_the_requested_number_of_models_is_sampled(monkeypatch):
-    module = "eightpost.ident.vehicle.common_poles.uncertainty"
+    module = "eightpost.ident.vehicle.common_poles.deviations"
     monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
     rng = np.random.default_rng(2)
     shape = (2, 3, 4000)

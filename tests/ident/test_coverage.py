@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock, simulate
-from eightpost.ident.shock.curve.basis import CurveBasis, curve_forces, split_coefficients
+from eightpost.ident.shock.curve import CurveBasis, curve_forces, split_coefficients
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.multisine import random_multisine
+from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Lpnl2, Maxwell, Port, StaticCurve, law_name, own_parameters
 from eightpost.signals import TimeSeries
 

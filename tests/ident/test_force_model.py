@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.force.gas import gas_columns
-from eightpost.ident.shock.force.limits import limits_for
-from eightpost.ident.shock.force.linear import linear_solution
-from eightpost.ident.shock.force.models import Models
-from eightpost.ident.shock.laws.choice import dynamics_for
-from eightpost.ident.shock.record.runs import prepare_runs
-from eightpost.ident.shock.solvers.problem import Problem
+from eightpost.ident.shock.choice import dynamics_for
+from eightpost.ident.shock.force import Models, gas_columns, limits_for, linear_solution
+from eightpost.ident.shock.problem import Problem
+from eightpost.ident.shock.record import prepare_runs
 from eightpost.shock import LAWS, Lpf1, Lpnl2
 
 THETA = {"polylinear": [], "lpf1": [1.4e-3], "lpnl2": [1.4e-3, 500.0, 0.3], "maxwell": [np.log(5e6)]}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.curve.basis import curve_forces
+from eightpost.ident.shock.curve import curve_forces
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, Port
 

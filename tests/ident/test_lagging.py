@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eightpost.ident.shock.record.lagging import lag, lag_sensitivity
+from eightpost.ident.shock.lag import lag, lag_sensitivity
 from eightpost.shock.lag import advance
 
 forces = arrays(np.float64, 40, elements=st.floats(-3000.0, 3000.0, allow_subnormal=False))

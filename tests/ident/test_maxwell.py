@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve.basis import curve_forces
+from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import Lpf1, Maxwell
 
 

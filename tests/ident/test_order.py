@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.record.runs import prepare_runs
-from eightpost.ident.shock.solvers.order import choose_order, left_out_errors
-from eightpost.ident.shock.solvers.uncertainty import blocks_of
+from eightpost.ident.shock.joint import choose_order, left_out_errors
+from eightpost.ident.shock.record import prepare_runs
+from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.shock import Lpf1
 
 

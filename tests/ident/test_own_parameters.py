@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.force.limits import Limits
-from eightpost.ident.shock.laws.own import OwnParameters
-from eightpost.ident.shock.laws.stepped import SteppedLaw
+from eightpost.ident.shock.force import Limits
+from eightpost.ident.shock.stepped import OwnParameters, SteppedLaw
 from eightpost.shock import FitParameter, Lpnl2, Port, fit_parameters
 
 CHAIN = (

@@ -9,7 +9,7 @@ import pytest
 from eightpost.ident import evaluate, fit_shock
 from eightpost.rig.dynamometer import measure
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test
-from eightpost.rig.multisine import random_multisine
+from eightpost.rig.excitations import random_multisine
 from eightpost.rig.truth_damper import demo_damper
 
 DATA = Path(__file__).parents[2] / "examples" / "data"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.curve.basis import curve_forces
+from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import Lpf1, Lpnl2, read_shock, write_shock
 
 

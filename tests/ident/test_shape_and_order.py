@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve.basis import curve_forces
+from eightpost.ident.shock.curve import curve_forces
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Lpf1, Port
 from eightpost.signals import lowpass

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.force.gas import gas_columns
-from eightpost.ident.shock.force.limits import limits_for
-from eightpost.ident.shock.force.models import Models
-from eightpost.ident.shock.laws.choice import dynamics_for
-from eightpost.ident.shock.laws.closed import FadingLag
-from eightpost.ident.shock.laws.series import SeriesSpring
-from eightpost.ident.shock.record.runs import prepare_runs
-from eightpost.ident.shock.solvers.sketch import sketched
+from eightpost.ident.shock.choice import dynamics_for
+from eightpost.ident.shock.closed import FadingLag
+from eightpost.ident.shock.force import Models, gas_columns, limits_for
+from eightpost.ident.shock.joint import sketched
+from eightpost.ident.shock.record import prepare_runs
+from eightpost.ident.shock.stepped import SeriesSpring
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
 

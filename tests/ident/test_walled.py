@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, minimize
 
-from eightpost.ident.shock.solvers.walled import Inequalities, constrained_least_squares
+from eightpost.ident.shock.problem import Inequalities, constrained_least_squares
 
 NO_INEQUALITIES = Inequalities(np.empty((0, 4)), np.empty(0))
 

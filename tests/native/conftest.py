@@ -13,9 +13,9 @@ from types import ModuleType
 import pytest
 
 from builder.assembly import Assembly, Link, read_parts
-from builder.assembly.interface import assembly_interface
+from builder.assembly.plan import assembly_interface
 from builder.assembly.sources import assembly_sources
-from builder.native.sources import c_sources
+from builder.native.native_fmu import c_sources
 from builder.product import shock_product, vehicle_product
 from eightpost.archive import extract_archive
 from eightpost.shock import Shock

@@ -5,7 +5,7 @@ import pytest
 
 from eightpost import errors
 from eightpost.rig import read_peak_velocity
-from eightpost.rig.peak_velocity_file import is_peak_velocity
+from eightpost.rig.peak_velocity import is_peak_velocity
 from eightpost.signals import read_record
 
 SPEED, COMPRESSION, REBOUND = (

@@ -21,7 +21,7 @@ from eightpost.rig.post import (
     simulate_setups,
     stand_in_truth,
 )
-from eightpost.rig.post.drive import RATE
+from eightpost.rig.post.drivefiles import RATE
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.vehicle import quarter_car, seven_dof

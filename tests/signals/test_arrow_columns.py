@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from eightpost.signals.arrow_columns import to_arrow, to_numpy
+from eightpost.signals.parquet_file import to_arrow, to_numpy
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

@@ -16,7 +16,7 @@ from eightpost.errors import (
     WrongSignError,
 )
 from eightpost.signals import faults
-from eightpost.signals.origin import Origin
+from eightpost.signals.faults import Origin
 
 TIME = np.arange(2000) / 1000.0
 SINE = np.sin(2 * np.pi * 2.0 * TIME)

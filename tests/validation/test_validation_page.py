@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation import record_of, validate
-from eightpost.ident.validation.report import write_validation_report
-from eightpost.ident.validation.report.page import page
+from eightpost.ident.validation.page import page, write_validation_report
 
 from .conftest import INCH, POUND, shock_of
 

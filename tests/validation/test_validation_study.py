@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.report.description import digest_of
+from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation import notes_on, record_of, validate, validation_verdict
-from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4
+from eightpost.ident.validation.record import CONFIGURATIONS, TABLE_3_4
 from eightpost.ident.validation.tables import Amount, beside_printed, random_table, static_table, table_3_4, table_3_5
 from eightpost.rig.dyno_test import DynoConditions
 from eightpost.verdict import Grade

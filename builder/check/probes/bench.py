@@ -1,8 +1,12 @@
-"""Test bench for probes: new instances of the FMU, and runs that excite every Real input."""
+"""Bench of a probe: FMU instances and the calls that a probe makes."""
 
 from __future__ import annotations
 
+import gc
+import hashlib
 import math
+import os
+import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +17,17 @@ from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR, Library
 from builder.check.rules import Finding
+
+# ---- Memory use of this process -------------------------------------------------------------------------------------
+
+
+def resident() -> int:
+    """Return the resident memory of the process in bytes (Linux)."""
+    gc.collect()  # callbacks and their instances refer to each other
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+# ---- Test bench for probes ------------------------------------------------------------------------------------------
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
@@ -219,3 +234,14 @@ def _timing(description: Description) -> Timing:
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
     return Timing(start, size, min(_STEPS, whole), whole)
+
+
+# ---- Probe that computes a digest of the outputs of a short run, to compare it with the same run --------------------
+
+
+def probe(bench: Bench) -> Results:
+    """Run and yield the digest of the outputs."""
+    with bench.running() as instance:
+        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
+    flat = [value for row in rows for value in row]
+    yield Measured("outputs", hashlib.sha256(struct.pack(f"<{len(flat)}d", *flat)).hexdigest())

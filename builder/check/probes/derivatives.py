@@ -11,8 +11,7 @@ from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, step
 from builder.check.probes.instance import Instance, refused, status_name
-from builder.check.probes.pairs import declared_pairs
-from builder.check.probes.perturbation import change_of, other_value
+from builder.check.probes.pairs import change_of, declared_pairs, other_value
 from builder.check.probes.returning import Place, Route, place
 from builder.check.rules import Finding, listed
 

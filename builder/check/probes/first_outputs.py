@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Results, Skip, Values, step
 from builder.check.probes.instance import CallError, Instance
-from builder.check.probes.perturbation import other_value
+from builder.check.probes.pairs import other_value
 from builder.check.rules import Finding, listed
 
 _TINY = (1e-7, 1e-6)  # s

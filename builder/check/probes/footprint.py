@@ -14,9 +14,8 @@ from contextlib import contextmanager
 from typing import BinaryIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, step
+from builder.check.probes.bench import Bench, Results, Skip, resident, step
 from builder.check.probes.instance import CallError, Instance
-from builder.check.probes.memory import resident
 from builder.check.rules import Finding
 
 _WARM, _BLOCK = 1000, 6000  # steps

@@ -9,8 +9,7 @@ from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, inside
 from builder.check.probes.instance import Instance, Value, refused
-from builder.check.probes.pairs import Pairs, declared_pairs
-from builder.check.probes.perturbation import change_of, other_value
+from builder.check.probes.pairs import Pairs, change_of, declared_pairs, other_value
 
 #: Distance of inputs from their start values, in amplitudes, for each point.
 _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)

@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, differ
+from builder.check.probes.bench import Bench, Results, Skip, Values, differ, resident
 from builder.check.probes.instance import CallError, Instance
-from builder.check.probes.memory import resident
 from builder.check.rules import Finding
 
 _MANY, _CYCLES, _WARM = 50, 300, 30

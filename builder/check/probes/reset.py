@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Results, Skip, Values, differ, step
 from builder.check.probes.instance import CallError, Instance, TerminatedError
-from builder.check.probes.perturbation import other_value
+from builder.check.probes.pairs import other_value
 from builder.check.rules import Finding
 
 _TOLERANCE = 1e-9

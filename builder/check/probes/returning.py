@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Values, inside, step
 from builder.check.probes.instance import Instance
-from builder.check.probes.perturbation import other_value
+from builder.check.probes.pairs import other_value
 
 _POINTS = 10
 

@@ -1,21 +1,26 @@
-"""Robust choice: which setups are better than others beyond the stated uncertainty.
-
-Two sources of uncertainty are taken into account: unknown parameters of the shocks and the vehicle (draws of these
-parameters, the same for all setups), and run-to-run noise on the rig (7.3 takes the standard deviation of five runs of
-the baseline). One setup is better than another if their difference exceeds two standard deviations of that difference.
-"""
+"""Robustness of a ranking: setups compared under the stated uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, qmc
 
 from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import coupling_of
+from cosim.study.running.sweep import Requested
+from cosim.study.running.workers import Workers
+from cosim.study.study import Parameters, Study
 from eightpost import units
 from eightpost.errors import InputError
+from eightpost.verdict import Grade, Rule, Verdict
+
+# ---- Robust choice --------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -161,3 +166,202 @@ def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
 def _variance(draws: Array) -> Array:
     """Return the variance (K,) of draws (S, K); 0 without draws."""
     return np.var(draws, axis=0, ddof=1) if draws.shape[0] else np.zeros(draws.shape[1])
+
+
+# ---- Uncertain parameters of shocks and vehicle, and studies in which they are drawn --------------------------------
+
+#: Tolerance for the symmetry and the eigenvalues of a covariance, as a share of its largest entry.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertain:
+    """Parameters of one FMU with their covariance, such as that of a fit. n parameters.
+
+    Attributes:
+        part: Name of the build, or of the vehicle's component. A build has the same errors at every corner.
+        names: Names of the FMU's parameters.
+        values: Best values (n,), each in the parameter's unit.
+        covariance: Covariance of the parameters (n, n).
+        lowest: Lower limits (n,), or one number for all; draws below are set to the limit.
+        highest: Upper limits (n,), or one number for all.
+
+    Raises:
+        InputError: The shapes disagree, or the covariance is not symmetric or has negative variances.
+    """
+
+    part: str
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    lowest: ArrayLike = -inf
+    highest: ArrayLike = inf
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
+            found = f"{np.shape(self.values)} and {np.shape(self.covariance)}"
+            raise InputError(
+                f"{self.part}: {n} parameters need {n} values and a square covariance of that size; the shapes are "
+                f"{found}"
+            )
+        scale = _ROUNDING * float(np.abs(self.covariance).max(initial=0.0))
+        if not np.allclose(self.covariance, self.covariance.T, rtol=0.0, atol=scale):
+            raise InputError(f"{self.part}: the covariance of {', '.join(self.names)} is not symmetric")
+        if not np.linalg.eigvalsh(self.covariance).min(initial=0.0) >= -scale:
+            raise InputError(
+                f"{self.part}: the covariance of {', '.join(self.names)} has negative variances or NaN; omit the "
+                "parameters that the fit did not determine"
+            )
+
+    @classmethod
+    def independent(cls, part: str, parameters: Mapping[str, tuple[float, float]], **limits: float) -> Uncertain:
+        """Return independent parameters, given by value and standard deviation."""
+        values, deviations = np.array(list(parameters.values()), dtype=np.float64).reshape(-1, 2).T
+        return cls(part, tuple(parameters), values, np.diag(deviations**2), **limits)
+
+    def at(self, standard: Array) -> Array:
+        """Return parameter values (S, n) for standard normal numbers (S, n)."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        drawn = self.values + (standard * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+        return np.asarray(np.clip(drawn, self.lowest, self.highest), dtype=np.float64)
+
+
+def drawn_studies(
+    study: Study, uncertain: Sequence[Uncertain], *, draws: int, seed: int = 0, vehicles: Sequence[Path] = ()
+) -> tuple[Study, ...]:
+    """Return studies with drawn parameters: a Latin hypercube of their normal distribution.
+
+    Args:
+        study: Study with the best values.
+        uncertain: Uncertain parameters; each parameter at most once.
+        draws: Number of studies S.
+        seed: Seed of the random number generator; the same seed gives the same studies.
+        vehicles: FMUs of equivalent vehicles; the draws use the study's own vehicle and these in turn.
+
+    Raises:
+        InputError: Fewer than two draws, or a part is neither a build of the bank nor the vehicle.
+    """
+    if draws < 2:
+        raise InputError(f"a spread needs two or more draws, not {draws}")
+    for entry in uncertain:
+        if entry.part != study.vehicle.name and entry.part not in study.bank:
+            known = ", ".join((study.vehicle.name, *study.bank))
+            raise InputError(f"there is no part {entry.part!r}; the parts are {known}")
+    sizes = [len(entry.names) for entry in uncertain]
+    uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
+    parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1) if sizes else []
+    values = [entry.at(part) for entry, part in zip(uncertain, parts, strict=True)]
+    cars = [replace(study, vehicle=replace(study.vehicle, fmu=fmu)) for fmu in (study.vehicle.fmu, *vehicles)]
+    return tuple(_with(cars[s % len(cars)], uncertain, [rows[s] for rows in values]) for s in range(draws))
+
+
+def _with(study: Study, uncertain: Sequence[Uncertain], values: Sequence[Array]) -> Study:
+    drawn: dict[str, dict[str, float]] = {}
+    for entry, row in zip(uncertain, values, strict=True):
+        drawn.setdefault(entry.part, {}).update(zip(entry.names, row.tolist(), strict=True))
+    bank = {n: replace(b, parameters=_over(b.parameters, drawn.get(n))) for n, b in study.bank.items()}
+    vehicle = study.vehicle
+    vehicle = replace(vehicle, parameters=_over(vehicle.parameters, drawn.get(vehicle.name)))
+    return replace(study, bank=bank, vehicle=vehicle)
+
+
+def _over(own: Parameters, drawn: Mapping[str, float] | None) -> Parameters:
+    return {**own, **(drawn or {})}
+
+
+# ---- Verdict on the choice among the best setups --------------------------------------------------------------------
+
+ABOUT = "choice"
+
+#: Contributions that the stated uncertainty does not contain.
+_LEFT_OUT = (
+    "it excludes errors of the car and of the form of the laws unless vehicles are given, and run-to-run differences "
+    "unless run_to_run is given, and it is not corrected for the choice among many setups"
+)
+
+LEADS = Rule(
+    "one setup leads", ABOUT, Grade.LIMITED,
+    condition=f"every other setup is worse by more than {REACH:g} standard deviations of the difference, pair by pair",
+    why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
+    remedy="confirm the setup on the rig or on the track, together with the next ones (eightpost select)",
+)  # fmt: skip
+TIED = Rule(
+    "setups tied", ABOUT, Grade.LIMITED,
+    condition=f"other setups are within {REACH:g} standard deviations of the difference from the best",
+    why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
+    remedy="choose among them by other measures, or test them on the rig (eightpost select)",
+)  # fmt: skip
+
+RULES: tuple[Rule, ...] = (LEADS, TIED)
+
+
+def robust_verdict(spread: Spread, setups: int) -> Verdict:
+    """Return the verdict on a spread of the best setups, chosen among all `setups` of the study."""
+    group = spread.groups()[0]
+    evaluated = f"{spread.setups.size} of {setups} setups evaluated, {len(spread.draws)} draws"
+    origin = f"measure {spread.measure}; {_LEFT_OUT}"
+    if group.size == 1:
+        statement = "one setup is better than the other evaluated ones by more than the stated uncertainty"
+        return Verdict([LEADS.reason(statement, figure=evaluated, origin=origin)])
+    figure = f"{group.size} setups; {evaluated}"
+    return Verdict([TIED.reason("the best setups are tied", figure=figure, origin=origin)])
+
+
+# ---- Robustness of a choice -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Uncertain parameters and number of draws.
+
+    Attributes:
+        parts: Uncertain parameters with their covariance.
+        count: Number of draws.
+        seed: Seed of the random number generator.
+        vehicles: FMUs of equivalent vehicles.
+    """
+
+    parts: tuple[Uncertain, ...]
+    count: int = 32
+    seed: int = 0
+    vehicles: tuple[Path, ...] = ()
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is uncertain."""
+        return bool(self.parts or self.vehicles)
+
+
+def leading(result: StudyResult, count: int, measure: str | None = None) -> Integers:
+    """Return the numbers of the best setups by the objective or a measure, and of the baseline, in increasing order."""
+    rows = result.ranking(measure)[:count]
+    baseline = result.baseline_row
+    if baseline is not None and result.done[baseline]:
+        rows = np.append(rows, baseline)
+    return np.unique(result.setups[rows])
+
+
+def run_draws(
+    result: StudyResult, folder: str | Path, workers: Workers, draws: Draws, setups: Sequence[int]
+) -> Iterator[StudyResult]:
+    """Run setups with every draw, with the coupling of the study; runs that are in the folder are not repeated.
+
+    Args:
+        result: Result of the study.
+        folder: Folder of completed runs.
+        workers: Workers that run the setups.
+        draws: Uncertain parameters and number of draws.
+        setups: Numbers of the setups.
+
+    Yields:
+        Results of the setups for each draw; nothing if nothing is uncertain.
+
+    Raises:
+        InputError: A part is not in the study, or an FMU lacks a parameter.
+    """
+    if not draws.any:
+        return
+    coupling = coupling_of(result)
+    for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
+        yield Requested(study, folder).request(workers, coupling, setups)

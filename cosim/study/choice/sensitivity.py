@@ -1,15 +1,4 @@
-"""Sensitivity of measures to the corners: main effects and first-order interactions of the builds.
-
-The functional analysis of variance of a measure y over all setups (s_1, ..., s_F), with equally likely builds, is
-
-    y(s) = mean + sum_f y_f(s_f) + sum_{f<g} y_fg(s_f, s_g) + rest.
-
-Every term has the mean 0 over each of its arguments, so that the variances of the terms add up to the variance of y.
-If the whole bank was run, the terms are averages and exact. If only a part of it was run, they are fitted by least
-squares, and the rest is the residual.
-
-I. M. Sobol', Mathematics and Computers in Simulation 55 (2001) 271, doi:10.1016/S0378-4754(00)00270-6.
-"""
+"""Sensitivity of measures to the builds at each corner."""
 
 from __future__ import annotations
 
@@ -17,18 +6,96 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from cosim.study.choice.factor import Factor, factors_of, levels_of, varied
 from cosim.study.result import StudyResult
+from cosim.study.setup import SetupSpace
 from eightpost.errors import InputError
+from eightpost.files import atomic_path
+
+# ---- Factors --------------------------------------------------------------------------------------------------------
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """A position at which builds are exchanged: a corner, or corners that always have the same build.
+
+    Attributes:
+        name: Name of the corner, or of the corners as `lf+rf`.
+        builds: Allowed builds; their order has no meaning.
+    """
+
+    name: str
+    builds: tuple[str, ...]
+
+
+def factors_of(space: SetupSpace) -> tuple[Factor, ...]:
+    """Return the F factors of a space, including those with a single build."""
+    found = []
+    for group in _groups(space):
+        first, *others = (space.corners[corner] for corner in group)
+        common = tuple(build for build in first if all(build in other for other in others))
+        found.append(Factor("+".join(group), common))
+    return tuple(found)
+
+
+def levels_of(space: SetupSpace, indices: Integers) -> Integers:
+    """Return the builds of setups as indices into the factors' builds.
+
+    Args:
+        space: Space of the setups.
+        indices: Numbers of setups (N,); each must satisfy `alike` of the space.
+
+    Returns:
+        Index of the build of each factor (N, F).
+    """
+    digits, corners = space.digits(indices), list(space.corners)
+    columns = []
+    for group, factor in zip(_groups(space), factors_of(space), strict=True):
+        place = {build: level for level, build in enumerate(factor.builds)}
+        known = np.array([place.get(build, -1) for build in space.corners[group[0]]])
+        columns.append(known[digits[:, corners.index(group[0])]])
+    return np.stack(columns, axis=-1)
+
+
+def indices_of(space: SetupSpace, levels: Integers) -> Integers:
+    """Return the numbers (N,) of the setups with these levels (N, F); the inverse of `levels_of`."""
+    digits = np.empty((levels.shape[0], len(space.corners)), dtype=np.int64)
+    corners = list(space.corners)
+    for group, factor, level in zip(_groups(space), factors_of(space), levels.T, strict=True):
+        for corner in group:
+            own = np.array([space.corners[corner].index(build) for build in factor.builds])
+            digits[:, corners.index(corner)] = own[level]
+    return np.asarray(np.ravel_multi_index(tuple(digits.T), space.radices), dtype=np.int64)
+
+
+def _groups(space: SetupSpace) -> list[tuple[str, ...]]:
+    """Return the corners in groups with the same build, in the corners' order; overlapping groups are merged."""
+    group = {corner: {corner} for corner in space.corners}
+    for alike in space.alike:
+        joined = set().union(*(group[corner] for corner in alike))
+        group |= dict.fromkeys(joined, joined)
+    sorted_groups = (tuple(c for c in space.corners if c in group[corner]) for corner in space.corners)
+    return list(dict.fromkeys(sorted_groups))
+
+
+def varied(factors: Sequence[Factor]) -> list[int]:
+    """Return the indices of the factors with two or more builds."""
+    return [place for place, factor in enumerate(factors) if len(factor.builds) > 1]
+
+
+# ---- Sensitivity of measures to the corners -------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Method of computing the terms: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
 Method = Literal["exact", "fitted", "fitted main effects"]
@@ -214,3 +281,54 @@ def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:
         f"{measure}: {setups} setups are too few to separate the factors; run {needed} or more, with every build at "
         "every position and no two positions always alike"
     )
+
+
+# ---- Table of sensitivities, with one row per term and builds, for other programs and for plots ---------------------
+
+_COLUMNS = pa.schema(
+    [
+        ("measure", pa.string()),
+        ("unit", pa.string()),
+        ("first", pa.string()),
+        ("second", pa.string()),
+        ("first_build", pa.string()),
+        ("second_build", pa.string()),
+        ("effect", pa.float64()),
+        ("share", pa.float64()),
+        ("method", pa.string()),
+    ]
+)
+
+
+def terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) -> pa.Table:
+    """Return a table of all terms of all measures.
+
+    Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
+    `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
+
+    Args:
+        sensitivities: Sensitivities of the measures.
+        units: SI units by measure.
+    """
+    rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
+    return pa.Table.from_pylist(rows, schema=_COLUMNS)
+
+
+def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
+    """Write `terms_table` as a Parquet file."""
+    with atomic_path(path) as temporary:
+        pyarrow.parquet.write_table(terms_table(sensitivities, units), temporary, compression="zstd")
+
+
+def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
+    builds = {factor.name: factor.builds for factor in sensitivity.factors}
+    common = {"measure": sensitivity.measure, "unit": unit, "method": sensitivity.method}
+    for name, effects in sensitivity.main.items():
+        term = common | {"first": name, "second": "", "second_build": "", "share": sensitivity.share(name)}
+        for build, effect in zip(builds[name], effects.tolist(), strict=True):
+            yield term | {"first_build": build, "effect": effect}
+    for (first, second), effects in sensitivity.pairs.items():
+        term = common | {"first": first, "second": second, "share": sensitivity.share(first, second)}
+        for build, row in zip(builds[first], effects.tolist(), strict=True):
+            for other, effect in zip(builds[second], row, strict=True):
+                yield term | {"first_build": build, "second_build": other, "effect": effect}

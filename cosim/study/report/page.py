@@ -1,25 +1,283 @@
-"""The study's page: one HTML file that loads nothing."""
+"""HTML page of a study."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from math import floor, log10
+from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from cosim.report.provenance import versions
+from cosim.report.figures import figure, percent
+from cosim.report.page import versions
+from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.colors import build_colors
-from cosim.study.report.corner import dominant_corner
-from cosim.study.report.packed import packed, shown_columns
-from cosim.study.report.sheet import Column, Sheet
-from cosim.study.report.summary import MATTERS, extremes, fixed, headline, shares, tiles
+from cosim.study.report.sheet import Array, Column, Indices, Scale, Sheet, Shown, build_colors, packed, shown_columns
+from eightpost.files import atomic_path
 from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries
+
+# ---- Corner whose build explains most of a measure ------------------------------------------------------------------
+
+
+def dominant_corner(sheet: Sheet, measure: Column) -> int:
+    """Return the corner whose build explains most of a measure's variance; the first corner if no setup ran."""
+    if not np.isfinite(measure.levels).any():
+        return 0
+    return int(np.argmax([_between(placed, measure.levels) for placed in sheet.placed.T]))
+
+
+def _between(placed: Indices, levels: Array) -> float:
+    """Return the variance of the means over the setups with each build."""
+    known = np.isfinite(levels)
+    counts = np.bincount(placed[known])
+    means = np.bincount(placed[known], levels[known])[counts > 0] / counts[counts > 0]
+    return float(np.average((means - levels[known].mean()) ** 2, weights=counts[counts > 0]))
+
+
+# ---- Figures for papers like Figs 7.1 to 7.6 ------------------------------------------------------------------------
+
+#: Number of measures with figures, and number of other measures that each is plotted against, as in the dissertation.
+_DRAWN, _AGAINST = 3, 4
+
+
+def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
+    """Write levels and trade-offs of the first measures of the sheet, each as PNG and SVG.
+
+    Args:
+        sheet: Report data.
+        folder: Output folder.
+
+    Returns:
+        The files; empty if no setup ran.
+    """
+    if not sheet.done.any():
+        return ()
+    files: list[Path] = []
+    for measure in sheet.measures[:_DRAWN]:
+        files += _save(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
+        if len(sheet.measures) > 1:
+            files += _save(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
+    return tuple(files)
+
+
+def trend(sheet: Sheet, measure: Column) -> Figure:
+    """Draw the levels of all setups by the build at each corner (Figs 7.1, 7.3, 7.5)."""
+    rows = (len(sheet.corners) + 1) // 2
+    figure = Figure(figsize=(7.2, rows * (0.9 + 0.24 * len(sheet.builds))), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
+    colors = np.array(build_colors(len(sheet.builds)))
+    for panel, corner, placed in zip(panels, sheet.corners, sheet.placed.T, strict=False):
+        spots = panel.scatter(100.0 * measure.levels, placed, s=70, c=colors[placed], marker="|", lw=0.6, alpha=0.5)
+        spots.set_rasterized(True)
+        panel.set_title(f"{corner.upper()} shock", loc="left", fontsize=9)
+        panel.set_yticks(range(len(sheet.builds)), sheet.builds, fontsize=8)
+        panel.set_ylim(len(sheet.builds) - 0.4, -0.6)
+        panel.grid(axis="x", alpha=0.3)
+    _hide(panels[len(sheet.corners) :])
+    figure.supxlabel(_level_axis(measure), fontsize=9)
+    return figure
+
+
+def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
+    """Draw the levels of one measure against those of others, with the Pareto fronts (Figs 7.2, 7.4, 7.6).
+
+    Colours show the build at the corner that explains most of the measure.
+    """
+    others = [column for column in sheet.measures if column is not measure][:_AGAINST]
+    rows = (len(others) + 1) // 2
+    figure = Figure(figsize=(7.2, 2.7 * rows + 0.9), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    corner = dominant_corner(sheet, measure)
+    colors = np.array(build_colors(len(sheet.builds)))[sheet.placed[:, corner]]
+    for panel, other in zip(panels, others, strict=False):
+        spots = panel.scatter(100.0 * measure.levels, 100.0 * other.levels, s=5, c=colors, lw=0, alpha=0.7)
+        spots.set_rasterized(True)
+        _front(panel, sheet, measure, other)
+        panel.set_ylabel(f"{other.name}, level [%]", fontsize=8)
+        panel.grid(alpha=0.3)
+        panel.tick_params(labelsize=8)
+    _hide(panels[len(others) :])
+    figure.supxlabel(_level_axis(measure), fontsize=9)
+    _legend(figure, sheet, corner)
+    return figure
+
+
+def _front(panel: Axes, sheet: Sheet, first: Column, second: Column) -> None:
+    rows = front(sheet, first, second)
+    panel.plot(100.0 * first.levels[rows], 100.0 * second.levels[rows], "k.-", lw=1.0, ms=4, label="Pareto front")
+
+
+def front(sheet: Sheet, first: Column, second: Column) -> Indices:
+    """Return the rows of the Pareto front of two measures among the feasible setups, ordered by the first measure."""
+    costs = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
+    rows = np.flatnonzero(sheet.allowed & np.isfinite(costs[0]) & np.isfinite(costs[1]))
+    kept = rows[pareto_front(np.column_stack(costs)[rows])]
+    return np.asarray(kept[np.argsort(first.values[kept])], dtype=np.int64)
+
+
+def _legend(figure: Figure, sheet: Sheet, corner: int) -> None:
+    colors = build_colors(len(sheet.builds))
+    marks = [Line2D([], [], color=color, marker="o", ls="", ms=5) for color in colors]
+    title = f"build at {sheet.corners[corner].upper()}"
+    figure.legend(marks, sheet.builds, title=title, loc="outside upper center", ncols=8, frameon=False, fontsize=8)
+
+
+def _level_axis(measure: Column) -> str:
+    us, (low, high) = measure.scale.us, measure.extremes
+    unit = "" if us.unit == "1" else f" {us.unit}"
+    return f"{measure.name}, level [%]; 0 is {us(low):.4g}{unit}, 100 is {us(high):.4g}{unit}"
+
+
+def _hide(panels: Iterable[Axes]) -> None:
+    for panel in panels:
+        panel.set_visible(False)
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _save(figure: Figure, stem: Path) -> list[Path]:
+    """Save a figure as PNG and SVG; the same figure gives the same bytes."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    with mpl.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
+        for path in files:
+            with atomic_path(path) as temporary:
+                figure.savefig(temporary, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
+            figure.set_layout_engine("none")  # keep the layout of the first file
+    return files
+
+
+# ---- Texts and figures at the top of the page, and its tables of extremes and sensitivities -------------------------
+
+#: Share of a measure's variance [1] above which a corner is highlighted.
+MATTERS = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A figure at the top of the page, in US customary (`us`) and metric (`metric`) units."""
+
+    what: str
+    us: str
+    metric: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """Shares of a measure's variance [1]: of each corner with its interactions, and of all interactions of two."""
+
+    column: int
+    name: str
+    totals: tuple[float, ...]
+    interactions: float
+    method: str
+
+
+def headline(sheet: Sheet) -> str:
+    """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
+    failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
+    counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
+    return " ".join((counts, *_best(sheet)))
+
+
+def _best(sheet: Sheet) -> Iterator[str]:
+    feasible = int(np.sum(sheet.allowed & sheet.done))
+    if feasible:
+        best = int(sheet.order[0])
+        yield f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
+        if sheet.background.constraints:
+            yield f"{feasible} setups meet all constraints."
+        yield from _remarks_on_best(sheet, best)
+
+
+def _remarks_on_best(sheet: Sheet, best: int) -> Iterator[str]:
+    """Yield remarks on the best setup: its mark, and how many setups are tied with it."""
+    if best in sheet.marks:
+        yield f"The best setup is marked: {sheet.marks[best]}."
+    column = sheet.ranked_by
+    if column.uncertainty is not None:
+        close = np.abs(column.values - column.values[best]) <= column.uncertainty.from_best
+        yield f"{int(np.sum(close & sheet.allowed)) - 1} other setups are tied with the best."
+
+
+def tiles(sheet: Sheet) -> tuple[Tile, ...]:
+    """Return the figures at the top of the page."""
+    return tuple(_tiles(sheet)) if sheet.done.any() else ()
+
+
+def _tiles(sheet: Sheet) -> Iterator[Tile]:
+    column, best = sheet.ranked_by, int(sheet.order[0])
+    us, metric = _both(column.scale, float(column.values[best]))
+    yield Tile(f"best {column.name}", us, metric, f"setup {sheet.numbers[best]}")
+    if sheet.baseline is not None and sheet.done[sheet.baseline]:
+        base = float(column.values[sheet.baseline])
+        gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
+        yield Tile("best compared with baseline", gain, gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
+        place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
+        yield Tile("rank of the baseline", place, place, sheet.fitted(sheet.baseline))
+    known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
+    if known.size:
+        worst = percent(float(known.max()))
+        yield Tile("largest coupling error", worst, worst, f"median {percent(float(np.median(known)))}")
+    ran = f"{int(sheet.done.sum())}"
+    yield Tile("setups", ran, ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
+
+
+def _both(scale: Scale, value: float) -> tuple[str, str]:
+    return _with_unit(scale.us, value), _with_unit(scale.metric, value)
+
+
+def _with_unit(shown: Shown, value: float) -> str:
+    return fixed(shown(value)) if shown.unit == "1" else f"{fixed(shown(value))} {shown.unit}"
+
+
+def fixed(value: float, digits: int = 4) -> str:
+    """Return a number with all significant digits, including trailing zeros, so that the digits of a column align.
+
+    >>> fixed(162.0), fixed(-0.05)
+    ('162.0', '−0.05000')
+    """
+    if not 1e-4 <= abs(value) < 1e5:
+        return figure(value, digits)
+    places = max(0, digits - 1 - floor(log10(abs(value))))
+    return f"{value:.{places}f}".replace("-", "−")
+
+
+def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
+    """Return for every column the rows of its minimum and its maximum, as in Table 7.4."""
+    known = [column for column in columns if np.isfinite(column.values).any()]
+    return tuple((column, int(np.nanargmin(column.values)), int(np.nanargmax(column.values))) for column in known)
+
+
+def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Share, ...]:
+    """Return the shares of the corners in the variance of each measure; `places` are the columns of the measures."""
+    return tuple(
+        Share(
+            places[one.measure],
+            one.measure,
+            tuple(one.total(factor.name) for factor in one.factors),
+            sum(one.share(*pair) for pair in one.pairs),
+            one.method,
+        )
+        for one in terms
+        if one.measure in places
+    )
+
+
+# ---- The study's page -----------------------------------------------------------------------------------------------
 
 _PACKAGE = "cosim.study.report"
 

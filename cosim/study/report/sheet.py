@@ -1,16 +1,89 @@
-"""Data of the report: the measures of all setups, independent of their source."""
+"""Data of a study's page: one row for each setup, packed for the browser."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
+from colorsys import hls_to_rgb
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.report.scale import Scale
+from cosim.report.figures import TRACES_CAPACITY, Store, traces
+from cosim.report.page import COLORS
+from cosim.study.choice.sensitivity import Sensitivity
+from cosim.study.measures import DISPLAY
+from eightpost import units
+from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
+
+# ---- Colours of the builds of a bank --------------------------------------------------------------------------------
+
+_GOLDEN = 0.618034
+
+
+def build_colors(count: int) -> tuple[str, ...]:
+    """Return distinct colours: first those of the run's page, then hues that are far from each other."""
+    more = (hls_to_rgb(_GOLDEN * k % 1.0, 0.35 + 0.15 * (k % 3), 0.6) for k in range(count - len(COLORS)))
+    return (*COLORS[:count], *("#" + "".join(f"{round(255 * part):02x}" for part in rgb) for rgb in more))
+
+
+# ---- Display units of the page --------------------------------------------------------------------------------------
+
+#: US customary unit by SI unit, as race engineers use it; other units are shown unchanged.
+US = {**DISPLAY, "N/m": "lbf/in", "N.s/m": "lbf.s/in"}
+METRIC = {"m": "mm", "m/s": "mm/s", "rad": "deg"}
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Display unit and its conversion from SI: `shown = factor * value + offset`."""
+
+    unit: str
+    factor: float
+    offset: float
+
+    @classmethod
+    def of(cls, si: str, unit: str) -> Shown:
+        """Return the conversion from the SI unit `si` to `unit`."""
+        return cls(unit, *units.conversion(si, unit))
+
+    def __call__(self, value: float) -> float:
+        """Return a value in SI converted to the display unit."""
+        return self.factor * value + self.offset
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Display units of an SI unit in both systems.
+
+    Args:
+        si: SI unit; the unit of a user-defined measure may be unknown to the units module and is then shown unchanged.
+        us: US customary display unit.
+        metric: Metric display unit.
+    """
+
+    si: str
+    us: Shown
+    metric: Shown
+
+    @classmethod
+    def of(cls, si: str, display: str = "") -> Scale:
+        """Return the scale of an SI unit.
+
+        Args:
+            si: SI unit.
+            display: US customary unit that the measure asks for; empty for the default of `US`.
+        """
+        if not units.is_unit(si):
+            same = Shown(si, 1.0, 0.0)
+            return cls(si, same, same)
+        us = display if display and display != si else US.get(si, si)
+        return cls(si, Shown.of(si, us), Shown.of(si, METRIC.get(si, si)))
+
+
+# ---- Data of the report ---------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -201,3 +274,126 @@ class Sheet:
         """
         places = zip(self.corners, self.placed[row], strict=True)
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
+
+
+# ---- Data of the page's script --------------------------------------------------------------------------------------
+
+
+def packed(
+    sheet: Sheet, recorded: Mapping[int, TimeSeries], terms: Sequence[Sensitivity], picked: Sequence[int]
+) -> tuple[dict[str, Any], str]:
+    """Return the manifest, which states where each number is stored, and the numbers.
+
+    Args:
+        sheet: Report data.
+        recorded: Time traces by setup number.
+        terms: Sensitivities of some measures.
+        picked: Rows that are picked when the page opens.
+    """
+    store = Store()
+    order, done = sheet.order, int(sheet.done.sum())
+    manifest = {
+        "setups": sheet.numbers.size,
+        "done": done,
+        "corners": sheet.corners,
+        "builds": sheet.builds,
+        "colors": build_colors(len(sheet.builds)),
+        "numbers": store.add(sheet.numbers.astype(float)),
+        "placed": [store.add(column) for column in sheet.placed.T.astype(float)],
+        "rank": store.add(np.argsort(order).astype(float) + 1.0),
+        "allowed": store.add(sheet.allowed.astype(float)),
+        "error": store.add(sheet.coupling_error),
+        "columns": [_column(store, column) for column in shown_columns(sheet)],
+        "failures": sheet.failures,
+        "marks": sheet.marks,
+        "baseline": sheet.baseline,
+        "best": int(order[0]) if done else None,
+        "picked": list(picked),
+        "traces": dict(_traces(store, recorded)),
+        "trace_command": sheet.background.trace_command,
+        "sensitivities": list(_sensitivities(sheet, terms)),
+    }
+    return manifest, store.text
+
+
+def shown_columns(sheet: Sheet) -> tuple[Column, ...]:
+    """Return the objective, if there is one, and the measures."""
+    return (*((sheet.objective,) if sheet.objective else ()), *sheet.measures)
+
+
+def _scale(scale: Scale) -> dict[str, Any]:
+    return {"us": asdict(scale.us), "metric": asdict(scale.metric)}
+
+
+def _column(store: Store, column: Column) -> dict[str, Any]:
+    low, high = column.extremes
+    return {
+        "name": column.name,
+        **_scale(column.scale),
+        "low": low,
+        "high": high,
+        "better": column.better,
+        "at": store.add(column.values),
+        "uncertainty": column.uncertainty and _uncertainty(store, column.uncertainty),
+    }
+
+
+def _uncertainty(store: Store, uncertainty: Uncertainty) -> dict[str, Any]:
+    return {
+        "spread": store.add(uncertainty.spread),
+        "best": store.add(uncertainty.from_best),
+        "baseline": store.add(uncertainty.from_baseline),
+        "tied": store.add(uncertainty.tied.astype(float)),
+        "ties": int(uncertainty.tied.sum()),
+    }
+
+
+def _traces(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield traces by setup number; each setup gets an equal share of the page's capacity."""
+    for number, series in recorded.items():
+        kept = traces(series, capacity=TRACES_CAPACITY // len(recorded))
+        channels = [
+            _channel(store, name, unit, values)
+            for name, unit, values in zip(series.names, series.units, kept.values, strict=True)
+        ]
+        yield (
+            number,
+            {
+                "at": store.add(kept.time),
+                "count": kept.time.size,
+                "from": float(kept.time[0]),
+                "to": float(kept.time[-1]),
+                "samples": kept.samples,
+                "interval": kept.interval,
+                "channels": channels,
+            },
+        )
+
+
+def _channel(store: Store, name: str, unit: str, values: Array) -> dict[str, Any]:
+    return {
+        "name": name,
+        "quantity": name.rpartition(".")[2].replace("_", " "),
+        **_scale(Scale.of(unit)),
+        "low": float(values.min()),
+        "high": float(values.max()),
+        "at": store.add_levels(values),
+    }
+
+
+def _sensitivities(sheet: Sheet, terms: Sequence[Sensitivity]) -> Iterator[dict[str, Any]]:
+    places = {column.name: k for k, column in enumerate(shown_columns(sheet))}
+    for one in terms:
+        if one.measure not in places:
+            continue
+        yield {
+            "column": places[one.measure],
+            "factors": [
+                {"name": factor.name, "builds": factor.builds, "effect": one.main[factor.name].tolist()}
+                for factor in one.factors
+            ],
+            "pairs": [
+                {"names": pair, "effect": effect.tolist(), "share": one.share(*pair)}
+                for pair, effect in one.pairs.items()
+            ],
+        }

@@ -6,12 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.automatic import FIRST_STEP, Automatic, run_automatic
-from cosim.difference import difference
+from cosim.error_estimate import difference
+from cosim.master import FIRST_STEP, Automatic, run_automatic
 from cosim.result import Result
-from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
-from cosim.study.running.evaluator import Coupling, Evaluator, local_error
-from cosim.study.running.signs import heartbeat
+from cosim.study.running.evaluator import (
+    Coupling,
+    ErrorModel,
+    Evaluator,
+    Pilot,
+    fit_error_model,
+    heartbeat,
+    local_error,
+)
 from cosim.study.setup import Setup
 from cosim.study.study import Drive
 from eightpost.errors import DivergedError, EightpostError, StepError
@@ -45,7 +51,7 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
     The baseline and setups with the same build at all corners are run with a coarse step. Those whose bonds report the
     largest local errors are run to a tenth of the accuracy, and then with one step after another until they agree with
     that. These and random setups are then run at a quarter of the chosen step; their errors calibrate the estimate of a
-    setup's coupling error from the local errors of its bonds (cosim.study.running.error_model).
+    setup's coupling error from the local errors of its bonds (cosim.study.running.evaluator).
 
     Raises:
         StepError: No setup could be run; the message is that of the first failure.

@@ -1,13 +1,15 @@
-"""Files of a study's completed chunks; each is complete or does not exist."""
+"""Chunks of setups and their files, under digests of what they depend on."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
@@ -16,9 +18,54 @@ from pydantic import TypeAdapter
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
 from cosim.study.study import Study
+from eightpost import __version__
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path, json_content
-from eightpost.signals.parquet_table import read_table
+from eightpost.files import atomic_path, json_content, sha256_of
+from eightpost.signals.parquet_file import read_table
+
+# ---- Digest of a study ----------------------------------------------------------------------------------------------
+
+#: Entries that do not affect the results: they are applied to the table afterwards.
+_AFTER = ("name", "objective", "constraints")
+
+
+def file_digests(study: Study) -> dict[str, str]:
+    """Return SHA-256 of every file that a study reads, by its path."""
+    return {str(path): sha256_of(path) for path in file_paths(study)}
+
+
+def file_paths(study: Study) -> list[Path]:
+    """Return every file that a study reads: FMUs, drive files, channel maps, user-defined measures."""
+    files = [study.vehicle.fmu, *(build.fmu for build in study.bank.values())]
+    for drive in study.drives:
+        files += [drive.file, *([drive.channel_map] if drive.channel_map else [])]
+    own = [Path(measure.function.rpartition(":")[0]) for measure in study.measures if measure.function]
+    return list(dict.fromkeys([*files, *own]))
+
+
+def study_digest(study: Study, digests: dict[str, str]) -> str:
+    """Return the digest of a study; it depends on the contents of files, not on their paths."""
+    document = json.loads(study.to_json())
+    for name in _AFTER:
+        del document[name]
+    document = _without_paths(document, digests)
+    text = json.dumps({"study": document, "tool": __version__}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_paths(value: Any, digests: dict[str, str]) -> Any:
+    """Return a value with the digest in place of every path, also in the functions of user-defined measures."""
+    if isinstance(value, dict):
+        return {key: _without_paths(one, digests) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_without_paths(one, digests) for one in value]
+    if isinstance(value, str):
+        file, colon, name = value.rpartition(":")
+        return digests.get(value) or (f"{digests[file]}{colon}{name}" if file in digests else value)
+    return value
+
+
+# ---- Files of a study's completed chunks; each is complete or does not exist ----------------------------------------
 
 #: Approximate number of chunks of a study, and largest number of setups in one: few are lost if a process is killed.
 _CHUNKS, _LARGEST = 200, 64

@@ -13,8 +13,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from cosim.study.running import work
-from cosim.study.running.digest import file_digests, file_paths
+from cosim.study.running import workers
+from cosim.study.running.chunks import file_digests, file_paths
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk, failed_row
 from cosim.study.study import Study
@@ -171,11 +171,11 @@ def _file(content: bytes) -> bytes:
 
 
 def _choose(study: str, files: Mapping[str, bytes]) -> Coupling:
-    return work.choose(unpack(study, files))
+    return workers.choose(unpack(study, files))
 
 
 def _rows(study: str, files: Mapping[str, bytes], coupling: Coupling, indices: Sequence[int]) -> list[Row]:
-    return work.rows(unpack(study, files), coupling, indices)
+    return workers.rows(unpack(study, files), coupling, indices)
 
 
 @cache

@@ -1,22 +1,124 @@
-"""Exhaustive study: every setup is run, on all workers; it resumes where it stopped."""
+"""Sweep over setups: stored rows, resumed studies, requested setups, checks by finer runs."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event
 
-from cosim.interrupt import interrupts_deferred
-from cosim.study.result import Provenance, StudyResult, in_order, study_schema
-from cosim.study.running.check import check_study
-from cosim.study.running.chunks import ChunkFolder, cut
-from cosim.study.running.digest import file_digests, study_digest
-from cosim.study.running.evaluator import Coupling, Evaluator
-from cosim.study.running.workers import Workers
-from cosim.study.study import Study
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.algorithm import GaussSeidel
+from cosim.session import interrupts_deferred
+from cosim.setup import Setup as SessionSetup
+from cosim.study.measures import Measure, own_function
+from cosim.study.result import Provenance, StudyResult, in_order, result_table, study_schema
+from cosim.study.running.chunks import ChunkFolder, cut, file_digests, study_digest
+from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
+from cosim.study.running.workers import Chunk, Workers
+from cosim.study.setup import Setup
+from cosim.study.study import Drive, Study
+from cosim.system import System
+from eightpost import units
+from eightpost.errors import InputError
 from eightpost.files import check_output_folder
+
+# ---- Checks of a study before any simulation ------------------------------------------------------------------------
+
+#: Signals whose mean is zero in any steady state.
+_MOVING = ("m/s", "m/s2", "W")
+
+
+def check_study(evaluator: Evaluator) -> None:
+    """Raise an error if a study cannot be run.
+
+    Raises:
+        FmuError: An FMU cannot be used.
+        WiringError: A build does not fit a corner, or a channel or parameter does not exist.
+        InputError: A corner has no shock, or a measure, its unit or its window is invalid.
+    """
+    study = evaluator.study
+    first = study.space.setup(int(_indices(study)[0]))
+    system = evaluator.system(first)
+    _check_ports(study, system)
+    for setup in _every_build(study, first):
+        evaluator.system(setup)
+    found = evaluator.measure_units
+    for measure in study.measures:
+        _check_measure(study, measure, found[measure.name])
+    _check_objective(study, found)
+    for drive in study.drives:
+        SessionSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
+
+
+def _indices(study: Study) -> list[int]:
+    indices: list[int] = study.space.indices.tolist()
+    if not indices:
+        raise InputError("the study has no setups: no builds are allowed at all corners of a group in alike")
+    return indices
+
+
+def _check_ports(study: Study, system: System) -> None:
+    """Raise an error if a port has no shock: the car would have no damping there."""
+    known = ports(system.components[study.vehicle.name])
+    if missing := [corner for corner in known if corner not in study.corners]:
+        raise InputError(
+            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}. Name the builds "
+            f"allowed at {missing[0]}"
+        )
+
+
+def _every_build(study: Study, first: Setup) -> list[Setup]:
+    """Return setups in which every build is once at every corner where it is allowed."""
+    return [Setup(-1, {**first.builds, corner: build}) for corner, builds in study.corners.items() for build in builds]
+
+
+def _check_measure(study: Study, measure: Measure, unit: str) -> None:
+    what = f"measure {measure.name!r}"
+    if measure.display and not (units.is_unit(measure.display) and units.compatible(measure.display, unit)):
+        raise InputError(
+            f"{what}: its unit is {unit}, which cannot be converted to the display unit {measure.display!r}"
+        )
+    if measure.function:
+        own_function(measure.function)
+    elif measure.absolute and not study.vehicle.means_trusted and unit not in _MOVING:
+        raise InputError(
+            f"{what}: its {measure.statistic} depends on the mean, and {study.vehicle.fmu.name} has no trusted gain at "
+            "0 Hz (means_trusted = false); use rms, peak or range, or a band that begins above 0 Hz"
+        )
+    for drive in study.drives:
+        if measure in study.measures_of(drive):
+            _check_window(study, measure, drive)
+
+
+def _check_window(study: Study, measure: Measure, drive: Drive) -> None:
+    rate = 1.0 / study.record_step
+    if measure.section and not (study.settling <= measure.section[0] and measure.section[1] <= drive.stop + 1e-9):
+        raise InputError(
+            f"measure {measure.name!r}: its section {measure.section[0]:g} to {measure.section[1]:g} s must lie "
+            f"between the settling time and the stop, {study.settling:g} to {drive.stop:g} s"
+        )
+    if measure.band and (measure.band[0] >= 0.5 * rate or rate * 0.5 <= measure.band[1] < float("inf")):
+        raise InputError(
+            f"measure {measure.name!r}: the band {measure.band[0]:g} to {measure.band[1]:g} Hz must be below half the "
+            f"sample rate of {rate:g} Hz; use a smaller record_step"
+        )
+
+
+def _check_objective(study: Study, found: Mapping[str, str]) -> None:
+    for term in study.objective:
+        unit = found[term.measure]
+        if term.unit and not (units.is_unit(term.unit) and units.compatible(term.unit, unit)):
+            raise InputError(
+                f"objective: the unit of {term.measure!r} is {unit}, which cannot be converted to {term.unit!r}, the "
+                "unit of its weight"
+            )
+
+
+# ---- Exhaustive study -----------------------------------------------------------------------------------------------
 
 #: Function that receives the number of completed setups and their total number.
 Progress = Callable[[int, int], None]
@@ -118,3 +220,60 @@ def run_study(
     """
     sweep = Sweep(study, folder)
     return sweep.run(workers, sweep.coupling(workers), progress)
+
+
+# ---- Studies of which only requested setups are run, each of them once ----------------------------------------------
+
+Integers = NDArray[np.int64]
+
+
+class Requested(Sweep):
+    """A checked study that runs setups on request.
+
+    Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
+    setup is run again, in this session or another one. Ctrl-C loses only the batch that is running.
+
+    Args:
+        study: Study to run.
+        folder: Output folder, with the completed runs.
+
+    Raises:
+        InputError: The study cannot be run; no simulation was started.
+    """
+
+    def __init__(self, study: Study, folder: str | Path) -> None:
+        super().__init__(study, folder)
+        self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
+        self._batches = max(self._requested.numbers, default=-1) + 1
+        self._rows = {int(row["setup"]): row for kept in (self._kept, self._requested) for row in kept.rows()}
+
+    @property
+    def tried(self) -> int:
+        """Number of setups whose results are available."""
+        return len(self._rows)
+
+    def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
+        """Return the results of setups by number; setups without a result are run.
+
+        Args:
+            workers: Workers that run the setups.
+            coupling: Coupling of the setups.
+            indices: Numbers of the setups.
+        """
+        new = [index for index in dict.fromkeys(int(i) for i in indices) if index not in self._rows]
+        if new:
+            alone = [Chunk(place, (index,)) for place, index in enumerate(new)]
+            found = [row for _, rows in workers.rows(self.study, coupling, alone, lambda: False) for row in rows]
+            self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
+            self._batches += 1
+            self._rows |= {int(row["setup"]): row for row in found}
+        return self._table(coupling, (self._rows[int(index)] for index in set(indices)))
+
+    def everything(self, coupling: Coupling) -> StudyResult:
+        """Return all available results, including those of an exhaustive run."""
+        return self._table(coupling, self._rows.values())
+
+    def _table(self, coupling: Coupling, rows: Iterable[Row]) -> StudyResult:
+        table = result_table(list(rows), self._schema)
+        partial = table.num_rows < len(self.study.space)
+        return StudyResult(self.study, table, self._provenance(coupling), partial)

@@ -1,24 +1,71 @@
-"""Workers that run the setups of a study: processes of this machine, or of a cluster (dask_workers)."""
+"""Worker processes of a study, and the work that they do."""
 
 from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
 from multiprocessing import get_context
 from typing import Any, Protocol
 
 from cosim.study.result import FAILED
-from cosim.study.running import work
-from cosim.study.running.evaluator import Coupling, Row
-from cosim.study.running.signs import Heartbeats
+from cosim.study.running.choose_coupling import choose_coupling
+from cosim.study.running.evaluator import Coupling, Evaluator, Heartbeats, Row, heartbeat, register_worker, working
 from cosim.study.study import Study
 from eightpost.errors import StepError
+from eightpost.processes import end_with
+
+# ---- Functions that run in worker processes; all arguments are plain values, so that they can run on ----------------
+
+#: Evaluator of each thread: the instance of an FMU may be stepped by one thread only.
+_own = threading.local()
+
+
+def evaluator_for(study: str) -> Evaluator:
+    """Return this thread's evaluator of a study, given as JSON."""
+    if getattr(_own, "study", None) != study:
+        _own.evaluator, _own.study = Evaluator(Study.from_json(study)), study
+    evaluator: Evaluator = _own.evaluator
+    return evaluator
+
+
+def open_study(study: str) -> None:
+    """Load a study, given as JSON, and the modules for filtering measures, so that its first setup starts sooner."""
+    evaluator_for(study)
+    import_module("scipy.signal")
+
+
+def choose(study: str) -> Coupling:
+    """Choose the coupling of a study, given as JSON."""
+    with working():
+        return choose_coupling(evaluator_for(study))
+
+
+def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
+    """Run setups by number."""
+    with working():
+        evaluator, found = evaluator_for(study), list[Row]()
+        for index in indices:
+            heartbeat()
+            found.append(evaluator.row(evaluator.study.space.setup(index), coupling))
+        return found
+
+
+def start_worker(parent: int, *heartbeats: Any) -> None:
+    """Initialise a worker: register its heartbeat, end it with its parent, and leave Ctrl-C to the parent."""
+    end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    register_worker(*heartbeats)
+
+
+# ---- Workers that run the setups of a study -------------------------------------------------------------------------
 
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2
@@ -91,9 +138,9 @@ class ProcessWorkers:
             StepError: No setup could be run, or an FMU crashed or hung.
         """
         text = study.to_json()
-        chosen: Future[Coupling] = self._submit(work.choose, text)
+        chosen: Future[Coupling] = self._submit(choose, text)
         for _ in range(min(self.count, len(study.space) // _WORTH) - 1):
-            self._submit(work.open_study, text)
+            self._submit(open_study, text)
         hung = self._await(chosen)
         try:
             return chosen.result()
@@ -112,7 +159,7 @@ class ProcessWorkers:
         running: dict[Future[list[Row]], Chunk] = {}
         while True:
             room = 0 if stop() else self.count * _SUBMITTED - len(running)
-            running |= {self._submit(work.rows, text, coupling, c.indices): c for c in islice(waiting, room)}
+            running |= {self._submit(rows, text, coupling, c.indices): c for c in islice(waiting, room)}
             if not running:
                 return
             finished, _ = wait(running, timeout=_POLL, return_when=FIRST_COMPLETED)
@@ -133,7 +180,7 @@ class ProcessWorkers:
         context = get_context("spawn")
         heartbeats = Heartbeats(self.count, context)
         pool = ProcessPoolExecutor(
-            self.count, mp_context=context, initializer=work.start_worker, initargs=(os.getpid(), *heartbeats.shared)
+            self.count, mp_context=context, initializer=start_worker, initargs=(os.getpid(), *heartbeats.shared)
         )
         return pool, heartbeats
 
@@ -163,7 +210,7 @@ class ProcessWorkers:
             yield chunk, [self._alone(study, coupling, index) for index in chunk.indices]
 
     def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
-        answer: Future[list[Row]] = self._submit(work.rows, study.to_json(), coupling, (index,))
+        answer: Future[list[Row]] = self._submit(rows, study.to_json(), coupling, (index,))
         hung = self._await(answer)
         try:
             return answer.result()[0]

@@ -1,11 +1,15 @@
 """Preparation of recorded rig tests: checks, synchronisation, removal of means and decimation to a model's rate."""
 
-from eightpost.ident.preparation.decimation import Decimation
-from eightpost.ident.preparation.lags import Lag, advance_channels, drifts, drive_lag, record_lags, time_lag
-from eightpost.ident.preparation.lost_channels import check_lost_channels
-from eightpost.ident.preparation.preparation import Preparation, prepare
-from eightpost.ident.preparation.preparation_file import read_preparation
-from eightpost.ident.preparation.prepared import Prepared
+from eightpost.ident.preparation.lags import (
+    Lag,
+    advance_channels,
+    check_lost_channels,
+    drifts,
+    drive_lag,
+    record_lags,
+    time_lag,
+)
+from eightpost.ident.preparation.preparation import Decimation, Preparation, Prepared, prepare, read_preparation
 
 __all__ = [
     "Decimation",

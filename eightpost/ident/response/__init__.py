@@ -1,22 +1,26 @@
 """Estimation of frequency responses from records, and their preconditioning before a model is fitted."""
 
-from eightpost.ident.response.averaged import H1, H2, Hv
-from eightpost.ident.response.blocks import Blocks
+from eightpost.ident.response.averaged import H1, H2, Hv, Recipe, estimate_response
 from eightpost.ident.response.conditioning import (
     HighResidual,
     LowResidual,
+    SameDrive,
+    Sequential,
     Zeroed,
     ZeroPhaseSmoothing,
     condition,
     feedback_paths,
     zeroed_paths,
 )
-from eightpost.ident.response.estimate import Recipe, estimate_response
-from eightpost.ident.response.frequency_response import FrequencyResponse, contribution_error, response_of
+from eightpost.ident.response.frequency_response import (
+    FrequencyResponse,
+    contribution_error,
+    read_response,
+    response_of,
+    write_response,
+)
 from eightpost.ident.response.local_polynomial import LocalPolynomial
-from eightpost.ident.response.records import force_difference
-from eightpost.ident.response.sequential import SameDrive, Sequential
-from eightpost.ident.response.storage import read_response, write_response
+from eightpost.ident.response.records import Blocks, force_difference
 
 __all__ = [
     "H1",

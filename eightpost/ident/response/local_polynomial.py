@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response.averaged import POWER_FLOOR
+from eightpost.ident.response.averaged import POWER_FLOOR, WORST_CONDITION, powered
 from eightpost.ident.response.frequency_response import FrequencyResponse
-from eightpost.ident.response.regression import WORST_CONDITION, powered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

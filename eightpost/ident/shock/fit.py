@@ -11,23 +11,21 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.curve.shape import Shape
-from eightpost.ident.shock.force.gas import gas_columns
-from eightpost.ident.shock.force.limits import limits_for
-from eightpost.ident.shock.force.models import Models
-from eightpost.ident.shock.laws.choice import dynamics_for
-from eightpost.ident.shock.record.runs import prepare_runs
-from eightpost.ident.shock.report.result import ShockFit, Story, result_of
-from eightpost.ident.shock.solvers.boggs import Boggs
-from eightpost.ident.shock.solvers.joint import Joint
-from eightpost.ident.shock.solvers.robust import (
+from eightpost.ident.shock.boggs import Boggs
+from eightpost.ident.shock.choice import dynamics_for
+from eightpost.ident.shock.curve import Shape
+from eightpost.ident.shock.force import Models, gas_columns, limits_for
+from eightpost.ident.shock.joint import Joint
+from eightpost.ident.shock.record import prepare_runs
+from eightpost.ident.shock.result import ShockFit, Story, result_of
+from eightpost.ident.shock.robust import (
     Robust,
     downweighted_rows,
+    screened_force,
     weights_for,
     without_motion_spikes,
     without_spikes,
 )
-from eightpost.ident.shock.solvers.screening import screened_force
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
 from eightpost.shock.curve import INNER_ORDER
@@ -35,9 +33,9 @@ from eightpost.shock.curve import INNER_ORDER
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.ident.shock.record.runs import Runs
-    from eightpost.ident.shock.solvers.sketch import Sketch
-    from eightpost.ident.shock.solvers.solution import Solution
+    from eightpost.ident.shock.joint import Sketch
+    from eightpost.ident.shock.problem import Solution
+    from eightpost.ident.shock.record import Runs
 
     Array = NDArray[np.float64]
 

@@ -1,17 +1,19 @@
 """Validation of fitted shocks on other records (3.4): random, sine, static and bump tests."""
 
 from eightpost.ident.validation.bump import BumpEvent, BumpValidation, validate_bump
-from eightpost.ident.validation.configuration import configuration_of
-from eightpost.ident.validation.evaluation import Validation, evaluate
-from eightpost.ident.validation.kinds import Kind, Recognition, recognise
-from eightpost.ident.validation.notes import notes_on
-from eightpost.ident.validation.random import RandomValidation, validate_random
-from eightpost.ident.validation.record import Record, record_of
-from eightpost.ident.validation.residual import Residual, residual_of
+from eightpost.ident.validation.evaluation import (
+    RandomValidation,
+    Residual,
+    Validation,
+    evaluate,
+    residual_of,
+    validate_random,
+)
+from eightpost.ident.validation.record import Kind, Recognition, Record, configuration_of, recognise, record_of
 from eightpost.ident.validation.sine import Loop, SineValidation, validate_sine
 from eightpost.ident.validation.static import Hold, StaticValidation, validate_static
 from eightpost.ident.validation.study import Case, ValidationStudy, validate
-from eightpost.ident.validation.verdict import validation_verdict
+from eightpost.ident.validation.verdict import notes_on, validation_verdict
 
 __all__ = [
     "BumpEvent",

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.record.preparation import LARGEST_SHARE
+from eightpost.ident.shock.record import LARGEST_SHARE
 from eightpost.ident.validation.evaluation import evaluate
-from eightpost.ident.validation.kinds import block_means
-from eightpost.ident.validation.motion import stretches
+from eightpost.ident.validation.record import block_means, stretches
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.shock.record.preparation import CUTOFF, LARGEST_SHARE
-from eightpost.ident.shock.record.segment import FILTER_EDGE
-from eightpost.ident.validation.evaluation import evaluate
-from eightpost.ident.validation.kinds import frequency_of
-from eightpost.ident.validation.motion import displacement_of, moving_part
-from eightpost.ident.validation.predicted import Predicted
+from eightpost.ident.shock.record import CUTOFF, FILTER_EDGE, LARGEST_SHARE
+from eightpost.ident.validation.evaluation import Predicted, evaluate
+from eightpost.ident.validation.record import displacement_of, frequency_of, moving_part
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

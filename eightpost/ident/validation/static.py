@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from eightpost.errors import MissingChannelError, ParameterError
-from eightpost.ident.shock.laws.simulation import simulate
+from eightpost.ident.shock.closed import simulate
 from eightpost.ident.validation.evaluation import as_measured, reference_of
-from eightpost.ident.validation.kinds import block_means
-from eightpost.ident.validation.motion import standing, stretches
+from eightpost.ident.validation.record import block_means, standing, stretches
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

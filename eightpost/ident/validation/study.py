@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.bump import BumpValidation, validate_bump
-from eightpost.ident.validation.configuration import configuration_of
-from eightpost.ident.validation.random import RandomValidation, validate_random
+from eightpost.ident.validation.evaluation import RandomValidation, validate_random
+from eightpost.ident.validation.record import configuration_of
 from eightpost.ident.validation.sine import SineValidation, validate_sine
 from eightpost.ident.validation.static import StaticValidation, validate_static
 

@@ -1,4 +1,4 @@
-"""The figures of a validation as tables, for both the command line and the report."""
+"""Tables of a validation."""
 
 from __future__ import annotations
 
@@ -6,22 +6,52 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from eightpost.ident.validation.bump import BumpValidation
-from eightpost.ident.validation.printed import (
-    CONFIGURATIONS,
-    TABLE_3_4,
-    TABLE_3_4_CONFIGURATION,
-    printed_configuration,
-)
-from eightpost.ident.validation.random import RandomValidation
+from eightpost.ident.validation.evaluation import RandomValidation
+from eightpost.ident.validation.record import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from eightpost.ident.validation.sine import SineValidation
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.ident.validation.study import law_title, names_of
 from eightpost.ident.validation.verdict import prediction_of
-from eightpost.units import convert
+from eightpost.units import conversion, convert
 
 if TYPE_CHECKING:
     from eightpost.ident.validation.record import Record
     from eightpost.ident.validation.study import Case, ValidationStudy
+
+
+# ---- Conversion of SI amounts to the units used in the field --------------------------------------------------------
+
+#: Field unit by SI unit; other units are shown unchanged.
+_FIELD = {"N": "lbf", "m": "in", "m/s": "in/s", "N/m": "lbf/in", "J": "in.lbf", "N2/Hz": "lbf2/Hz"}
+
+_SQUARED = {"N2/Hz": "N"}
+
+
+def field_unit(unit: str) -> str:
+    """Return the field unit for an SI unit."""
+    return _FIELD.get(unit, unit)
+
+
+def field_factor(unit: str) -> float:
+    """Return the factor from an SI unit to its field unit."""
+    if unit in _SQUARED:
+        return field_factor(_SQUARED[unit]) ** 2
+    return conversion(unit, _FIELD[unit])[0] if unit in _FIELD else 1.0
+
+
+def shown(value: float, digits: int) -> str:
+    """Return a number with the given significant digits, without an exponent if that is as short.
+
+    >>> shown(0.123456, 3), shown(1234.5, 3), shown(-2.0, 3)
+    ('0.123', '1230', '-2.00')
+    """
+    text = f"{value:#.{digits}g}"
+    if "e" in text and 1.0 <= abs(value) < 1e6:
+        text = f"{float(f'{value:.{digits}g}'):.0f}"
+    return text.rstrip(".")
+
+
+# ---- The figures of a validation as tables, for both the command line and the report --------------------------------
 
 
 @dataclass(frozen=True, slots=True)

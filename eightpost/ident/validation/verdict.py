@@ -1,12 +1,12 @@
-"""The verdict on fitted shocks compared with records: errors, ranges, and anything that was not validated."""
+"""Verdict of a validation and its notes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from eightpost.ident.validation.random import RandomValidation
-from eightpost.ident.validation.static import StaticValidation
+from eightpost.ident.validation.evaluation import RandomValidation
+from eightpost.ident.validation.static import SETTLING, StaticValidation
 from eightpost.ident.validation.study import MOST_BEYOND
 from eightpost.units import convert
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
@@ -14,6 +14,9 @@ from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
 if TYPE_CHECKING:
     from eightpost.ident.validation.evaluation import Validation
     from eightpost.ident.validation.study import Case, Outcome, ValidationStudy
+
+
+# ---- The verdict on fitted shocks compared with records -------------------------------------------------------------
 
 ABOUT = "validation of the shock"
 
@@ -169,3 +172,34 @@ def _place(case: Case) -> str:
 def prediction_of(outcome: Outcome) -> Validation | None:
     """Return the prediction over time; None for a static record."""
     return None if isinstance(outcome, StaticValidation) else outcome.prediction
+
+
+# ---- Notes on a validation that a reader should know, one sentence each ---------------------------------------------
+
+
+def notes_on(study: ValidationStudy) -> tuple[str, ...]:
+    """Return how records were treated and which shocks were compared with no record; the verdict has the rest."""
+    treated = dict.fromkeys(note for case in study.cases for note in _changes(case))
+    return (*treated, *study.unpaired)
+
+
+def _changes(case: Case) -> list[str]:
+    """Return departures from the dissertation's treatment of a record."""
+    outcome = case.outcome
+    if isinstance(outcome, StaticValidation):
+        if outcome.settling < SETTLING:
+            return [
+                f"{case.record.name}: its holds are short; they are averaged from {outcome.settling:.2g} s on, not "
+                f"from {SETTLING:g} s on"
+            ]
+        return []
+    prediction = prediction_of(outcome)
+    changes = prediction.changes if prediction else ()
+    # The segment of a sine or a bump follows from its kind, as does a bump's low-pass; the transition of the curve
+    # matters only for a fit.
+    by_kind = {"random": (), "sine": ("seconds",), "bump": ("seconds", "cutoff")}[case.record.kind]
+    return [
+        f"{case.record.name}: {change.replace(' fitted', ' evaluated')}"
+        for change in changes
+        if not change.startswith(("transition", *by_kind))
+    ]

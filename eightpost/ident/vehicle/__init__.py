@@ -2,12 +2,17 @@
 
 from eightpost.ident.vehicle.closed_loop import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
-from eightpost.ident.vehicle.parallel import parallel_model
-from eightpost.ident.vehicle.rational_fit import RationalFit
-from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term
-from eightpost.ident.vehicle.transfer_function import TransferFunction
+from eightpost.ident.vehicle.rational_fit import (
+    AEROLOADERS,
+    QUARTER_CAR,
+    SEVEN_DOF,
+    WHEELLOADERS,
+    BandWeights,
+    RationalFit,
+    TransferFunction,
+)
+from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term, parallel_model
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, write_fit
-from eightpost.ident.vehicle.weights import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 
 __all__ = [
     "AEROLOADERS",

@@ -1,4 +1,4 @@
-"""Rational fits of one frequency response, like MATLAB's invfreqs and invfreqz (4.3.3, 5.2.3)."""
+"""Rational functions fitted to frequency responses."""
 
 from __future__ import annotations
 
@@ -6,16 +6,181 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.vehicle.basis import PolynomialBasis, orthonormal_basis
-from eightpost.ident.vehicle.transfer_function import TransferFunction, plane_points
+from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
+
+
+# ---- Polynomials that are orthonormal on the points of a fit, so that high orders remain well conditioned -----------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialBasis:
+    """Real polynomials of degree 0 to n.
+
+    Attributes:
+        hessenberg: Hessenberg matrix (n + 1, n).
+        first: Constant polynomial p_0.
+    """
+
+    hessenberg: Array
+    first: float
+
+    def values(self, points: Complex) -> Complex:
+        """Return p_0 ... p_n (K, n + 1) at complex points (K,)."""
+        n = self.hessenberg.shape[1]
+        values = np.empty((points.size, n + 1), dtype=np.complex128)
+        values[:, 0] = self.first
+        for k in range(n):
+            column = self.hessenberg[: k + 2, k]
+            values[:, k + 1] = (points * values[:, k] - values[:, : k + 1] @ column[:-1]) / column[-1]
+        return values
+
+    def roots(self, coefficients: Array) -> Complex:
+        """Return the zeros of `sum_k c_k p_k` (degree,); leading coefficients that are zero are ignored."""
+        n = coefficients.size - 1
+        while n > 0 and coefficients[n] == 0.0:
+            n -= 1
+        if n < 1:
+            return np.empty(0, dtype=np.complex128)
+        companion = self.hessenberg[:n, :n].copy()
+        companion[:, -1] -= (self.hessenberg[n, n - 1] / coefficients[n]) * coefficients[:n]
+        return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128)
+
+    def leading(self, coefficients: Array) -> float:
+        """Return the coefficient of the highest power of s."""
+        n = coefficients.size - 1
+        return float(coefficients[-1] * self.first / np.prod(np.diag(self.hessenberg, -1)[:n]))
+
+
+def orthonormal_basis(points: Complex, weight: Array, degree: int) -> PolynomialBasis:
+    """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with a nonnegative `weight` (K,)."""
+    root = np.sqrt(weight / weight.sum())
+    Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
+    hessenberg = np.zeros((degree + 1, degree))
+    Q[:, 0] = 1.0
+    for k in range(degree):
+        moved = points * Q[:, k]
+        for _ in range(2):  # the second pass removes rounding errors
+            share = np.real((root[:, None] * Q[:, : k + 1]).conj().T @ (root * moved))
+            moved -= Q[:, : k + 1] @ share
+            hessenberg[: k + 1, k] += share
+        hessenberg[k + 1, k] = np.linalg.norm(root * moved)
+        Q[:, k + 1] = moved / hessenberg[k + 1, k]
+    return PolynomialBasis(hessenberg, 1.0)
+
+
+# ---- Weights of fits over frequency (4.4.1, 5.3.3, Eq 6.9) ----------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class BandWeights:
+    """One weight per frequency band, zero elsewhere.
+
+    Attributes:
+        bands: Tuples (low, high, weight) [Hz, Hz, 1]; a band includes its lower limit but not its upper.
+    """
+
+    bands: tuple[tuple[float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        """Check the bands."""
+        for low, high, weight in self.bands:
+            if not (0.0 <= low < high and weight >= 0.0):
+                raise ParameterError(f"the band ({low:g}, {high:g}, {weight:g}) needs 0 <= low < high and weight >= 0")
+
+    def at(self, frequency: Array) -> Array:
+        """Return the weights (K,) at frequencies (K,) [Hz]."""
+        weights = np.zeros_like(frequency)
+        for low, high, weight in self.bands:
+            weights[(frequency >= low) & (frequency < high)] = weight
+        return weights
+
+
+#: 4.4.1, quarter car: 1 below 20 Hz.
+QUARTER_CAR = BandWeights(((0.0, 20.0, 1.0),))
+#: 5.3.3, seven-DOF car.
+SEVEN_DOF = BandWeights(((0.5, 10.0, 1.0), (10.0, 20.0, 0.5)))
+#: Eq 6.9, aeroloaders.
+AEROLOADERS = BandWeights(((0.1, 5.0, 1.0), (5.0, 7.0, 0.5), (7.0, 12.0, 0.1)))
+#: Eq 6.9, wheelloaders and shock forces.
+WHEELLOADERS = BandWeights(((0.5, 10.0, 1.0), (10.0, 15.0, 0.5), (15.0, 20.0, 0.1)))
+
+
+# ---- Transfer functions with one input and one output in parallel modal form ----------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransferFunction:
+    """`H(s) = d + sum_i r_i / (s - p_i)`, or the same in z.
+
+    The coefficients of a direct form of order eight overflow at 500 Hz; those of this form are never large.
+
+    Attributes:
+        poles: Poles p [1/s], or in z if discrete (n,); complex ones in conjugate pairs.
+        residues: Residues r (n,), in the same conjugate pairs.
+        direct: Direct term d.
+        dt: Sample time [s], or None for a continuous transfer function.
+    """
+
+    poles: Complex
+    residues: Complex
+    direct: float
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that there is one residue per pole."""
+        if self.poles.shape != self.residues.shape or self.poles.ndim != 1:
+            raise ParameterError(
+                f"poles have shape {self.poles.shape}, residues {self.residues.shape}; give one residue per pole"
+            )
+
+    @property
+    def order(self) -> int:
+        """Number of poles."""
+        return int(self.poles.size)
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return H (K,) at frequencies (K,) [Hz]."""
+        points = plane_points(np.asarray(frequency_hz, dtype=np.float64), self.dt)
+        parts = self.residues[:, None] / (points[None, :] - self.poles[:, None])
+        return np.asarray(self.direct + parts.sum(axis=0), dtype=np.complex128)
+
+    def modes(self) -> tuple[Mode, ...]:
+        """Return the natural frequency and damping ratio of every pole pair and real pole, slowest first."""
+        A, B, C, D = self.sections()
+        return StateSpace(A, B, C, D, (Channel("input", "1"),), (Channel("output", "1"),), self.dt).modes()
+
+    def sections(self) -> tuple[Array, Array, Array, Array]:
+        """Return A (n, n), B (n, 1), C (1, n), D (1, 1) of parallel real first- and second-order sections."""
+        n = self.order
+        A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+        at = 0
+        for pole, residue in zip(self.poles, self.residues, strict=True):
+            if pole.imag < 0.0:
+                continue
+            if pole.imag == 0.0:
+                A[at, at], B[at, 0], C[0, at] = pole.real, 1.0, residue.real
+                at += 1
+                continue
+            A[at : at + 2, at : at + 2] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
+            B[at, 0], C[0, at : at + 2] = 1.0, (2.0 * residue.real, -2.0 * residue.imag)
+            at += 2
+        return A, B, C, np.array([[self.direct]])
+
+
+def plane_points(frequency: Array, dt: float | None) -> Complex:
+    """Return s = 2 pi j f, or z = exp(2 pi j f dt)."""
+    s = 2j * np.pi * frequency
+    return np.asarray(s if dt is None else np.exp(s * dt), dtype=np.complex128)
+
+
+# ---- Rational fits of one frequency response, like MATLAB's invfreqs and invfreqz (4.3.3, 5.2.3) --------------------
 
 _REWEIGHTINGS = 10
 _HALVINGS = 12

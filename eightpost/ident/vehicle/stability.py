@@ -1,24 +1,63 @@
-"""Stability of an identified vehicle with linear dampers."""
+"""Stability of an identified vehicle with shocks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from eightpost.ident.vehicle.experiment import channel
+from eightpost.vehicle import kernel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
     Array = NDArray[np.float64]
+
+
+# ---- Detection of the intervals in which stepped loads are held constant --------------------------------------------
+
+#: Loads are held if they change by less than `_STILL` of their range within `_LOOK` [s], for at least `_SHORTEST` [s].
+_STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
+
+
+def holds(rows: Array, rate: float) -> list[slice]:
+    """Return the second half of every hold, when oscillations have decayed.
+
+    Args:
+        rows: Loads (A, N).
+        rate: Sample rate [Hz].
+    """
+    look = max(1, round(_LOOK * rate))
+    change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
+    still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    spans = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST * rate]
+    return [slice((start + stop) // 2, stop) for start, stop in spans]
+
+
+# ---- Exact discretisation of models whose states form many independent parts, such as parallel sections -------------
+
+
+def discretise_by_parts(A: Array, B: Array, step: float) -> kernel.Discrete:
+    """Return `kernel.discretise(A, B, step)`, computed part by part, as one for 1200 states takes minutes."""
+    count, part = connected_components(csr_array(A != 0.0), directed=False)
+    Ad, B0, B1 = np.zeros_like(A), np.zeros_like(B), np.zeros_like(B)
+    for number in range(count):
+        states = np.flatnonzero(part == number)
+        driven = np.flatnonzero(B[states].any(axis=0))
+        found = kernel.discretise(A[np.ix_(states, states)], B[np.ix_(states, driven)], step)
+        Ad[np.ix_(states, states)] = found.Ad
+        B0[np.ix_(states, driven)], B1[np.ix_(states, driven)] = found.B0, found.B1
+    return kernel.Discrete(Ad, B0, B1)
+
+
+# ---- Stability of an identified vehicle with linear dampers ---------------------------------------------------------
 
 #: Dampers to try, relative to the baseline damping [1].
 FACTORS = (0.25, 0.45, 0.7, 1.5, 2.0, 3.0)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.holds import holds
+from eightpost.ident.vehicle.stability import holds
 from eightpost.rig.post.modes import MODES
 
 if TYPE_CHECKING:

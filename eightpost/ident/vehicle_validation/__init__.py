@@ -2,13 +2,16 @@
 
 from eightpost.ident.vehicle_validation.comparison import Comparison, Judging
 from eightpost.ident.vehicle_validation.findings import Limits, validation_verdict
-from eightpost.ident.vehicle_validation.kinds import Kind, Recognition, recognise
-from eightpost.ident.vehicle_validation.modes import VehicleMode, modes_of
-from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports
-from eightpost.ident.vehicle_validation.record import RigRecord, record_of
-from eightpost.ident.vehicle_validation.responses import Path, main_paths
-from eightpost.ident.vehicle_validation.study import Case, VehicleValidation, validate_vehicle
-from eightpost.ident.vehicle_validation.trends import Trend
+from eightpost.ident.vehicle_validation.record import Kind, Recognition, RigRecord, recognise, record_of
+from eightpost.ident.vehicle_validation.responses import Path, VehicleMode, main_paths, modes_of
+from eightpost.ident.vehicle_validation.study import (
+    Case,
+    Trend,
+    VehicleValidation,
+    closed_at_ports,
+    open_at_ports,
+    validate_vehicle,
+)
 
 __all__ = [
     "Case",

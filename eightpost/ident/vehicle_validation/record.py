@@ -1,20 +1,110 @@
-"""Rig records that a vehicle is compared with."""
+"""Rig records that a vehicle is validated on."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.ident.vehicle_validation.kinds import Kind, Recognition, recognise
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from eightpost.rig.post import RigConditions, RigTest
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace
+
+    Array = NDArray[np.float64]
+
+
+# ---- Recognition of the kind of test that a rig record contains, from its drive (6.1.3) -----------------------------
+
+Kind = Literal["random", "sine", "bump", "static"]
+
+#: Fraction of the road power within the relative width `_NEAR` of one frequency from which a record is a sine.
+_PURE, _NEAR = 0.9, 0.2
+
+#: Fraction of the time with a constant drive from which a record is a bump or a static test.
+_STANDING = 0.5
+
+#: An input is constant while it changes by less than this fraction of its range in `_LOOK` [s].
+_STILL, _LOOK = 0.01, 0.05
+
+#: Standard deviation of a road input below which it is at rest, above the noise of an LVDT [m].
+_AT_REST = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """Kind of a record, with the reason.
+
+    Attributes:
+        kind: `random` (track records too), `sine`, `bump` or `static`.
+        reason: Property of the drive that decided, as text.
+        frequency: Frequency of a sine [Hz]; None for the other kinds.
+    """
+
+    kind: Kind
+    reason: str
+    frequency: float | None = None
+
+
+def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) -> Recognition:
+    """Recognise the kind of test of a record without means.
+
+    The kinds are tried in this order: static, if no road moves and the loads are constant at least half of the time;
+    sine, if 90 % of the roads' power lies within 20 % of one frequency; bump, if the roads are constant at least half
+    of the time; otherwise random.
+
+    Args:
+        series: The record.
+        roads: Names of its wheelloader channels.
+        loads: Names of its aeroloaders, or of forces and moments on the chassis.
+    """
+    road = _rows(series, roads)
+    if road.std(axis=1).max(initial=0.0) < _AT_REST:
+        share = _standing(_rows(series, loads), series.sample_rate)
+        if share >= _STANDING:
+            return Recognition("static", f"loads constant {100.0 * share:.0f} % of the time, roads at rest")
+        return Recognition("random", "roads at rest, loads always moving")
+    frequency, share = _one_frequency(road, series.sample_rate)
+    if share >= _PURE:
+        reason = f"{100.0 * share:.0f} % of the roads' power is near {frequency:.3g} Hz"
+        return Recognition("sine", reason, frequency)
+    share = _standing(road, series.sample_rate)
+    if share >= _STANDING:
+        return Recognition("bump", f"roads constant {100.0 * share:.0f} % of the time, with steps between")
+    return Recognition("random", "roads always moving, at many frequencies")
+
+
+def _rows(series: TimeSeries, names: Sequence[str]) -> Array:
+    return np.stack([series[name] for name in names]) if names else np.zeros((1, len(series)))
+
+
+def _one_frequency(rows: Array, rate: float) -> tuple[float, float]:
+    """Return the strongest frequency [Hz] and the fraction of the power near it."""
+    power = np.sum(np.abs(np.fft.rfft(rows * np.hanning(rows.shape[1]), axis=1)) ** 2, axis=0)
+    lines = np.fft.rfftfreq(rows.shape[1], 1.0 / rate)
+    top = int(np.argmax(power[1:])) + 1
+    about = slice(max(top - 2, 0), top + 3)  # the window's main lobe
+    frequency = float(lines[about] @ power[about] / power[about].sum())
+    width = max(_NEAR * frequency, 3.0 * lines[1])
+    near = np.abs(lines - frequency) <= width
+    return frequency, float(power[near].sum() / power.sum())
+
+
+def _standing(rows: Array, rate: float) -> float:
+    """Return the fraction of the time in which no row changes."""
+    look = max(1, round(_LOOK * rate))
+    span = np.ptp(rows, axis=1, keepdims=True)
+    change = np.abs(rows[:, look:] - rows[:, :-look])
+    return float(np.mean(np.all(change <= _STILL * span.max(), axis=0)))
+
+
+# ---- Rig records that a vehicle is compared with --------------------------------------------------------------------
 
 #: Approximate rate of prepared records [Hz]: inputs that are linear over 1.6 ms lose 0.3 % at 20 Hz.
 RATE = 625.0

@@ -1,7 +1,8 @@
-"""Tables of a vehicle's validation, for the command line and the report."""
+"""Tables of a vehicle's validation."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,10 +10,49 @@ import numpy as np
 from eightpost.ident.validation.tables import NONE, Amount, Cell, ResultTable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
+    from eightpost.ident.vehicle import VehicleFit
     from eightpost.ident.vehicle_validation.comparison import Comparison
     from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
+
+
+# ---- Tables of a fit's self-assessment, for the command line and the report -----------------------------------------
+
+
+def certainty_table(fit: VehicleFit) -> ResultTable:
+    """Return the uncertainty of each output as the fit estimates it; no rows if the fit does not contain it."""
+    heads = (
+        ("output", ""), ("response, one sigma, %", ""), ("RMS of setups, one sigma, %", ""),
+        ("misfit, standard deviations of the estimate", ""), ("unexplained, % of that without friction", ""),
+    )  # fmt: skip
+    outputs = {} if fit.trust is None else fit.trust.outputs
+    rows: list[tuple[Cell, ...]] = []
+    for name, one in outputs.items():
+        left = NONE if one.with_friction is None else _percent(one.with_friction)
+        rows.append((name, _percent(one.response), _percent(one.measure), Amount(one.misfit, "1", 2), left))
+    return ResultTable("Uncertainty of the outputs, from the fit", heads, tuple(rows))
+
+
+def port_table(fit: VehicleFit) -> ResultTable:
+    """Return the friction and the spring nonlinearity that were estimated at the ports."""
+    heads = (
+        ("port", ""), ("friction, estimate", "N"), ("one sigma", "N"), ("friction, in the model", "N"),
+        ("transition velocity", "m/s"), ("spring, square of travel", "N"), ("one sigma", "N"),
+    )  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    friction, springs = ({}, {}) if fit.trust is None else (fit.trust.friction, fit.trust.springs)
+    for port, force in friction.items():
+        law, spring = fit.vehicle.friction.get(port), springs.get(port)
+        taken = ("none", NONE) if law is None else (Amount(law.force, "N"), Amount(law.velocity, "m/s", 2))
+        bent = (NONE, NONE) if spring is None else (Amount(spring.value, "N", 2), Amount(spring.deviation, "N", 2))
+        rows.append((port or "port", Amount(force.value, "N"), Amount(force.deviation, "N", 2), *taken, *bent))
+    return ResultTable("Estimates at the ports", heads, tuple(rows))
+
+
+def _percent(value: float) -> Amount:
+    return Amount(100.0 * value, "%", 2)
+
+
+# ---- Tables of a vehicle's validation, for the command line and the report ------------------------------------------
 
 
 def overview(study: VehicleValidation) -> ResultTable:
@@ -43,7 +83,7 @@ def _remark(case: Case) -> str:
 
 def _worst(outputs: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
     worst = max(outputs, key=lambda one: abs(getattr(one, figure)), default=None)
-    return (NONE, NONE) if worst is None else (_percent(getattr(worst, figure)), worst.name)
+    return (NONE, NONE) if worst is None else (_tables_percent(getattr(worst, figure)), worst.name)
 
 
 def outputs_table(case: Case) -> ResultTable:
@@ -57,9 +97,9 @@ def outputs_table(case: Case) -> ResultTable:
     for one in case.outputs:
         cells: list[Cell] = [one.name + ("" if one.is_judged else " (not judged)"), one.unit]
         cells += [Amount(one.rms[0], one.unit), Amount(one.rms[1], one.unit)]
-        cells += [_percent(one.level), _percent(one.error), f"{one.correlation:.4f}"]
+        cells += [_tables_percent(one.level), _tables_percent(one.error), f"{one.correlation:.4f}"]
         if smooth:
-            cells += [_percent(smooth[one.name].level), _percent(smooth[one.name].error)]
+            cells += [_tables_percent(smooth[one.name].level), _tables_percent(smooth[one.name].error)]
         rows.append(tuple(cells))
     return ResultTable(case.record.name, tuple(heads), tuple(rows))
 
@@ -78,9 +118,9 @@ def sine_table(study: VehicleValidation) -> ResultTable:
             one.unit,
             Amount(one.amplitude[0], one.unit),
             Amount(one.amplitude[1], one.unit),
-            _percent(one.gain - 1.0),
+            _tables_percent(one.gain - 1.0),
             Amount(float(np.degrees(one.phase)), "1", 2),
-            _percent(one.harmonics),
+            _tables_percent(one.harmonics),
         )
         for case in sorted(study.of_kind("sine"), key=lambda case: case.record.frequency or 0.0)
         for one in case.sines
@@ -101,7 +141,7 @@ def static_table(study: VehicleValidation) -> ResultTable:
     for case in study.of_kind("static"):
         for one in case.holds:
             measured, predicted = one.slopes
-            off = _percent(predicted / measured - 1.0) if measured else NONE
+            off = _tables_percent(predicted / measured - 1.0) if measured else NONE
             rows.append((case.record.name, one.name, Amount(measured, "1"), Amount(predicted, "1"), off))
     return ResultTable("Static records", heads, tuple(rows))
 
@@ -116,11 +156,11 @@ def trend_table(study: VehicleValidation) -> ResultTable:
         (
             trend.name,
             str(len(trend.measured)),
-            _percent(trend.spread),
+            _tables_percent(trend.spread),
             "flat" if trend.is_flat else f"{trend.rank:.3f}",
             "flat" if trend.is_flat else f"{trend.correlation:.4f}",
-            _percent(trend.bias),
-            _percent(trend.remaining_error),
+            _tables_percent(trend.bias),
+            _tables_percent(trend.remaining_error),
         )
         for trend in study.trends
     )
@@ -135,13 +175,13 @@ def path_table(study: VehicleValidation) -> ResultTable:
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for path in study.paths:
-        inside = NONE if path.inside is None else _percent(path.inside)
+        inside = NONE if path.inside is None else _tables_percent(path.inside)
         lowest, median = (
             (NONE, NONE)
             if path.coherence is None
             else (f"{path.coherence.min():.3f}", f"{float(np.median(path.coherence)):.4f}")
         )
-        rows.append((path.output, path.input, _percent(path.misfit), inside, lowest, median))
+        rows.append((path.output, path.input, _tables_percent(path.misfit), inside, lowest, median))
     return ResultTable("Main responses", heads, tuple(rows))
 
 
@@ -180,8 +220,8 @@ def friction_table(study: VehicleValidation) -> ResultTable:
 
 def _means(found: Iterable[Comparison], smooth: Iterable[Comparison], figure: str) -> tuple[Cell, Cell]:
     first, second = (float(np.mean([abs(getattr(one, figure)) for one in some])) for some in (found, smooth))
-    return _percent(first), _percent(second)
+    return _tables_percent(first), _tables_percent(second)
 
 
-def _percent(value: float) -> Amount:
+def _tables_percent(value: float) -> Amount:
     return Amount(100.0 * value, "%", 3 if abs(value) >= 0.01 else 2)

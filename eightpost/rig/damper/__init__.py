@@ -1,6 +1,6 @@
 """Physical damper model, the true system of the virtual dynamometer; no fitted law contains it."""
 
-from eightpost.rig.damper.body import Cylinder, GasChamber, Seals
+from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber, Seals
 from eightpost.rig.damper.builds import (
     BUILDS,
     CONFIGURATIONS,
@@ -12,11 +12,18 @@ from eightpost.rig.damper.builds import (
     linear,
     shim_build,
 )
-from eightpost.rig.damper.cavitation import Cavitation, cavitation
-from eightpost.rig.damper.fluid import Fluid
 from eightpost.rig.damper.physical import PhysicalDamper
-from eightpost.rig.damper.shims import SHIM_SETS, ShimStack
-from eightpost.rig.damper.valves import Bleed, HeadValve, MainPiston, Orifices, ShimValve
+from eightpost.rig.damper.valves import (
+    SHIM_SETS,
+    Bleed,
+    Cavitation,
+    HeadValve,
+    MainPiston,
+    Orifices,
+    ShimStack,
+    ShimValve,
+    cavitation,
+)
 
 __all__ = [
     "BUILDS",

@@ -1,4 +1,4 @@
-"""Cylinder, rod, gas chamber and seals."""
+"""Body and fluid of a physical damper."""
 
 from __future__ import annotations
 
@@ -8,8 +8,87 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eightpost.rig.damper.fluid import ATMOSPHERE
 from eightpost.units import convert
+
+# ---- Compressibility of damper oil with a small amount of free gas --------------------------------------------------
+
+#: Standard atmosphere [Pa], the zero of gauge pressures and the reference pressure of fluid volumes.
+ATMOSPHERE = 101_325.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fluid:
+    """Oil with entrained gas in a chamber with elastic walls.
+
+    A unit of volume at atmospheric pressure p_0 has at the absolute pressure p the volume
+
+        phi(p) = (1 - a) exp(-(p - p_0) / B) + a ((p_0 - p_v) / (p - p_v))^(1 / n)
+
+    and the chamber expands by exp((p - p_0) / B_w), so that the effective bulk modulus is
+
+        1 / B_e = 1 / B_w + [liquid / B + gas / (n (p - p_v))] / phi
+
+    with the two terms of phi as liquid and gas. Gholizadeh, Burton & Schoenau, Fluid bulk modulus: a literature survey,
+    Int. J. Fluid Power 12(3), 2011, review this family of models; here the bubbles contain vapour in addition to gas.
+
+    At low pressure the gas makes the fluid soft; at high pressure the oil and the wall limit the stiffness. The
+    pressure of a bubble is the sum of the pressures of its gas and of the oil's vapour, so p stays above p_v even if a
+    chamber cavitates. Gas neither dissolves nor comes out of solution.
+
+    Attributes:
+        density: Density [kg/m3]; 820 to 880 for damper oils (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
+        bulk_modulus: Bulk modulus B of the oil without gas [Pa]; 1.2 to 1.8 GPa (Gholizadeh et al. 2011).
+        gas_fraction: Volume share a of free gas at atmospheric pressure [1]; up to several % in open systems
+            (Gholizadeh et al. 2011), 0.1 to 1 % in a bled damper with a floating piston.
+        gas_exponent: Polytropic exponent n of the bubbles [1]; 1 for slow and 1.4 for fast motion.
+        vapour_pressure: Absolute vapour pressure p_v [Pa]; under 0.1 kPa for the oil itself, up to 30 kPa if dissolved
+            air comes out first.
+        wall_modulus: Modulus B_w of the chamber walls: tube, seals and piston ring [Pa]; 0.3 to 5 GPa.
+    """
+
+    density: float = 850.0
+    bulk_modulus: float = 1.4e9
+    gas_fraction: float = 0.0033
+    gas_exponent: float = 1.3
+    vapour_pressure: float = 3e3
+    wall_modulus: float = 0.85e9
+
+    @property
+    def span(self) -> float:
+        """Difference between atmospheric and vapour pressure [Pa]."""
+        return ATMOSPHERE - self.vapour_pressure
+
+    def level(self, pressure: float) -> float:
+        """Return the level ln((p - p_v) / (p_0 - p_v)) [1] of an absolute pressure [Pa]; it is the integrated state."""
+        return math.log((pressure - self.vapour_pressure) / self.span)
+
+    def pressure(self, level: float) -> float:
+        """Return the absolute pressure [Pa] of a level [1]."""
+        return self.vapour_pressure + self.span * math.exp(level)
+
+    def expansion(self, pressure: float) -> float:
+        """Return the relative volume phi [1] at an absolute pressure [Pa]."""
+        liquid = (1.0 - self.gas_fraction) * math.exp((ATMOSPHERE - pressure) / self.bulk_modulus)
+        return liquid + self.free_gas(pressure)
+
+    def free_gas(self, pressure: float) -> float:
+        """Return the free gas and vapour at an absolute pressure [Pa] per unit of fluid at atmospheric pressure [1]."""
+        return self.gas_fraction * math.exp(-self.level(pressure) / self.gas_exponent)
+
+    def content(self, pressure: float) -> float:
+        """Return the fluid volume at atmospheric pressure that is in a unit of rigid chamber volume [1]."""
+        return math.exp((pressure - ATMOSPHERE) / self.wall_modulus) / self.expansion(pressure)
+
+    def effective_modulus(self, pressure: float) -> float:
+        """Return the effective bulk modulus B_e [Pa] of fluid and wall at an absolute pressure [Pa]."""
+        gas = self.free_gas(pressure)
+        phi = self.expansion(pressure)
+        oil = (phi - gas) / self.bulk_modulus
+        bubbles = gas / (self.gas_exponent * (pressure - self.vapour_pressure))
+        return 1.0 / (1.0 / self.wall_modulus + (oil + bubbles) / phi)
+
+
+# ---- Cylinder, rod, gas chamber and seals ---------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from eightpost.errors import ParameterError
 from eightpost.rig.damper.body import GasChamber
 from eightpost.rig.damper.physical import PhysicalDamper
-from eightpost.rig.damper.shims import ShimStack
-from eightpost.rig.damper.valves import Bleed, HeadValve, MainPiston, ShimValve
+from eightpost.rig.damper.valves import Bleed, HeadValve, MainPiston, ShimStack, ShimValve
 from eightpost.units import convert
 
 #: One square millimetre [m2].

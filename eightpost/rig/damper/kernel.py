@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from eightpost.rig.damper.fluid import ATMOSPHERE
-from eightpost.rig.damper.restriction import Passage, passage_flow, passage_slope
+from eightpost.rig.damper.body import ATMOSPHERE
+from eightpost.rig.damper.valves import Passage, passage_flow, passage_slope
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from eightpost.rig.damper.body import Cylinder, GasChamber
-    from eightpost.rig.damper.fluid import Fluid
+    from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber
 
     Array = NDArray[np.float64]
     Motion = Callable[[float], tuple[float, float]]

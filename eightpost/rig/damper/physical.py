@@ -14,11 +14,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from eightpost.errors import ParameterError, StepError
-from eightpost.rig.damper.body import Cylinder, GasChamber, Seals
-from eightpost.rig.damper.fluid import Fluid
+from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber, Seals
 from eightpost.rig.damper.kernel import Plant, Valve
-from eightpost.rig.damper.restriction import Passage
-from eightpost.rig.damper.valves import HeadValve, MainPiston, Orifices, ShimValve
+from eightpost.rig.damper.valves import HeadValve, MainPiston, Orifices, Passage, ShimValve
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 

@@ -1,11 +1,145 @@
-"""Parts of the main piston and of the head valve."""
+"""Valves of a physical damper: restrictions, shims, cavitation."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from eightpost.errors import ParameterError
-from eightpost.rig.damper.shims import ShimStack
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from eightpost.signals.timeseries import TimeSeries
+
+
+# ---- Flow through an orifice in parallel with a shim stack, as pure functions of floats in [Pa] and -----------------
+
+
+class Passage(NamedTuple):
+    """One flow direction of a valve: an orifice in parallel with a shim stack over its port.
+
+    The flow through the orifice is laminar at small and turbulent at large pressure drops. The edge of the stack opens
+    gradually, with opening pressures spread evenly from 0 to 2 s. The gap under it and the port are orifices in series:
+
+        Q = G dp / (dp^2 + dp_t^2)^(1/4) + a L / (1 + (a L / P)^2)^(1/2) dp^(1/2)
+        L = dp^2 / (4 s) up to dp = 2 s, then dp - s
+
+    The whole pressure drop lifts the stack, even if part of the drop is in the port.
+
+    Attributes:
+        orifice: Conductance G of the orifice [m3/s/Pa^0.5].
+        transition: Pressure drop dp_t of the transition from laminar to turbulent flow [Pa].
+        opening: Ratio a of the gap's conductance to L [m3/s/Pa^1.5]; 0 without a stack.
+        port: Conductance P of the port [m3/s/Pa^0.5].
+        preload: Mean pressure s at which the edge opens [Pa].
+    """
+
+    orifice: float
+    transition: float
+    opening: float = 0.0
+    port: float = 1.0
+    preload: float = 0.0
+
+
+def passage_flow(drop: float, passage: Passage) -> float:
+    """Return the flow [m3/s] at a pressure drop >= 0 [Pa]."""
+    orifice, transition, opening, port, preload = passage
+    lift = drop - preload if drop >= 2.0 * preload else 0.25 * drop * drop / preload
+    gap = opening * lift
+    ratio = gap / port
+    small = orifice * drop / math.sqrt(math.sqrt(drop * drop + transition * transition))
+    return small + gap * math.sqrt(drop / (1.0 + ratio * ratio))
+
+
+def passage_slope(drop: float, passage: Passage) -> float:
+    """Return the slope dQ / d(dp) [m3/s/Pa] at a pressure drop >= 0 [Pa]."""
+    orifice, transition, opening, port, preload = passage
+    size = drop * drop + transition * transition
+    slope = orifice * (1.0 - 0.5 * drop * drop / size) / math.sqrt(math.sqrt(size))
+    if opening == 0.0 or drop == 0.0:
+        return slope
+    whole = drop >= 2.0 * preload
+    lift, growth = (drop - preload, 1.0) if whole else (0.25 * drop * drop / preload, 0.5 * drop / preload)
+    series = 1.0 + (opening * lift / port) ** 2
+    return slope + opening / math.sqrt(series) * (growth * math.sqrt(drop) / series + 0.5 * lift / math.sqrt(drop))
+
+
+# ---- Shim stacks, by their codes in Table 7.2 -----------------------------------------------------------------------
+
+#: Table 7.2: thicknesses of the four shims of each code [in].
+SHIM_SETS = {
+    "AA": (0.004, 0.004, 0.004, 0.004),
+    "AA+": (0.004, 0.004, 0.006, 0.006),
+    "A-": (0.006, 0.006, 0.004, 0.004),
+    "A": (0.006, 0.006, 0.006, 0.006),
+    "A+": (0.006, 0.006, 0.008, 0.008),
+    "B-": (0.008, 0.008, 0.006, 0.006),
+    "B": (0.008, 0.008, 0.008, 0.008),
+    "B+": (0.008, 0.008, 0.010, 0.010),
+    "C-": (0.010, 0.010, 0.008, 0.008),
+    "C": (0.010, 0.010, 0.010, 0.010),
+    "C+": (0.010, 0.010, 0.012, 0.012),
+    "D-": (0.012, 0.012, 0.010, 0.010),
+    "D": (0.012, 0.012, 0.012, 0.012),
+    "D+": (0.012, 0.012, 0.015, 0.015),
+    "E-": (0.015, 0.015, 0.012, 0.012),
+    "E": (0.015, 0.015, 0.015, 0.015),
+    "E+": (0.015, 0.015, 0.020, 0.020),
+    "F-": (0.020, 0.020, 0.015, 0.015),
+    "F": (0.020, 0.020, 0.020, 0.020),
+}
+
+#: E / (1 - nu^2) of spring steel [Pa].
+PLATE_MODULUS = 206e9 / (1.0 - 0.29**2)
+
+
+@dataclass(frozen=True, slots=True)
+class ShimStack:
+    """A stack of four shims over a ring of ports.
+
+    The shims slide on each other, so their plate stiffnesses D = E t^3 / (12 (1 - nu^2)) add up (Farjoud, Ahmadian,
+    Craft & Burke, Nonlinear modeling and experimental characterization of hydraulic dampers: effects of shim stack
+    and orifice parameters on damper performance, Nonlinear Dynamics 67, 2012). The lift of the edge is
+
+        h = K dp r^4 / D_stack
+
+    Attributes:
+        code: Code in Table 7.2.
+        radius: Radius r of the largest shim [m].
+        deflection: Coefficient K of a plate clamped inside, free outside and uniformly loaded [1]: 0.018, 0.0035, 0.001
+            for a clamp of 0.4, 0.6, 0.7 of the radius (thin-plate theory, tabulated in Roark's Formulas for Stress and
+            Strain).
+        backing: Thickness of the washer behind every stack, which bends with the stack [m].
+
+    Raises:
+        ParameterError: The code does not exist.
+    """
+
+    code: str
+    radius: float = convert(0.65, "in", "m")
+    deflection: float = 0.00254
+    backing: float = convert(0.0045, "in", "m")
+
+    def __post_init__(self) -> None:
+        if self.code not in SHIM_SETS:
+            raise ParameterError(f"there is no shim stack {self.code!r} in Table 7.2; codes: {', '.join(SHIM_SETS)}")
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness D_stack, the sum of E t^3 / (12 (1 - nu^2)) over shims and backing [N.m]."""
+        cubes = sum(convert(thickness, "in", "m") ** 3 for thickness in SHIM_SETS[self.code])
+        return PLATE_MODULUS * (cubes + self.backing**3) / 12.0
+
+    @property
+    def lift(self) -> float:
+        """Lift per pressure drop h / dp [m/Pa]."""
+        return self.deflection * self.radius**4 / self.stiffness
+
+
+# ---- Parts of the main piston and of the head valve -----------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,3 +237,36 @@ class Orifices:
 
     discharge: float = 0.7
     transition: float = field(default=20e3)
+
+
+# ---- Detection of cavitation during a run ---------------------------------------------------------------------------
+
+#: Absolute pressure below which a chamber cavitates [Pa]: dissolved air comes out of the oil.
+CAVITATION_PRESSURE = 30e3
+
+#: Minimum share of the time with cavitation for a cavitating run [1].
+CAVITATION_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Cavitation:
+    """Cavitation in a run.
+
+    Attributes:
+        share: Share of samples with a chamber below 30 kPa absolute [1].
+        lowest: Minimum absolute chamber pressure [Pa].
+    """
+
+    share: float
+    lowest: float
+
+    @property
+    def cavitates(self) -> bool:
+        """Whether the share is more than 1 %."""
+        return self.share > CAVITATION_SHARE
+
+
+def cavitation(response: TimeSeries) -> Cavitation:
+    """Return the cavitation in a response of `PhysicalDamper.respond`."""
+    lower = np.minimum(response["compression_pressure"], response["rebound_pressure"])
+    return Cavitation(float(np.mean(lower < CAVITATION_PRESSURE)), float(lower.min()))

@@ -1,30 +1,29 @@
 """Virtual rig: a quarter-car rig and an 8-post rig with known true cars (dissertation 4.5, 6.1)."""
 
-from eightpost.rig.post.actuators import Actuators
-from eightpost.rig.post.car import Car, Geometry
+from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
 from eightpost.rig.post.channels import RigSensors
-from eightpost.rig.post.drift import NO_DRIFT, Drift
 from eightpost.rig.post.drivefiles import (
     bump_drive,
     quarter_random,
     random_drive,
     sine_drive,
     static_drive,
+    track_drive,
 )
-from eightpost.rig.post.elements import Friction, Springs, Tires
-from eightpost.rig.post.lap import track_drive
 from eightpost.rig.post.program import (
+    NO_DRIFT,
     PROGRAMS,
+    Actuators,
+    Drift,
     PlannedTest,
     bump_test,
     identification_program,
     program,
     random_test,
+    run_test,
 )
-from eightpost.rig.post.rig_faults import MismatchedRateError
-from eightpost.rig.post.rig_signs import SwappedCornersError
+from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
-from eightpost.rig.post.run_test import run_test
 from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.post.simulate import Motion, Run, simulate, simulate_setups
 from eightpost.rig.post.truths import TRUTHS, quarter_truth, seven_dof_truth, stand_in_truth

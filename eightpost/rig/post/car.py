@@ -1,27 +1,19 @@
-"""Car on the virtual rig: masses, positions of its elements, and equation of motion.
-
-    M q'' = sum_shock -(F_shock + F_friction) d(s)/dq + sum_spring -F_spring d(s)/dq
-            + sum_tire F_tire d(w)/dq + sum_load f d(p)/dq - K q - C q'
-
-The equation follows from virtual work, with s the compression of shocks and springs, w the heights of the wheels and p
-the displacements at which loads act. No code is shared with the models that are identified (`eightpost.vehicle`).
-"""
+"""Car on the virtual rig: masses and the elements between them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from eightpost.rig.post.elements import Friction, Springs, Tires
-
     Array = NDArray[np.float64]
+
+
+# ---- Car on the virtual rig -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,3 +95,115 @@ class Car:
     def without_friction(self) -> Car:
         """Return the same car without friction."""
         return replace(self, friction=self.friction.scaled(0.0))
+
+
+# ---- Nonlinear elements of the cars ---------------------------------------------------------------------------------
+
+#: Minimum sliding velocity [m/s]; below it the state of the friction does not change.
+_STILL = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Springs:
+    """Progressive coil springs and bump stops; s is the compression from the static height, positive in bump.
+
+        F = k s (1 + p s) + k_stop max(s - gap, 0)^2
+
+    Attributes:
+        rate: Spring rates k (C, 1) [N/m].
+        progression: Progression p (C, 1) [1/m]; the rate at s is k (1 + 2 p s).
+        stop_gap: Gap to the bump stop (C, 1) [m]; infinite without a stop.
+        stop_rate: Coefficient k_stop of the bump stop (C, 1) [N/m2].
+    """
+
+    rate: Array
+    progression: Array
+    stop_gap: Array
+    stop_rate: Array
+
+    def force(self, compression: Array) -> Array:
+        """Return the change F of the force from static (C, B) [N] at a compression (C, B) [m]."""
+        spring = self.rate * compression * (1.0 + self.progression * compression)
+        into = np.maximum(compression - self.stop_gap, 0.0)
+        return np.asarray(spring + self.stop_rate * into * into)
+
+    def energy(self, compression: Array) -> Array:
+        """Return the change of stored energy from static (C, B) [J], without the work of the static force."""
+        into = np.maximum(compression - self.stop_gap, 0.0)
+        spring = self.rate * compression**2 * (0.5 + self.progression * compression / 3.0)
+        return np.asarray(spring + self.stop_rate * into**3 / 3.0)
+
+    @classmethod
+    def linear(cls, rate: Array) -> Springs:
+        """Return linear springs with a rate (C, 1) [N/m] and without stops."""
+        zero = np.zeros_like(rate)
+        return cls(rate, zero, zero + np.inf, zero)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tires:
+    """Tires that can push but not pull: the total force is max(0, W + k d + c d'), d = road - wheel.
+
+    Attributes:
+        stiffness: Stiffness k (C, 1) [N/m].
+        damping: Damping c (C, 1) [N.s/m].
+        static_load: Static load W (C, 1) [N]; infinite for tires that never lift off.
+    """
+
+    stiffness: Array
+    damping: Array
+    static_load: Array
+
+    def force(self, deflection: Array, speed: Array) -> Array:
+        """Return the change of the tire force from static (C, B) [N], with the minimum -W."""
+        return np.asarray(np.maximum(self.stiffness * deflection + self.damping * speed, -self.static_load))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Friction:
+    """Suspension friction with elastic presliding and stick-slip (LuGre bristle model without micro-damping).
+
+        dz/dt = v - |v| z / z_b(v),  F = sigma z,  z_b = (F_c + (F_s - F_c) exp(-(v / v_s)^2)) / sigma
+
+    Below the breakaway force it sticks and acts as a spring of stiffness sigma; above, it slides with the force F_c.
+
+    Attributes:
+        coulomb: Sliding friction F_c (C, 1) [N].
+        breakaway: Breakaway force F_s (C, 1) [N], at least F_c.
+        stiffness: Presliding stiffness sigma (C, 1) [N/m].
+        stribeck_velocity: Stribeck velocity v_s [m/s].
+    """
+
+    coulomb: Array
+    breakaway: Array
+    stiffness: Array
+    stribeck_velocity: float = 0.01
+
+    def bend(self, before: Array, velocity: Array, step: float) -> Array:
+        """Return the exact bristle deflection z (C, B) [m] after `step` [s] at a constant velocity (C, B) [m/s]."""
+        speed = np.abs(velocity)
+        ratio = velocity / self.stribeck_velocity
+        level = self.coulomb + (self.breakaway - self.coulomb) * np.exp(-ratio * ratio)
+        reach = np.maximum(level, 1e-9) / self.stiffness
+        steady = np.sign(velocity) * reach
+        after = steady + (before - steady) * np.exp(-speed * step / reach)
+        return np.asarray(np.where(speed > _STILL, after, before))
+
+    def force(self, bend: Array) -> Array:
+        """Return the friction force F (C, B) [N], positive in compression."""
+        return np.asarray(self.stiffness * bend)
+
+    def scaled(self, factor: float) -> Friction:
+        """Return a friction with forces multiplied by `factor` and the same presliding distance."""
+        return replace(
+            self,
+            coulomb=self.coulomb * factor,
+            breakaway=self.breakaway * factor,
+            stiffness=self.stiffness * max(factor, 1e-9),
+        )
+
+    @classmethod
+    def none(cls, corners: int) -> Friction:
+        """Return zero friction for `corners` corners."""
+        zero = np.zeros((corners, 1))
+        return cls(zero, zero, zero + 1e-9)

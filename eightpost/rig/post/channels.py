@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.rig.post.drive import RATE
+from eightpost.rig.post.drivefiles import RATE
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries

@@ -1,28 +1,106 @@
-"""Drive files of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3) with commands at 1250 Hz."""
+"""Drive files of the virtual rig."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import fftconvolve, firwin2
 
 from eightpost.errors import ParameterError
-from eightpost.rig.post.drive import RATE
-from eightpost.rig.track import AEROLOADER, WHEELLOADER
+from eightpost.rig.post.modes import aeroloader_forces
+from eightpost.rig.track import AEROLOADER, WHEELLOADER, Track, track_drivefile
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from eightpost.rig.post.car import Car
+    from eightpost.rig.post.car import Car, Geometry
 
     Array = NDArray[np.float64]
+
+
+# ---- Inputs of the integration --------------------------------------------------------------------------------------
+
+#: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
+RATE, STEPS = 1250.0, 4
+
+#: Duration of the lead-in before each record, in which the car comes into motion [s]; it is not recorded.
+LEAD = 6.0
+
+
+class Drives:
+    """Drives of all runs as cubic Hermite splines through their samples.
+
+    During the lead-in, the drive is its first sample multiplied by a factor that grows from 0 to 1 over the first third
+    of the lead-in.
+
+    Attributes:
+        lead: Number of samples of the lead-in.
+        values: Roads and loads (N, U) of each run, contiguous in memory by rows.
+        slopes: Changes of the values per sample (N, U).
+        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
+        weights: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
+    """
+
+    def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
+        """Prepare the drives.
+
+        Args:
+            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share an array.
+            lead: Number of samples of the lead-in.
+            steps: Number S of integration steps per sample.
+        """
+        self.lead = lead
+        own = {id(values): values for values in inputs}
+        rows = {key: np.ascontiguousarray(values.T) for key, values in own.items()}
+        slopes = {key: np.gradient(values, axis=0) for key, values in rows.items()}
+        self.values = [rows[id(values)] for values in inputs]
+        self.slopes = [slopes[id(values)] for values in inputs]
+        self.growth = _growth(lead, self.samples)
+        self.weights = np.stack(_hermite(np.arange(1, steps + 1) / steps))
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the longest run."""
+        return max(len(values) for values in self.values)
+
+    def between(self, sample: int) -> tuple[Array, Array]:
+        """Return values and slopes [1/s] (S, U, B) of all runs after each step from `sample` to the next."""
+        knots = np.stack([*self._at(sample), *self._at(sample + 1)])  # (4, B, U)
+        values, slopes = (np.einsum("sk,kbu->sub", weights, knots) for weights in self.weights)
+        return values, slopes * RATE
+
+    def _at(self, sample: int) -> tuple[Array, Array]:
+        """Return the values and slopes per sample (B, U) of every run at a sample."""
+        growth, rise = self.growth[sample + self.lead]
+        places = [min(max(sample, 0), len(rows) - 1) for rows in self.values]
+        values = np.stack([rows[place] for rows, place in zip(self.values, places, strict=True)])
+        slopes = np.stack([rows[p] * float(p == sample) for rows, p in zip(self.slopes, places, strict=True)])
+        return values * growth, slopes * growth + values * rise
+
+
+def _growth(lead: int, samples: int) -> Array:
+    """Return the factor of the drive, a raised cosine, and its change per sample (lead + samples + 1, 2)."""
+    ramp = max(lead // 3, 1)
+    share = np.minimum(np.arange(lead + samples + 1) / ramp, 1.0)
+    if lead == 0:
+        share[:] = 1.0
+    return np.stack([0.5 - 0.5 * np.cos(np.pi * share), 0.5 * np.pi / ramp * np.sin(np.pi * share)], axis=1)
+
+
+def _hermite(s: Array) -> tuple[Array, Array]:
+    """Return the weights (S, 4) of value, slope, next value and next slope, for the curve and for its slope."""
+    curve = np.stack([2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=1)
+    slope = np.stack([6 * s**2 - 6 * s, 3 * s**2 - 4 * s + 1, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], axis=1)
+    return curve, slope
+
+
+# ---- Drive files of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3) with commands at 1250 Hz --------------
 
 _INCH = convert(1.0, "in", "m")
 _POUND = convert(1.0, "lbf", "N")
@@ -229,3 +307,62 @@ def _shaped_noise(generator: np.random.Generator, count: int, table: Sequence[tu
     noise = fftconvolve(white, firwin2(taps, edges, gains, fs=RATE, nfreqs=32769), mode="valid")
     noise -= noise.mean()
     return np.asarray(noise / np.abs(noise).max(), dtype=np.float64)
+
+
+# ---- Synthetic lap of a track on the virtual rig (6.1.3), because the Richmond drive file is not public -------------
+
+#: Root mean square of the four roads of a lap [m]: 0.64 of the 0.11 in of the identification drive. Laps are smoother
+#: than identification tests: Table 7.4 has 0.2 to 0.28 g at the front hubs and 0.32 to 0.47 g at the rear hubs, which
+#: this car has at 0.03 in; at 0.07 in it has 0.5 to 0.76 g and 0.69 to 1.1 g. The smoother the lap, the larger is the
+#: influence of friction (figures in docs/rig.md); at 0.07 in a linear model has the error found with our prototypes.
+LAP_ROAD = convert(0.07, "in", "m")
+
+#: Ratio of the loads of a lap to those of `Track`, which are those of the identification drive. With half the loads,
+#: the total tire force is 260 to 300 lbf RMS; Table 7.4 has 149 to 204 lbf.
+LAP_LOADS = 0.5
+
+_TRACK = Track()
+_LAP = replace(
+    _TRACK,
+    downforce=2.0 * sum(DOWNFORCE),
+    heave_rms=LAP_LOADS * _TRACK.heave_rms,
+    roll_rms=LAP_LOADS * _TRACK.roll_rms,
+    pitch_rms=LAP_LOADS * _TRACK.pitch_rms,
+)
+
+
+def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LAP_ROAD) -> Drivefile:
+    """Return a synthetic lap for a four-wheeled car; the aeroloaders apply the loads if the car has any.
+
+    The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.
+
+    Args:
+        car: Car whose inputs are commanded.
+        seed: Seed of the noise generator.
+        duration: Duration [s]; all channels grow from their means during the first second.
+        road: Root mean square of the four roads together [m].
+
+    Raises:
+        ParameterError: The car does not have four wheels, or the duration is not positive.
+    """
+    if car.geometry is None:
+        raise ParameterError("a track lap needs a car with four wheels")
+    check_duration(duration)
+    lap = track_drivefile(seed, duration=duration, rate=RATE, track=_LAP).series
+    roads = np.stack([lap[name] for name in car.named("road")])
+    roads *= road / np.sqrt(np.mean(roads**2))
+    channels = {name: ("m", row) for name, row in zip(car.named("road"), roads, strict=True)}
+    if car.loads == car.named("aero"):
+        means = [mean_load(car, name) for name in car.loads]
+        for name, mean, force in zip(car.loads, means, _aeroloaders(lap, car.geometry), strict=True):
+            channels[name] = ("N", mean + force)
+    else:
+        channels |= {name: (lap.unit(name), lap[name]) for name in car.loads}
+    return Drivefile(TimeSeries.from_channels(lap.time, channels))
+
+
+def _aeroloaders(lap: TimeSeries, geometry: Geometry) -> Array:
+    """Return the variation of the aeroloader forces about their means (4, N) [N, down] for the body loads of a lap."""
+    heave = lap["heave_force"] + _LAP.downforce
+    modes = np.stack([heave, lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))])
+    return aeroloader_forces(modes, geometry)

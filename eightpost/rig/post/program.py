@@ -1,14 +1,22 @@
-"""Programs of rig tests for identification, linearity checks and validation (4.5.1, 6.1.3, 6.1.5)."""
+"""Programs of rig tests: actuators, drift of sensors, one test after another."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, lfilter_zi
+
 from eightpost.errors import ParameterError
+from eightpost.rig.post.channels import RigSensors, commands, sensor_channels, with_math
 from eightpost.rig.post.drivefiles import (
     HEAVE_SINES,
+    LEAD,
+    RATE,
     SIGNS,
     TABLE_4_4,
     TILT_SINES,
@@ -17,15 +25,133 @@ from eightpost.rig.post.drivefiles import (
     random_drive,
     sine_drive,
     static_drive,
+    track_drive,
 )
-from eightpost.rig.post.lap import track_drive
+from eightpost.rig.post.rig_test import RigConditions, RigTest
+from eightpost.rig.post.simulate import Run, simulate
+from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from eightpost.rig.post.car import Car
+    from eightpost.rig.post.shocks import Shock
     from eightpost.signals.drivefile import Drivefile
+
+    Array = NDArray[np.float64]
+
+
+# ---- Response of hydraulic wheelloaders and pneumatic aeroloaders to their commands (6.1.1) -------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Actuators:
+    """Actuators modelled as second-order low-passes.
+
+    Attributes:
+        wheelloader: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
+        aeroloader: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
+    """
+
+    wheelloader: float = 125.0
+    aeroloader: float = 9.0
+
+    def follow(self, command: TimeSeries, car: Car) -> TimeSeries:
+        """Return the roads and loads (`car.inputs`) at 1250 Hz for commands with the same names."""
+        grid = command.resample(RATE)
+        roads = car.named("road")
+        channels = {}
+        for name in car.inputs:
+            bandwidth = self.wheelloader if name in roads else self.aeroloader
+            channels[name] = (grid.unit(name), _filter(grid[name], bandwidth))
+        return TimeSeries.from_channels(grid.time, channels)
+
+
+def _filter(command: Array, bandwidth: float) -> Array:
+    """Return a command (N,) after a Butterworth low-pass that starts in steady state at the first value."""
+    numerator, denominator = butter(2, bandwidth, fs=RATE)
+    state = lfilter_zi(numerator, denominator) * command[0]
+    return np.asarray(lfilter(numerator, denominator, command, zi=state)[0], dtype=np.float64)
+
+
+# ---- Random drift of a rig and a car from run to run ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Standard deviations of the random changes from run to run.
+
+    Attributes:
+        friction: Relative change of all friction forces together [1].
+        tire: Relative change of the tires' stiffness, warm or cold [1].
+        load_zero: Zero offset of the load cells [N].
+        travel_zero: Zero offset of the potentiometers [m].
+    """
+
+    friction: float = 0.05
+    tire: float = 0.004
+    load_zero: float = convert(2.0, "lbf", "N")
+    travel_zero: float = convert(0.002, "in", "m")
+
+    def of(self, car: Car, generator: np.random.Generator) -> Car:
+        """Return the car with the random changes of one run."""
+        friction, tire = 1.0 + np.array([self.friction, self.tire]) * generator.standard_normal(2)
+        tires = replace(car.tires, stiffness=car.tires.stiffness * float(tire))
+        return replace(car, friction=car.friction.scaled(max(float(friction), 0.0)), tires=tires)
+
+    def zero(self, name: str, generator: np.random.Generator) -> float:
+        """Return the zero offset of a measured channel in one run, in its SI unit."""
+        spread = {
+            "displacement": self.travel_zero,
+            "force": self.load_zero,
+            "tire_force": self.load_zero,
+            "aero": self.load_zero,
+        }.get(name.rpartition(".")[2], 0.0)
+        return spread * float(generator.standard_normal())
+
+
+NO_DRIFT = Drift(0.0, 0.0, 0.0, 0.0)
+
+
+# ---- Simulation of one test on the virtual rig ----------------------------------------------------------------------
+
+
+def run_test(
+    car: Car,
+    drivefile: Drivefile,
+    shocks: Sequence[Shock],
+    *,
+    seed: int = 0,
+    sensors: RigSensors | None = None,
+    drift: Drift | None = None,
+    actuators: Actuators | None = None,
+    lead: float = LEAD,
+    conditions: RigConditions | None = None,
+) -> RigTest:
+    """Run a test and return its record at 1250 Hz with the channels of Table 6.1.
+
+    Args:
+        car: Car to test.
+        drivefile: Commands with the car's `inputs` as channels.
+        shocks: One shock per corner.
+        seed: Seed of noise and drift.
+        sensors: Sensor noise; default that of a rig, `RigSensors.perfect()` for none.
+        drift: Standard deviations of the random drift; `NO_DRIFT` for none.
+        actuators: Bandwidths of the actuators.
+        lead: Lead-in before the record [s]; see `simulate`.
+        conditions: Conditions to write into the file; the name of the car and the seed are added.
+    """
+    generator, drift = np.random.default_rng(seed), drift or Drift()
+    car = drift.of(car, generator)
+    drive = (actuators or Actuators()).follow(drivefile.series, car)
+    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
+    channels = sensor_channels(car, motion, sensors or RigSensors(), generator)
+    channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}
+    series = TimeSeries.from_channels(motion.time, channels | commands(car, drivefile.series))
+    known = RigConditions(truth=car.name, seed=seed)
+    return RigTest(with_math(car, motion, series), (conditions or RigConditions()).over(known))
+
+
+# ---- Programs of rig tests for identification, linearity checks and validation (4.5.1, 6.1.3, 6.1.5) ----------------
 
 _INCH = convert(1.0, "in", "m")
 

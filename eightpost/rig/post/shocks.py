@@ -1,19 +1,18 @@
-"""Shocks on the virtual rig: laws of `eightpost.shock`, dampers of the virtual dynamometer, and linear dampers.
-
-Corners and runs are computed in parallel arrays: all ports with the same shock form a bank.
-"""
+"""Shocks of the car on the virtual rig."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.errors import ParameterError
 from eightpost.rig.damper import PhysicalDamper
-from eightpost.rig.post.physical_bank import PhysicalBank
 from eightpost.rig.truth_damper import TruthDamper, ValveSide
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.lpf1 import Lpf1
@@ -21,11 +20,61 @@ from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.polylinear import Polylinear
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     Array = NDArray[np.float64]
+
+
+# ---- Physical dampers on the virtual rig ----------------------------------------------------------------------------
+
+#: The L-stable second-order method ROS2.
+_GAMMA = 1.0 + math.sqrt(0.5)
+
+
+class PhysicalBank:
+    """K ports with the same physical damper; each has its own chamber levels and gas volume."""
+
+    def __init__(self, damper: PhysicalDamper, ports: int) -> None:
+        """Initialise every damper at rest at mid-travel."""
+        self._damper, self._ports = damper, ports
+        self._states = np.array([damper._rest(0.0)] * ports)
+        self._places, self._drag = np.zeros(ports), np.zeros(ports)
+        self._now = (0.0, 0.0)
+        self._rates = damper.plant.rates(self._motion)
+        self._jacobian = damper.plant.jacobian(self._motion)
+
+    def _motion(self, t: float) -> tuple[float, float]:
+        return self._now
+
+    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
+        """Return the forces (K,) [N] after a step; see `Bank.advance` for the arguments."""
+        for k in range(self._ports):
+            self._now = (float(displacement[k]), 0.5 * (float(before[k]) + float(after[k])))
+            self._states[k] = self._step(self._states[k], step)
+        self._update_drag(displacement)
+        return self._force()
+
+    def _step(self, states: Array, step: float) -> Array:
+        """Return the states after a step at a constant velocity."""
+        matrix = np.eye(3) - step * _GAMMA * np.array(self._jacobian(states, 0.0))
+        first = np.linalg.solve(matrix, np.array(self._rates(states, 0.0)))
+        second = np.array(self._rates(states + step * first, 0.0)) - 2.0 * first
+        return np.asarray(states + step * (1.5 * first + 0.5 * np.linalg.solve(matrix, second)))
+
+    def _update_drag(self, displacement: Array) -> None:
+        """Update the Dahl friction of the seals to new displacements (K,) [m]."""
+        seals, moved = self._damper.seals, displacement - self._places
+        end = np.copysign(seals.drag, moved)
+        self._drag = end + (self._drag - end) * np.exp(-np.abs(moved) / seals.length)
+        self._places = displacement
+
+    def _force(self) -> Array:
+        damper = self._damper
+        fluid, cylinder = damper.fluid, damper.cylinder
+        pressures = fluid.vapour_pressure + fluid.span * np.exp(self._states[:, :2])
+        ends = pressures[:, 0] * cylinder.compression_area - pressures[:, 1] * cylinder.rebound_area
+        return np.asarray(ends + damper.plant.force(0.0, 0.0) + self._drag)
+
+
+# ---- Shocks on the virtual rig --------------------------------------------------------------------------------------
 
 #: Maximum port velocity of the tables [m/s] and their spacing [m/s].
 _FASTEST, TABLE_SPACING = 6.0, 2.5e-4

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.rig.post.car import Car, Geometry
-from eightpost.rig.post.elements import Friction, Springs, Tires
+from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
 from eightpost.units import convert
 
 if TYPE_CHECKING:

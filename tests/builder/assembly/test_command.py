@@ -2,7 +2,7 @@
 
 from click.testing import CliRunner
 
-from builder.native.platforms import this_platform
+from builder.native.toolchain import this_platform
 from eightpost.verbs.build import build as command
 
 

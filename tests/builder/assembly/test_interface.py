@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from builder.assembly.interface import assembly_interface
+from builder.assembly.plan import assembly_interface
 from cosim import FmuComponent
 from eightpost.archive import read_archive
-from eightpost.commands.assemble import assembly_of
+from eightpost.commands.build import assembly_of
 
 from .hosts import ROADS
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cosim.study import Build, Drive, Measure, Study, Vehicle
-from cosim.study.running import work
+from cosim.study.running import workers
 
 CORNERS = ("lf", "rf", "lr", "rr")
 TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
@@ -27,13 +27,13 @@ class WorkersHere:
     ran: list[int] = field(default_factory=list)
 
     def choose(self, study):
-        return work.choose(study.to_json())
+        return workers.choose(study.to_json())
 
     def rows(self, study, coupling, chunks: Sequence, stop: Callable[[], bool]):
         for chunk in chunks:
             if stop():
                 return
-            rows = work.rows(study.to_json(), coupling, chunk.indices)
+            rows = workers.rows(study.to_json(), coupling, chunk.indices)
             self.ran += chunk.indices
             yield chunk, rows
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from cosim.study.measures import Measure
-from cosim.study.running import work
+from cosim.study.running import workers
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
@@ -61,7 +61,7 @@ class InProcess:
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         for chunk in chunks:
             self.ran.extend(chunk.indices)
-            yield chunk, work.rows(study.to_json(), coupling, chunk.indices)
+            yield chunk, workers.rows(study.to_json(), coupling, chunk.indices)
 
     def close(self) -> None:
         pass

@@ -9,9 +9,8 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.choice.compare_runs import read_run_list
-from cosim.study.choice.selection import select
-from cosim.study.choice.selection_file import write_selection
+from cosim.study.choice.compare import read_run_list
+from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.study.running.digest import file_digests, study_digest
+from cosim.study.running.chunks import file_digests, study_digest
 from cosim.study.running.sweep import Sweep, run_study
 from eightpost.errors import InputError, StepError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.study.choice.factor import Factor, factors_of, indices_of, levels_of
+from cosim.study.choice.sensitivity import Factor, factors_of, indices_of, levels_of
 from cosim.study.setup import SetupSpace
 
 BUILDS = ("AA/AA", "B/B", "C/C")

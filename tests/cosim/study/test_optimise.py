@@ -7,8 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.choice.optimise import Scores, optimise
-from cosim.study.choice.pareto import hypervolume
+from cosim.study.choice.optimise import Scores, hypervolume, optimise
 from cosim.study.setup import SetupSpace
 from eightpost.errors import InputError
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.choice.optimise import optimise
-from cosim.study.choice.optimise_study import scores_of
-from cosim.study.choice.pareto import hypervolume
+from cosim.study.choice.optimise import hypervolume, optimise, scores_of
 from cosim.study.result import StudyResult
 from eightpost.__main__ import main
 

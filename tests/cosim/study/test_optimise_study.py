@@ -7,9 +7,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from cosim.study.choice.optimise_study import Search, scores_of, search_study, violation
-from cosim.study.running.requested import Requested
-from cosim.study.running.sweep import run_study
+from cosim.study.choice.optimise import Search, scores_of, search_study, violation
+from cosim.study.running.sweep import Requested, run_study
 from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.choice.pareto import hypervolume, pareto_front
+from cosim.study.choice.optimise import hypervolume, pareto_front
 
 
 def by_definition(values: np.ndarray) -> np.ndarray:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.choice.robust import Spread, run_to_run, spreads_of
-from cosim.study.choice.robust_draws import Uncertain, drawn_studies
-from cosim.study.choice.robust_table import read_spreads, write_spreads
+from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, run_to_run, spreads_of
+from cosim.study.choice.robust_file import read_spreads, write_spreads
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
 

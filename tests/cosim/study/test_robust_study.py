@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.study.choice.compare import Measured, comparisons
 from cosim.study.choice.compare_file import write_comparisons
-from cosim.study.choice.compare_runs import Measured, comparisons
-from cosim.study.choice.robust import OBJECTIVE, spreads_of
-from cosim.study.choice.robust_draws import Uncertain, drawn_studies
+from cosim.study.choice.robust import OBJECTIVE, Draws, Uncertain, drawn_studies, leading, run_draws, spreads_of
 from cosim.study.choice.robust_file import read_uncertainty
-from cosim.study.choice.robust_study import Draws, leading, run_draws
 from cosim.study.running.sweep import run_study
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError

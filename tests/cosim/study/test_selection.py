@@ -8,11 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.choice.compare_runs import read_run_list
+from cosim.study.choice.compare import read_run_list
 from cosim.study.choice.robust import spreads_of
-from cosim.study.choice.robust_table import write_spreads
-from cosim.study.choice.selection import _spread, select
-from cosim.study.choice.selection_file import read_selection, write_selection
+from cosim.study.choice.robust_file import write_spreads
+from cosim.study.choice.selection import _spread, read_selection, select, write_selection
 from cosim.study.study import Term
 from eightpost.commands.study_page import chosen_so_far
 from eightpost.errors import InputError

@@ -7,8 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cosim.study.choice.factor import Factor
-from cosim.study.choice.sensitivity import sensitivities_of, sensitivity
+from cosim.study.choice.sensitivity import Factor, sensitivities_of, sensitivity
 from eightpost.errors import InputError
 
 from .constructed import result

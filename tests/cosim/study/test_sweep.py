@@ -8,9 +8,8 @@ import pytest
 
 import cosim
 from cosim.study import Build, Constraint, Measure, StudyResult, Term
-from cosim.study.running.evaluator import Evaluator
+from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import Sweep, run_study
-from cosim.study.running.trace import coupling_of, traces
 from cosim.study.running.workers import ProcessWorkers
 from eightpost.errors import FileFormatError
 from eightpost.signals import Drivefile

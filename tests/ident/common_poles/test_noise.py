@@ -8,11 +8,9 @@ import pytest
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, response_deviation, sampled_models
-from eightpost.ident.vehicle.common_poles.feedthrough import Feedthrough
-from eightpost.ident.vehicle.common_poles.points import points_of
-from eightpost.ident.vehicle.common_poles.realisation import Blocks
+from eightpost.ident.vehicle.common_poles.deviations import correlation_length
+from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, points_of
 from eightpost.ident.vehicle.common_poles.refinement import curvature, evaluate
-from eightpost.ident.vehicle.common_poles.uncertainty import correlation_length
 from eightpost.vehicle import StateSpace
 
 from .conftest import FREQUENCY, noisy

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.ident.vehicle_validation import validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.fit_tables import certainty_table, port_table
-from eightpost.ident.vehicle_validation.report import write_vehicle_report
+from eightpost.ident.vehicle_validation.page import write_vehicle_report
+from eightpost.ident.vehicle_validation.tables import certainty_table, port_table
 from eightpost.verdict import Grade
 
 from .conftest import records_of

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageChops
 
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.fit_plots import plot_fits
+from eightpost.ident.vehicle.plots import plot_fits
 
 from .conftest import truth_fit
 

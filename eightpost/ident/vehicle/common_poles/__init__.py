@@ -1,13 +1,18 @@
 """Minimal vehicle models in which all paths share the same poles."""
 
-from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel
-from eightpost.ident.vehicle.common_poles.deviations import output_trust
-from eightpost.ident.vehicle.common_poles.order import OrderStudy
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel, OrderStudy
+from eightpost.ident.vehicle.common_poles.deviations import (
+    Ranges,
+    output_trust,
+    ranges_of,
+    response_deviation,
+    sampled_models,
+    spread,
+    unmodelled,
+)
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
 from eightpost.ident.vehicle.common_poles.stabilisation import orders_of, plot_stabilisation, stabilisation
 from eightpost.ident.vehicle.common_poles.swapping import SafeSlopes, safe_slopes
-from eightpost.ident.vehicle.common_poles.trust import Ranges, ranges_of, unmodelled
-from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
 
 __all__ = [
     "CommonPoleFit",

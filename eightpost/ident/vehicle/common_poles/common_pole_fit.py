@@ -1,40 +1,163 @@
-"""Fit of one minimal linear model to a response; all paths share the same poles, as section 6.6 asks."""
+"""Fit of one model with common poles, and the choice of its order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.common_poles.feedthrough import Feedthrough
-from eightpost.ident.vehicle.common_poles.order import OrderStudy, description_length, start, study_orders
-from eightpost.ident.vehicle.common_poles.physics import (
+from eightpost.ident.vehicle.common_poles.points import Feedthrough, Points, points_of, solve_inputs
+from eightpost.ident.vehicle.common_poles.refinement import (
+    Refinement,
+    RefinementResult,
+    Solution,
     direct_terms,
+    evaluate,
     integrals,
     roads,
     with_integrals,
     without_integrals,
 )
-from eightpost.ident.vehicle.common_poles.points import Points, points_of
-from eightpost.ident.vehicle.common_poles.refinement import Refinement, RefinementResult, Solution
-from eightpost.ident.vehicle.common_poles.rest import bring_to_rest
 from eightpost.ident.vehicle.common_poles.subspace import subspace_of
 from eightpost.vehicle.statespace import StateSpace
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from eightpost.ident.response import FrequencyResponse
-    from eightpost.ident.vehicle.common_poles.realisation import Blocks
+    from eightpost.ident.vehicle.common_poles.points import Blocks
+    from eightpost.ident.vehicle.common_poles.subspace import Subspace
     from eightpost.vehicle.statespace import Channel
 
     Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
     Channels = tuple[Channel, ...]
+
+
+# ---- Correction of a model so that its velocities have exactly no response to constant inputs -----------------------
+
+#: Number of frequencies at which the change is evaluated, and relative regularisation of its curvature [1].
+_FREQUENCIES, _REGULAR = 100, 1e-12
+
+
+def bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
+    """Return the model with velocities that have no response to constant inputs.
+
+    Args:
+        model: Stable continuous model; velocities have no direct term.
+        slow: Number of leading states whose inputs may change; the road lags after them stay unchanged.
+        s: Values of s at which the change is evaluated [1/s] (K,).
+        weight: Weight of the outputs' responses (p, K); 0 where they are unknown.
+    """
+    velocities = [i for i, name in enumerate(model.output_names) if name.rpartition(".")[2] == "velocity"]
+    if not velocities:
+        return model
+    held = np.linalg.solve(model.A.T, model.C[velocities].T).T
+    chosen = slice(None, None, max(1, s.size // _FREQUENCIES))
+    inverse = np.linalg.inv(_curvature(model, slow, s[chosen], weight[:, chosen]))
+    moved, left = held[:, :slow], held @ model.B
+    B = model.B.copy()
+    B[:slow] -= inverse @ moved.T @ np.linalg.solve(moved @ inverse @ moved.T, left)
+    return replace(model, B=B)
+
+
+def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array:
+    """Return the cost matrix of changes of the slow states' inputs (slow, slow)."""
+    A, C = model.A[:slow, :slow], model.C[:, :slow]
+    total = np.zeros((slow, slow))
+    for frequency, size in zip(s, weight.T, strict=True):
+        answers = size[:, None] * (C @ np.linalg.inv(frequency * np.eye(slow) - A))
+        total += np.real(answers.conj().T @ answers)
+    return np.asarray(total + _REGULAR * np.trace(total) * np.eye(slow))
+
+
+# ---- Choice of the number of states ---------------------------------------------------------------------------------
+
+#: Ratio of a singular value to the next one from which the gap is clear [1].
+CLEAR_GAP = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrderStudy:
+    """Comparison of models of increasing order.
+
+    Attributes:
+        orders: Even numbers of states (R,).
+        costs: Sum of squares of each model's weighted misfit, with optimal inputs and outputs for its poles (R,).
+        gaps: Ratio of the singular value of the order to the next one [1] (R,).
+        poles: Poles of each model before unstable ones are mirrored [1/s].
+        samples: Number of real values that were fitted.
+        parameters: Number of parameters of each model (R,).
+    """
+
+    orders: tuple[int, ...]
+    costs: Array
+    gaps: Array
+    poles: tuple[Complex, ...]
+    samples: int
+    parameters: Array
+
+    @property
+    def clear(self) -> bool:
+        """Whether the singular values have a clear gap."""
+        return bool(self.gaps.max() >= CLEAR_GAP)
+
+    @property
+    def suggested(self) -> int:
+        """The highest order with a clear gap; without one, the order with the minimum description length.
+
+            N log(cost / N) + parameters log N
+
+        Source: J. Rissanen, "Modeling by shortest data description", Automatica 14 (1978) 465-471, doi
+        10.1016/0005-1098(78)90005-5.
+        """
+        if self.clear:
+            return self.orders[int(np.flatnonzero(self.gaps >= CLEAR_GAP)[-1])]
+        N = float(self.samples)
+        length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
+        return self.orders[int(np.argmin(length))]
+
+
+def study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
+    """Compare the models of several orders that one subspace gives.
+
+    Args:
+        points: Response values.
+        subspace: Subspace of the response.
+        through: Direct terms and lags.
+        orders: Even numbers of states in increasing order.
+    """
+    values = subspace.values
+    found = [start(points, subspace, order, through)[0] for order in orders]
+    p, m = through.direct.shape
+    return OrderStudy(
+        orders,
+        np.array([solution.cost for solution in found]),
+        np.array([values[order - 1] / max(values[order], 1e-12 * values[0]) for order in orders]),
+        tuple(solution.blocks.poles for solution in found),
+        2 * int(points.known.sum()),
+        np.array([order * (p + m) + through.count for order in orders]),
+    )
+
+
+def start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
+    """Return the subspace's model of an order and the number of unstable poles that were mirrored."""
+    blocks, C, mirrored = subspace.blocks(order)
+    return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
+
+
+def description_length(solution: Solution, points: Points) -> float:
+    """Return the description length of a model as defined in `OrderStudy.suggested`."""
+    N = 2.0 * float(points.known.sum())
+    p, m = solution.through.direct.shape
+    parameters = solution.blocks.states * (p + m) + solution.through.count
+    return float(N * np.log(max(solution.cost, 1e-300) / N) + parameters * np.log(N))
+
+
+# ---- Fit of one minimal linear model to a response; all paths share the same poles, as section 6.6 asks -------------
 
 #: A misfit below this many standard deviations is attributed to noise [1].
 _EXPLAINED = 1.1

@@ -1,29 +1,86 @@
-"""Uncertainty due to noise of each output of a common-pole model: of its responses, and of its RMS in a setup."""
+"""Standard deviations of a model and of its responses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from eightpost.ident.vehicle.common_poles.physics import integrals
-from eightpost.ident.vehicle.common_poles.uncertainty import response_deviation, sampled_models, spread
+from eightpost.ident.threads import for_each
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
+from eightpost.ident.vehicle.common_poles.refinement import Refinement, integrals
 from eightpost.ident.vehicle.trust import OutputTrust
 from eightpost.vehicle import add_port_damping
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel
+    from eightpost.ident.response import FrequencyResponse
     from eightpost.ident.vehicle.experiment import Experiment
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace
 
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
+
+
+# ---- Uncertainty of a common-pole model due to noise, from models of responses with resampled noise -----------------
+
+#: Correlation below which values count as uncorrelated [1].
+_UNCORRELATED = 0.1
+
+
+def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) -> tuple[StateSpace, ...]:
+    """Return models of the response with resampled noise.
+
+    Args:
+        found: Common-pole model.
+        count: Number of models.
+        seed: Seed of the noise generator.
+    """
+    generator, length = np.random.default_rng(seed), correlation_length(found.refined.solution.misfit)
+    drawn = [_noise(found, generator, length) for _ in range(count)]
+    return tuple(for_each(drawn, lambda noise: _sampled(found, noise)))
+
+
+def response_deviation(models: tuple[StateSpace, ...], frequency_hz: ArrayLike) -> Array:
+    """Return the standard deviation of |H| over sampled models (p, m, K)."""
+    H = np.stack([model.frequency_response(frequency_hz) for model in models])
+    return np.asarray(np.sqrt(np.mean(np.abs(H - H.mean(axis=0)) ** 2, axis=0) * len(models) / (len(models) - 1)))
+
+
+def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Array]) -> Array:
+    """Return the standard deviation of measures over sampled models, in the shape of the measures."""
+    return np.asarray(np.std(np.stack([measures(model) for model in models]), axis=0, ddof=1))
+
+
+def correlation_length(misfit: Complex) -> int:
+    """Return the number of frequencies over which the misfit (p, m, K) is correlated, as bands may overlap."""
+    power = float(np.mean(np.abs(misfit) ** 2))
+    for lag in range(1, misfit.shape[2]):
+        correlation = float(np.mean((misfit[..., lag:] * misfit[..., :-lag].conj()).real)) / max(power, 1e-300)
+        if correlation < _UNCORRELATED:
+            return lag
+    return int(misfit.shape[2])
+
+
+def _noise(found: CommonPoleModel, generator: np.random.Generator, length: int) -> Complex:
+    """Return noise of standard deviation 1 (p, m, K), correlated over `length` neighbouring frequencies."""
+    points = found.points
+    white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
+    window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
+    return np.asarray(window.sum(axis=3) / np.sqrt(length))
+
+
+def _sampled(found: CommonPoleModel, noise: Complex) -> StateSpace:
+    points, solution = found.points, found.refined.solution
+    noisy = replace(points, H=points.H + np.where(points.known, points.deviation, 0.0) * noise)
+    refined = Refinement(max_iterations=1).refine(noisy, solution.blocks, solution.through)
+    return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)
+
+
+# ---- Uncertainty due to noise of each output of a common-pole model -------------------------------------------------
 
 #: Linear dampers with which the RMS of an output is evaluated, relative to the baseline damping [1].
 DAMPERS = (0.5, 1.0, 2.0)
@@ -114,3 +171,148 @@ def _relative(deviation: Array, size: Array) -> Array:
     """Return the relative standard deviation of each output's responses (p,); all inputs have equal weight."""
     whole = np.maximum(np.mean(size**2, axis=2), 1e-300)
     return np.asarray(np.sqrt(np.mean(np.mean(deviation**2, axis=2) / whole, axis=1)))
+
+
+# ---- Validity of an identified car ----------------------------------------------------------------------------------
+
+#: Misfit, in standard deviations of the estimate, above which it is reported as more than noise [1].
+EXCESS = 1.5
+
+#: Unexplained part of an output above which it is reported, and coherence above which it is good [1].
+_NOISY, _FINE = 0.05, 0.95
+
+#: Ratio of a simulated amplitude to that of the tests above which it is extrapolated [1].
+_MARGIN = 1.1
+
+#: Tire force relative to its mean load at or below which the tire has left the ground [1].
+_LIFTED = 0.01
+
+_RANGED = ("velocity", "displacement", "force", "tire_force")
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """Ranges that the tests covered.
+
+    Attributes:
+        frequency: Lowest and highest frequency of the fit [Hz].
+        channels: Smallest and largest value by channel, SI.
+    """
+
+    frequency: tuple[float, float]
+    channels: Mapping[str, tuple[float, float]]
+
+    def as_mapping(self) -> dict[str, tuple[float, float]]:
+        """Return the ranges by channel and the frequency range, in the form stored in a fit."""
+        return {"frequency": self.frequency, **self.channels}
+
+    @classmethod
+    def of_mapping(cls, ranges: Mapping[str, tuple[float, float]]) -> Ranges:
+        """Return the ranges stored in a fit."""
+        return cls(ranges["frequency"], {name: span for name, span in ranges.items() if name != "frequency"})
+
+    def beyond(self, series: TimeSeries) -> tuple[str, ...]:
+        """Return one sentence for each channel of a simulation that exceeds the ranges of the tests."""
+        notes = []
+        for name, (low, high) in self.channels.items():
+            if name not in series:
+                continue
+            largest, covered = float(np.abs(series[name]).max()), max(abs(low), abs(high))
+            if largest > _MARGIN * covered:
+                notes.append(
+                    f"{name} reaches {largest:.4g} {series.unit(name)}, in the tests {covered:.4g}: extrapolated."
+                )
+        return (*notes, *self._beyond_frequency(series))
+
+    def _beyond_frequency(self, series: TimeSeries) -> tuple[str, ...]:
+        lines = np.fft.rfftfreq(len(series), 1.0 / series.sample_rate)
+        notes = []
+        for name in series.names:
+            if name.rpartition(".")[2] not in ("velocity", "tire_force"):
+                continue
+            power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
+            share = float(np.sqrt(power[lines > self.frequency[1]].sum() / max(float(power.sum()), 1e-300)))
+            if share > 0.1:
+                part = f"{100.0 * share:.0f} % of {name} (RMS) is above {self.frequency[1]:g} Hz"
+                notes.append(f"{part}, the highest fitted frequency: extrapolated.")
+        return tuple(notes)
+
+
+def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
+    """Return the ranges that the tests covered."""
+    names = [name for name in (*experiment.forces, *experiment.outputs) if name.rpartition(".")[2] in _RANGED]
+    low = {name: min(float(test[name].min()) for test in tests) for name in names}
+    high = {name: max(float(test[name].max()) for test in tests) for name in names}
+    return Ranges(frequency, {name: (low[name], high[name]) for name in names})
+
+
+def unmodelled(
+    response: FrequencyResponse, found: CommonPoleModel, tests: Sequence[TimeSeries], means: Mapping[str, float]
+) -> dict[str, str]:
+    """Return one sentence for each sign of an effect that is not in the model, by kind of effect.
+
+    Args:
+        response: Response that was fitted.
+        found: Common-pole model.
+        tests: Records of the tests, without means.
+        means: Mean tire forces that the original records had [N], by channel.
+    """
+    sentences = {
+        "misfit": _misfits(found),
+        "lift-off": _lifted(tests, means),
+        "unexplained": _coherence(response, found),
+    }
+    return {what: sentence for what, sentence in sentences.items() if sentence}
+
+
+def _misfits(found: CommonPoleModel) -> str:
+    worst: dict[str, float] = {}
+    for name, value in found.excess.items():
+        quantity = name.rpartition(".")[2]
+        worst[quantity] = max(value, worst.get(quantity, 0.0))
+    listed = ", ".join(f"{quantity} {value:.1f}" for quantity, value in worst.items() if value > EXCESS)
+    if not listed:
+        return ""
+    return (
+        f"The misfit is larger than noise (in standard deviations, worst of each: {listed}). Likely causes are "
+        "nonlinear effects, above all stick-slip, or too few states. The reported standard deviations are increased "
+        "accordingly."
+    )
+
+
+def _lifted(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> str:
+    """Return a sentence on tires that leave the ground.
+
+    Channels with means near zero are changes from rest and are skipped.
+    """
+    lifted = {
+        name: min(float(test[name].min()) + mean for test in tests) / mean
+        for name, mean in means.items()
+        if name.rpartition(".")[2] == "tire_force" and name in tests[0] and mean > float(tests[0][name].std())
+    }
+    names = sorted(name for name, lowest in lifted.items() if lowest <= _LIFTED)
+    if not names:
+        return ""
+    return (
+        f"Tires leave the ground ({', '.join(names)}), which the linear model cannot represent; lower the road's peak."
+    )
+
+
+def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> str:
+    """Return a sentence on outputs that are noisy although their coherence is good: a sign of friction or springs."""
+    if response.coherence is None:
+        return ""
+    low, high = found.band
+    inside = (response.frequency >= low) & (response.frequency <= high)
+    left = np.sqrt(1.0 - np.median(response.coherence[:, inside], axis=1))
+    names = [
+        f"{name} {100.0 * share:.0f} %"
+        for name, share in zip(response.output_names, left, strict=True)
+        if _NOISY < share < np.sqrt(1.0 - _FINE**2)
+    ]
+    if not names:
+        return ""
+    return (
+        f"Not explained by any linear response although coherence is good: {', '.join(names)} of the output. If the "
+        "sensors are less noisy than that, the cause is friction or nonlinear springs."
+    )

@@ -1,21 +1,178 @@
-"""Data of a common-pole fit: response values with their standard deviations, in scaled channels."""
+"""Points of frequency responses that a model is fitted to, and the model's form."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.ident.response import FrequencyResponse
 
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
+
+
+# ---- Effects of inputs on outputs besides the common poles ----------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feedthrough:
+    """The terms `D_ij + E_ij / (1 + s / rate)`.
+
+    A damped tire responds to the velocity of the road, which a proper model cannot represent: the tire force grows with
+    frequency, and a part of the wheel velocity follows the road directly. A lag far above the band approximates this
+    velocity and leaves shock velocities without a direct term.
+
+    Attributes:
+        direct: Mask of the direct terms D_ij that exist (p, m).
+        lagged: Mask of the inputs that have a lag (m,); it may act on all outputs.
+        rate: Rate of the lag [1/s].
+    """
+
+    direct: NDArray[np.bool_]
+    lagged: NDArray[np.bool_]
+    rate: float
+
+    @classmethod
+    def of(cls, direct: NDArray[np.bool_], rate: float) -> Feedthrough:
+        """Return direct terms without any lag."""
+        return cls(direct, np.zeros(direct.shape[1], dtype=np.bool_), rate)
+
+    def with_lags(self, inputs: NDArray[np.bool_]) -> Feedthrough:
+        """Return the same terms with a lag on the `inputs`, a mask (m,)."""
+        return replace(self, lagged=inputs)
+
+    @property
+    def states(self) -> int:
+        """Number of states of the lags."""
+        return int(self.lagged.sum())
+
+    @property
+    def count(self) -> int:
+        """Number of unknown coefficients."""
+        return int(self.direct.sum()) + len(self.direct) * self.states
+
+    def lag(self, s: Complex) -> Complex:
+        """Return 1 / (1 + s / rate) (K,)."""
+        return np.asarray(1.0 / (1.0 + s / self.rate))
+
+    def of_output(self, i: int, weight: Array, s: Complex) -> Complex:
+        """Return the weighted terms of output `i` as columns (m, K, r): direct ones, then lags."""
+        return _columns(weight, np.flatnonzero(self.direct[i]), np.flatnonzero(self.lagged), self.lag(s))
+
+    def of_input(self, j: int, weight: Array, s: Complex) -> Complex:
+        """Return the weighted terms of input `j` as columns (p, K, r): direct ones, then lags."""
+        lagged = np.arange(len(weight)) if self.lagged[j] else np.empty(0, dtype=np.intp)
+        return _columns(weight, np.flatnonzero(self.direct[:, j]), lagged, self.lag(s))
+
+
+def _columns(weight: Array, direct: NDArray[np.intp], lagged: NDArray[np.intp], lag: Complex) -> Complex:
+    columns = np.zeros((*weight.shape, direct.size + lagged.size), dtype=np.complex128)
+    for k, place in enumerate(direct):
+        columns[place, :, k] = weight[place]
+    for k, place in enumerate(lagged, start=direct.size):
+        columns[place, :, k] = weight[place] * lag
+    return columns
+
+
+# ---- Common-pole model made of real second-order blocks; each is a pair of poles shared by all paths ----------------
+
+#: Lower limit of the damping ratio of a block [1].
+_LIGHTEST = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Poles and input matrices of N blocks.
+
+    Attributes:
+        w: Natural frequencies [1/s] (N,), above zero.
+        zeta: Damping ratios [1] (N,), above zero.
+        B: Input matrices (N, 2, m).
+    """
+
+    w: Array
+    zeta: Array
+    B: Array
+
+    @property
+    def states(self) -> int:
+        """The number of states."""
+        return 2 * self.w.size
+
+    @property
+    def poles(self) -> Complex:
+        """The poles (2 N,) [1/s]."""
+        root = np.sqrt(self.zeta.astype(np.complex128) ** 2 - 1.0)
+        return np.concatenate((self.w * (-self.zeta + root), self.w * (-self.zeta - root)))
+
+    @property
+    def A(self) -> Array:  # noqa: N802  the symbol of the equation
+        """The state matrix (2 N, 2 N)."""
+        return np.asarray(block_diag(*self._matrices()), dtype=np.float64)
+
+    @property
+    def input_matrix(self) -> Array:
+        """The input matrix (2 N, m)."""
+        return self.B.reshape(self.states, -1)
+
+    def _matrices(self) -> Array:
+        zero = np.zeros_like(self.w)
+        return np.stack((np.stack((zero, self.w), -1), np.stack((-self.w, -2.0 * self.zeta * self.w), -1)), -2)
+
+    def resolvent(self, s: Complex) -> Complex:
+        """Return (s I - A_k)^-1 (N, 2, 2, K)."""
+        w, z = self.w[:, None], self.zeta[:, None]
+        divisor = s**2 + 2.0 * z * w * s + w**2
+        full = np.broadcast_to(w, divisor.shape)
+        rows = [[s + 2.0 * z * w, full], [-full, s + 0.0 * w]]
+        return np.asarray(np.stack([np.stack(row, 1) for row in rows], 1) / divisor[:, None, None, :])
+
+    def states_response(self, s: Complex) -> Complex:
+        """Return (s I - A)^-1 B (2 N, m, K)."""
+        response = np.einsum("nabk,nbj->najk", self.resolvent(s), self.B)
+        return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
+
+    def normalised(self) -> Blocks:
+        """Return the same poles with the input matrix of every block scaled to norm 1."""
+        size = np.linalg.norm(self.B, axis=(1, 2), keepdims=True)
+        return Blocks(self.w, self.zeta, self.B / np.where(size > 0.0, size, 1.0))
+
+
+def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
+    """Return blocks with the given poles and without inputs (m = 0), and their output matrix (p, 2 N).
+
+    Args:
+        poles: Stable poles [1/s] (2 N,); complex ones in conjugate pairs.
+        C: Mode shapes (p, 2 N), in the same conjugate pairs: outputs per modal coordinate.
+    """
+    w, zeta, outputs = [], [], []
+    for first, second in _pairs(poles):
+        product, total = float((poles[first] * poles[second]).real), float((poles[first] + poles[second]).real)
+        rate = np.sqrt(product)
+        w.append(rate)
+        zeta.append(max(-0.5 * total / rate, _LIGHTEST))
+        # Modal coordinates of the block: x = T (z1, z2) with rows (1, 1) and (lambda1, lambda2) / w.
+        T = np.array([[1.0, 1.0], [poles[first] / rate, poles[second] / rate]])
+        outputs.append(np.real(C[:, [first, second]] @ np.linalg.inv(T)))
+    return Blocks(np.array(w), np.array(zeta), np.zeros((len(w), 2, 0))), np.concatenate(outputs, axis=1)
+
+
+def _pairs(poles: Complex) -> list[tuple[int, int]]:
+    """Pair each complex pole with its conjugate and each real pole with the next faster one."""
+    upper = [int(i) for i in np.flatnonzero(poles.imag > 0.0)]
+    pairs = [(i, int(np.argmin(np.abs(poles - poles[i].conj())))) for i in upper]
+    real = sorted((int(i) for i in np.flatnonzero(poles.imag == 0.0)), key=lambda i: float(abs(poles[i])))
+    return pairs + list(zip(real[::2], real[1::2], strict=True))
+
+
+# ---- Data of a common-pole fit --------------------------------------------------------------------------------------
 
 _SWEEPS = 6
 
@@ -107,3 +264,71 @@ def _sizes(H: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
 
 def _root(power: Array) -> Array:
     return np.sqrt(np.where(power > 0.0, power, 1.0))
+
+
+# ---- Exact solutions of the linear parts of a common-pole model -----------------------------------------------------
+
+
+class Row(NamedTuple):
+    """Least-squares solution of one output.
+
+    Attributes:
+        c: Row of the output matrix (n,).
+        d: Direct terms (m,); 0 for inputs without one.
+        lagged: Gains of the lagged inputs (m,); 0 for inputs without a lag.
+        misfit: Weighted complex misfit (m, K).
+        Q: Orthonormal basis of the responses that the row can represent (m, 2 K, r): real parts, then imaginary parts.
+    """
+
+    c: Array
+    d: Array
+    lagged: Array
+    misfit: Complex
+    Q: Array
+
+
+def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
+    """Fit output `i` for given poles and inputs.
+
+    Args:
+        points: Response values.
+        i: Index of the output.
+        X: Response of the states (s I - A)^-1 B (n, m, K).
+        through: Direct terms and lags.
+    """
+    weight, (n, m, _) = points.weight[i], X.shape
+    target = weight * points.H[i]
+    terms = through.of_output(i, weight, points.s)
+    solution, Q = _solved(np.moveaxis(X * weight, 0, -1), terms, target)
+    d, lagged, direct = np.zeros(m), np.zeros(m), through.direct[i]
+    split = n + int(direct.sum())
+    d[direct], lagged[through.lagged] = solution[n:split], solution[split:]
+    explained = np.tensordot(solution[:n], X * weight, 1) + terms @ solution[n:]
+    return Row(solution[:n], d, lagged, np.asarray(target - explained), Q.reshape(m, -1, solution.size))
+
+
+def solve_inputs(points: Points, blocks: Blocks, C: Array, through: Feedthrough) -> Blocks:
+    """Return the blocks with the best inputs for given poles and output matrix C (p, n)."""
+    shapes = np.einsum("pna,nabk->pnbk", C.reshape(len(C), -1, 2), blocks.resolvent(points.s))
+    shapes = shapes.reshape(len(C), blocks.states, points.s.size)
+    inputs = [_input(points, j, shapes, through) for j in range(points.H.shape[1])]
+    return Blocks(blocks.w, blocks.zeta, np.stack(inputs, axis=1).reshape(blocks.w.size, 2, -1)).normalised()
+
+
+def _input(points: Points, j: int, shapes: Complex, through: Feedthrough) -> Array:
+    weight = points.weight[:, j]
+    weighted = np.moveaxis(shapes * weight[:, None, :], 1, -1)
+    terms = through.of_input(j, weight, points.s)
+    return _solved(weighted, terms, weight * points.H[:, j])[0][: shapes.shape[1]]
+
+
+def _solved(states: Complex, terms: Complex, target: Complex) -> tuple[Array, Array]:
+    """Return the real least-squares solution of equations (rows, K, columns), and the basis Q of the columns."""
+    matrix = np.concatenate((states, terms), axis=2)
+    real = np.concatenate((matrix.real, matrix.imag), axis=1).reshape(-1, matrix.shape[2])
+    size = np.linalg.norm(real, axis=0)
+    size[size == 0.0] = 1.0
+    Q, R = np.linalg.qr(real / size)
+    goal = np.concatenate((target.real, target.imag), axis=1).reshape(-1)
+    solution = np.linalg.lstsq(R, Q.T @ goal, rcond=1e-13)[0]
+    return np.asarray(solution / size), np.asarray(Q)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from eightpost.files import atomic_path
-from eightpost.ident.vehicle.common_poles.order import CLEAR_GAP
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 
 if TYPE_CHECKING:
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel
-    from eightpost.ident.vehicle.common_poles.order import OrderStudy
+    from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, OrderStudy
 
     Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.errors import TooShortError
-from eightpost.ident.vehicle.common_poles.realisation import Blocks, blocks_of
+from eightpost.ident.vehicle.common_poles.points import Blocks, blocks_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

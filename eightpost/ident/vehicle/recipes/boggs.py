@@ -11,14 +11,14 @@ import numpy as np
 
 from eightpost.errors import InputError
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, contribution_error, response_of
-from eightpost.ident.response.power import input_power
-from eightpost.ident.response.preconditioning import Preconditioning
+from eightpost.ident.response.averaged import input_power
+from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.balanced import balance
+from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.ident.vehicle.weights import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
 if TYPE_CHECKING:

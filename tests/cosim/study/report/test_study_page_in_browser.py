@@ -7,8 +7,8 @@ import pytest
 
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.report.from_result import sheet_of
 from cosim.study.report.page import Extras, page
+from cosim.study.report.write import sheet_of
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 IN, LBF = 0.0254, 4.4482216152605  # exact definitions

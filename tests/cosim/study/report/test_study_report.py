@@ -15,15 +15,9 @@ from cosim.study.choice.robust import Spread
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
-from cosim.study.report.colors import build_colors
-from cosim.study.report.corner import dominant_corner
-from cosim.study.report.csv_tables import write_ranking, write_traces
-from cosim.study.report.figures import front, write_figures
-from cosim.study.report.from_result import sheet_of
-from cosim.study.report.page import Extras, page
-from cosim.study.report.scale import Scale
-from cosim.study.report.summary import headline
-from cosim.study.report.workbook import write_workbook
+from cosim.study.report.page import Extras, dominant_corner, front, headline, page, write_figures
+from cosim.study.report.sheet import Scale, build_colors
+from cosim.study.report.write import sheet_of, write_ranking, write_traces, write_workbook
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Constraint, Term
 from cosim.study.verdict import study_verdict

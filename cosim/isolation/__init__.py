@@ -1,1 +1,0 @@
-"""Components in separate processes, so that a failure that ends such a process does not end this one."""

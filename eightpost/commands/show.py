@@ -1,0 +1,166 @@
+"""Summaries of runs, rig records and verdicts on the console."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+import cosim
+from cosim.result import DISPLAY
+from eightpost import units
+from eightpost.ident.preparation import check_lost_channels, drifts, record_lags
+from eightpost.verdict import Grade, Reason, Verdict
+
+if TYPE_CHECKING:
+    from eightpost.rig.post import RigTest
+    from eightpost.signals import ChannelMap
+    from eightpost.signals.raw_record import RawRecord
+
+
+# ---- Output of a verdict, the same for every command ----------------------------------------------------------------
+
+_COLORS: Mapping[Grade, str] = {
+    Grade.USABLE: "green",
+    Grade.LIMITED: "yellow",
+    Grade.UNKNOWN: "cyan",
+    Grade.NOT_USABLE: "red",
+}
+
+
+def show_verdict(console: Console, verdict: Verdict) -> None:
+    """Print a verdict: its grade, and each of its reasons on a line of its own."""
+    color = _COLORS[verdict.grade]
+    console.print(f"[bold {color}]{verdict.headline}[/]: {escape(verdict.detail)}.", highlight=False, soft_wrap=True)
+    for reason in verdict.reasons:
+        console.print(f"  {_line(reason)}", highlight=False, soft_wrap=True)
+
+
+def _line(reason: Reason) -> str:
+    text = f"{reason.about}: {reason.statement}: {reason.figure} ({reason.origin})"
+    remedy = "" if reason.grade is Grade.USABLE else f". To do: {reason.remedy}"
+    return f"[{_COLORS[reason.grade]}]{reason.grade.value}[/] {escape(text + remedy)}"
+
+
+# ---- Output of `eightpost run` and the demo about a run -------------------------------------------------------------
+
+
+def show_result(console: Console, name: str, result: cosim.Result) -> None:
+    """Print scheme, step and duration of a run, its statistics, its errors and its verdict."""
+    scheme = f"{result.algorithm}: {result.scheme}" if result.scheme else result.algorithm
+    console.print(
+        f"{escape(name)}: {result.steps} steps of {_step(result)}, {scheme} ({', '.join(result.order)}), "
+        f"{result.seconds:.2f} s",
+        highlight=False,
+    )
+    console.print(_statistics(result))
+    _show_local_error(console, result)
+    for bond, energy in result.energy.items():
+        console.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
+                      f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
+    if result.held_direct:
+        console.print(
+            f"[yellow]note[/] {len(result.held_direct)} outputs, e.g. {result.held_direct[0]}, depend directly on an "
+            "input that is held over each step: their error is proportional to the step (docs/coupling.md; list in "
+            "result.json)",
+            highlight=False,
+        )
+    for note in result.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_verdict(console, result.verdict)
+
+
+def show_verification(console: Console, verification: cosim.Verification, result: cosim.Result) -> None:
+    """Print the difference between a run and its repetition at a finer step, channel by channel."""
+    table = Table(
+        Column("channel", no_wrap=True), "difference", "stated error",
+        caption=f"RMS in % of the standard deviation: steps of {_step(result)} and of {_step(verification.finer)}",
+    )  # fmt: skip
+    for name, difference in sorted(verification.difference.items(), key=lambda item: -item[1]):
+        stated = result.stated_error.get(name)
+        table.add_row(name, f"{difference:.2g} %", "" if stated is None else f"{stated:.2g} %")
+    console.print(table)
+
+
+def _step(result: cosim.Result) -> str:
+    if result.largest_step > result.step * (1.0 + 1e-9):
+        return f"{result.step * 1e3:.3g} to {result.largest_step * 1e3:.3g} ms"
+    return f"{result.step * 1e3:.4g} ms"
+
+
+def _show_local_error(console: Console, result: cosim.Result) -> None:
+    """Print the largest local error of a bond if the run states no coupling error."""
+    if result.coupled and not result.stated_error:
+        bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
+        console.print(
+            f"coupling error of a single step: {local:.2g} % of the standard deviation (bond {bond})", highlight=False
+        )
+
+
+def _statistics(result: cosim.Result) -> Table:
+    table = Table(
+        Column("channel", no_wrap=True), "unit", "mean", "RMS", "minimum", "maximum", caption="RMS about the mean"
+    )
+    series = result.settled()
+    for channel in series.names:
+        unit = DISPLAY.get(series.unit(channel), series.unit(channel))
+        values = units.convert(series[channel], series.unit(channel), unit)
+        numbers = (values.mean(), values.std(), values.min(), values.max())
+        table.add_row(channel, unit, *(f"{number:.4g}" for number in numbers))
+    return table
+
+
+# ---- Output of `eightpost inspect` for a rig file -------------------------------------------------------------------
+
+
+def is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
+    """Return whether a file is a rig file: it has wheelloaders, by its own names or by a map."""
+    names = {*record.names, *(channel_map.channels if channel_map else ())}
+    return bool(names & {"road", "lf.road", "rf.road", "lr.road", "rr.road"})
+
+
+def show_rig_test(console: Console, test: RigTest) -> bool:
+    """Print channels, conditions and lags of a rig test; return whether something is suspicious.
+
+    Raises:
+        ConstantChannelError: A channel becomes constant during the record.
+    """
+    series = test.series
+    check_lost_channels(series, test.corners, path=test.source)
+    console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}")
+    console.print(_channel_table(test))
+    known = test.conditions
+    for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
+        if line:
+            console.print(escape(line))
+    for note in test.derived:
+        console.print(f"[yellow]note[/] {escape(note)}")
+    return _show_lags(console, test)
+
+
+def _channel_table(test: RigTest) -> Table:
+    series = test.series
+    table = Table("channel", "unit", "minimum", "maximum", "mean", "std")
+    for name, unit, values in zip(series.names, series.units, series.values, strict=True):
+        numbers = (values.min(), values.max(), values.mean(), values.std())
+        table.add_row(name, unit, *(f"{number:.5g}" for number in numbers))
+    return table
+
+
+def _show_lags(console: Console, test: RigTest) -> bool:
+    lags, changes = record_lags(test.series, test.corners), drifts(test.series, test.corners)
+    late = [lag for lag in lags if lag.is_notable]
+    for lag in lags:
+        word = "[red]warning[/] " if lag.is_notable else ""
+        console.print(f"{word}{escape(str(lag))}")
+    if late:
+        console.print("shift the channels of a late logger with delays (docs/rig_data.md)")
+    for drift in changes:
+        console.print(
+            f"[red]warning[/] from start to end {escape(drift.channel)} falls behind {escape(drift.against)} by "
+            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ"
+        )
+    return bool(late or changes)

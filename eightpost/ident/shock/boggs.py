@@ -1,0 +1,131 @@
+"""The dissertation's recipe (3.3): the curve first, then tau on a grid, then LPNL2's parameters by constrained search.
+
+The curve is fitted without lag to the low-passed record and then kept; the model's force is not low-passed again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, minimize
+
+from eightpost.errors import ParameterError
+from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
+from eightpost.ident.shock.force import FORCE, linear_solution
+from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.uncertainty import covariance
+from eightpost.shock.curve import INNER_ORDER
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.force import ForceModel, Models
+
+    Array = NDArray[np.float64]
+
+#: Spacing of the time constants on the grid [s] (3.3.2).
+INCREMENT = 1e-4
+
+#: Starting values of the transition forces, relative to the peak static force.
+_STARTS = ((0.1, 0.5), (0.3, 0.9), (0.6, 1.5))
+
+_NEGATIVE = "gas stiffness fixed at 0: the fit to this record would make it negative"
+
+
+@dataclass(frozen=True, slots=True)
+class Boggs:
+    """Step-by-step fit in the order of 3.3, with the printed bounds."""
+
+    ceiling = FORCE[1]
+
+    def fit(self, models: Models) -> Solution:
+        """Return the dissertation's solution.
+
+        Args:
+            models: Function that returns the model of an order and a join of the cubics; here the join is free.
+
+        Raises:
+            ParameterError: The dissertation has no recipe for the law.
+        """
+        dynamics = models.dynamics
+        if not isinstance(dynamics, NoLag | FullLag | FadingLag):
+            raise ParameterError("recipe 'boggs' supports the dissertation's laws only; fit this law with 'joint'")
+        static = _static(models("free", INNER_ORDER))
+        if isinstance(dynamics, FullLag):
+            return _on_grid(static, dynamics)
+        if isinstance(dynamics, FadingLag):
+            return _constrained(static, dynamics)
+        return static
+
+
+def _static(model: ForceModel) -> Solution:
+    columns, target = model.linear_columns[model.runs.inside], model.runs.measured
+    weights = linear_solution(columns, target)
+    if model.gas.size and weights[-1] < 0.0:
+        return replace(_static(replace(model, gas=model.gas.without_stiffness())), notes=(_NEGATIVE,))
+    at_rows = np.hstack([model.curve_rows(), model.gas_rows])
+    spread = covariance(at_rows, at_rows @ weights - model.runs.target, model.runs)
+    return Solution(model, weights, spread, True, "linear least squares")
+
+
+def _on_grid(static: Solution, dynamics: FullLag) -> Solution:
+    """Return the best of tau = 0.1, 0.2, .. 10 ms within the bounds."""
+    lowest, highest = dynamics.limits.time_constant
+    first, last = int(np.ceil(lowest / INCREMENT * (1.0 - 1e-9))), int(np.floor(highest / INCREMENT * (1.0 + 1e-9)))
+    grid = [number * INCREMENT for number in range(first, last + 1)]
+    errors = [_error(static, np.array([tau])) for tau in grid]
+    return _with_theta(static, np.array([grid[int(np.argmin(errors))]]), True, f"best of {len(grid)} time constants")
+
+
+def _constrained(static: Solution, dynamics: FadingLag) -> Solution:
+    """Minimise over tau and the transition forces by SLSQP, from LPF1's tau and a few pairs of forces."""
+    simple = replace(static, model=static.model.with_dynamics(FullLag(dynamics.limits)))
+    tau = float(_on_grid(simple, FullLag(dynamics.limits)).parameters[-1])
+    curve = static.parameters[: static.model.curve_count]
+    peak = float(np.abs(static.model.basis.columns @ curve).max())
+    unit = np.array([1e-3, peak, peak])
+    bounds = np.array(dynamics.value_bounds()) / unit[:, None]
+
+    def error(values: Array) -> float:
+        return _error(static, dynamics.theta(*(values * unit).tolist()))
+
+    def apart(values: Array) -> float:
+        return float(values[2] - values[1]) - dynamics.limits.gap / peak
+
+    results = [
+        minimize(
+            error,
+            np.clip(np.array([tau, full * peak, zero * peak]) / unit, *bounds.T),
+            method="SLSQP",
+            bounds=Bounds(*bounds.T),
+            constraints={"type": "ineq", "fun": apart},
+            options={"ftol": 1e-9, "maxiter": 100},
+        )
+        for full, zero in _STARTS
+    ]
+    best = min(results, key=lambda result: float(result.fun))
+    theta = dynamics.theta(*(best.x * unit).tolist())
+    return _with_theta(static, theta, bool(best.success), f"SLSQP: {best.message}")
+
+
+def _error(static: Solution, theta: Array) -> float:
+    """Return the mean square error over the force's variance [1] with a fixed curve."""
+    model = static.model
+    force = model.force(np.append(static.parameters, theta))[model.runs.inside]
+    return float(np.mean((force - model.runs.measured) ** 2)) / model.runs.deviation**2
+
+
+def _with_theta(static: Solution, theta: Array, converged: bool, status: str) -> Solution:
+    """Add theta to the static solution; its covariance is that of theta alone, because the curve was fixed."""
+    model, m = static.model, static.parameters.size
+    parameters = np.append(static.parameters, theta)
+    spread = np.zeros((parameters.size, parameters.size))
+    spread[:m, :m] = static.covariance
+    spread[m:, m:] = covariance(_by_theta(model, parameters), model.rows(parameters) - model.runs.target, model.runs)
+    return Solution(model, parameters, spread, converged, status, static.notes)
+
+
+def _by_theta(model: ForceModel, parameters: Array) -> Array:
+    """Return the derivative of the rows by theta (R, k)."""
+    return model.rows_jacobian(parameters)[:, model.linear_count :]

@@ -1,0 +1,420 @@
+"""Laws with a closed form in the fit: LPF1 and LPNL2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+
+from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.force import Dynamics, linear_solution
+from eightpost.ident.shock.lag import lag, lag_sensitivity
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, own_parameters
+from eightpost.shock.law import MOST_PIECES, STRAIGHT
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.force import ForceModel, Limits
+    from eightpost.shock import Port, ShockLaw, StaticCurve
+    from eightpost.signals import TimeSeries
+
+    Array = NDArray[np.float64]
+
+
+# ---- Variable projection --------------------------------------------------------------------------------------------
+
+#: Number of values of tau in the first scan, evenly spaced in its logarithm between the bounds.
+_SCAN = 12
+
+#: Starting points of LPNL2: tau relative to LPF1's, and the transition forces relative to the peak static force.
+_TAU_SHARES = (1.0, 1.7)
+_FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
+
+
+def projected(model: ForceModel, curve_rows: Array) -> tuple[Array, float]:
+    """Return curve and gas (n + g,) for columns of the curve at the rows (R, n), and the sum of squares [N2]."""
+    runs = model.runs
+    root = np.sqrt(runs.weights)
+    columns, target = root[:, None] * np.hstack([curve_rows, model.gas_rows]), root * runs.target
+    gram = columns.T @ columns
+    # The basis is orthogonal and a lag changes that little, so the normal equations are accurate, and fast.
+    if np.linalg.cond(gram) < 1e10:
+        weights = np.linalg.solve(gram, columns.T @ target)
+    else:
+        weights = linear_solution(columns, target)
+    return weights, float(np.sum((columns @ weights - target) ** 2))
+
+
+def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
+    """Return curve, gas and tau (n + g + 1,) of the best single lag: a scan of tau, then a search."""
+
+    def cost(logarithm: float) -> float:
+        return projected(model, model.curve_rows(float(np.exp(logarithm))))[1]
+
+    grid = np.log(np.geomspace(*bounds, _SCAN))
+    best = int(np.argmin([cost(value) for value in grid]))
+    bracket = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _SCAN - 1)])
+    found = minimize_scalar(cost, bounds=bracket, method="bounded", options={"xatol": 1e-4})
+    tau = float(np.exp(found.x))
+    return np.append(projected(model, model.curve_rows(tau))[0], tau)
+
+
+def fading_starts(model: ForceModel, dynamics: FadingLag, lpf1: Array, count: int) -> list[Array]:
+    """Return the best starting points (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
+    static = model.static(lpf1[: model.curve_count])
+    taus = np.minimum(float(lpf1[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
+    starts = []
+    for tau in taus.tolist():
+        behind = dynamics.behind(model, tau)
+        for theta in _fading_thetas(dynamics, tau, float(np.abs(static).max())):
+            linear, cost = projected(model, dynamics.faded_rows(model, static, theta, behind))
+            starts.append((cost, np.append(linear, theta)))
+    starts.sort(key=lambda start: start[0])
+    return [parameters for _, parameters in starts[:count]]
+
+
+def _fading_thetas(dynamics: FadingLag, tau: float, peak: float) -> Iterable[Array]:
+    for full in _FULL_SHARES:
+        for zero in _ZERO_SHARES:
+            if zero > full:
+                yield dynamics.theta(tau, full * peak, zero * peak)
+
+
+# ---- Simulation of a law over a whole record with array operations, with the results of the scalar law --------------
+
+
+def simulate(law: ShockLaw, series: TimeSeries) -> Array:
+    """Return the port force (N,) [N], positive in compression, of a law driven by a record.
+
+    The velocity changes linearly between the samples, the static force in the straight pieces of `ShockLaw.follow`, as
+    in the FMU, and the lag starts in equilibrium, F_lag = F_s.
+
+    Args:
+        law: Law with its port.
+        series: `velocity` [m/s] at the port; `displacement` [m] from the gas spring's reference, 0 if missing.
+
+    Raises:
+        MissingChannelError: The record has no velocity.
+    """
+    port = law.port
+    velocity = port.motion_ratio * series["velocity"]
+    displacement = series["displacement"] if "displacement" in series else np.zeros(len(series))
+    valve = _valve_forces(law, velocity, series)
+    seal = port.seal_friction * np.tanh(velocity / port.friction_velocity)
+    gas = port.gas_preload + port.gas_stiffness * port.motion_ratio * displacement
+    return np.asarray(port.motion_ratio * (valve + seal + gas), dtype=np.float64)
+
+
+def _scales(port: Port, velocity: Array) -> Array:
+    return np.where(velocity > 0.0, port.compression_scale, port.rebound_scale)
+
+
+def _static_forces(law: ShockLaw, velocity: Array) -> Array:
+    """Return F_s (N,) [N] at damper velocities (N,) [m/s]."""
+    return _scales(law.port, velocity) * curve_forces(law.curve, velocity)
+
+
+def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
+    """Return alpha F_lag + (1 - alpha) F_s (N,) [N] over damper velocity (N,) [m/s]."""
+    if isinstance(law, Polylinear) or len(series) < 2:
+        return _static_forces(law, velocity)
+    step = np.full(len(series) - 1, 1.0 / series.sample_rate) if series.is_uniform else np.diff(series.time)
+    pieces = _Pieces.of(series["velocity"], step, law.port.motion_ratio)
+    if not isinstance(law, Lpf1 | Lpnl2):
+        return _stepped(law, pieces)
+    static = _static_forces(law, velocity)
+    lagged, weight = _lagged(law, static[0], pieces), _weights(law, static)
+    return weight * lagged + (1.0 - weight) * static
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pieces:
+    """The intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record.
+
+    Attributes:
+        velocity: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
+        step: Duration (M,) of each piece [s].
+        first: Index (N-1,) of the first piece after each sample.
+        left: Time (M,) from the end of each piece to the next sample [s].
+        between: Time (N-1,) from sample to sample [s].
+    """
+
+    velocity: Array
+    step: Array
+    first: NDArray[np.int64]
+    left: Array
+    between: Array
+
+    @staticmethod
+    def of(velocity: Array, step: Array, motion_ratio: float) -> _Pieces:
+        """Divide the intervals of steps (N-1,) [s] between port velocities (N,) [m/s]."""
+        count = np.minimum(np.floor(np.abs(motion_ratio * np.diff(velocity)) / STRAIGHT) + 1.0, MOST_PIECES)
+        whole = count.astype(np.int64)
+        first = np.concatenate([[0], np.cumsum(whole)[:-1]])
+        sample = np.repeat(np.arange(len(step)), whole)
+        share = (np.arange(len(sample)) - first[sample] + 1) / count[sample]
+        start, end = velocity[:-1][sample], velocity[1:][sample]
+        ends = np.where(share == 1.0, end, start + (end - start) * share)
+        joined = motion_ratio * np.concatenate([velocity[:1], ends])
+        return _Pieces(joined, (step / count)[sample], first, step[sample] * (1.0 - share), step)
+
+    def at_samples(self, values: Array) -> Array:
+        """Return the values at the samples (N,), given values (M+1,) at the ends of the pieces."""
+        return np.concatenate([values[self.first], values[-1:]])
+
+
+def _lagged(law: Lpf1 | Lpnl2, begin: float, pieces: _Pieces) -> Array:
+    """Return F_lag (N,) [N], as `eightpost.shock.lag.advance` computes it, for all pieces at once."""
+    static = _static_forces(law, pieces.velocity)
+    ratio = pieces.step / law.time_constant
+    rise = -np.expm1(-ratio)
+    gained = static[:-1] * rise + np.diff(static) * (1.0 - rise / ratio)
+    gained = np.add.reduceat(gained * np.exp(-pieces.left / law.time_constant), pieces.first)
+    kept = np.exp(-pieces.between / law.time_constant)
+    if np.all(kept == kept[0]):
+        rest, _ = lfilter([1.0], [1.0, -kept[0]], gained, zi=[kept[0] * begin])
+        return np.concatenate([[begin], rest])
+    lagged = [begin]
+    for share, more in zip(kept.tolist(), gained.tolist(), strict=True):
+        lagged.append(share * lagged[-1] + more)
+    return np.array(lagged)
+
+
+def _weights(law: Lpf1 | Lpnl2, static: Array) -> Array | float:
+    """Return alpha (N,) [1]."""
+    if isinstance(law, Lpf1):
+        return 1.0
+    share = (law.lag_zero_force - np.abs(static)) / (law.lag_zero_force - law.lag_full_force)
+    return np.clip(share, 0.0, 1.0)
+
+
+def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
+    """Return the valve force (N,) [N] of any law from its own compiled functions."""
+    from eightpost.ident.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
+
+    own = tuple(getattr(law, name) for name in own_parameters(type(law)))
+    valve = law.valve._replace(curve=law.curve.numbers())
+    return pieces.at_samples(stepped_force(type(law), valve, own, pieces.velocity, pieces.step))
+
+
+# ---- Dynamics of the laws whose force has a closed form over a whole record -----------------------------------------
+
+#: Relative step of tau for its derivative by differences.
+_TAU_STEP = 1e-4
+
+
+class Blend(NamedTuple):
+    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and its derivatives."""
+
+    force: Array
+    """F (N,) [N]."""
+    weight: Array
+    """alpha (N,) [1]."""
+    slope: Array
+    """(F_lag - F_s) dalpha/dF_s (N,) [1]: effect of a change of F_s through alpha."""
+    partials: Array
+    """dF/dtheta (k, N)."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoLag(Dynamics):
+    """Polylinear: F = F_s."""
+
+    limits: Limits
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = F_s."""
+        return model.static(b)
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = F_s at the rows."""
+        return model.curve_rows() @ b
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the derivatives; the force is linear in the curve."""
+        columns = model.curve_rows()
+        return columns, np.empty((columns.shape[0], 0))
+
+    def sketched_on(self, model: ForceModel) -> ForceModel:
+        """Return the model itself: it is linear and so needs no thinning."""
+        return model
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the Polylinear law."""
+        return Polylinear(curve, port=port)
+
+
+@dataclass(frozen=True, slots=True)
+class FullLag(Dynamics):
+    """LPF1: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
+
+    limits: Limits
+    names = ("time_constant",)
+    units = ("s",)
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = F_lag."""
+        static = model.static(b)
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        return np.concatenate([lag(static[part], theta[0], p.step) for p, part in pairs])
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = F_lag at the rows."""
+        return model.lagged_rows(b, theta[0])
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the derivatives: exact for the curve, by a central difference for tau."""
+        step = _TAU_STEP * theta[0]
+        by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
+        return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
+
+    def sketched_on(self, model: ForceModel) -> ForceModel:
+        """Return the model itself: a lag adds almost no cost in the spectrum."""
+        return model
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the LPF1 law."""
+        return Lpf1(curve, float(theta[0]), port=port)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of tau."""
+        lowest, highest = self.limits.time_constant
+        return np.array([lowest]), np.array([highest])
+
+    def scale(self) -> Array:
+        """Return a change of 1 ms."""
+        return np.array([1e-3])
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of tau [s]."""
+        return (self.limits.time_constant,)
+
+    def changes(self) -> tuple[str, ...]:
+        """Return notes on changed bounds of tau."""
+        return self.limits.lag_changes
+
+
+@dataclass(frozen=True, slots=True)
+class FadingLag(Dynamics):
+    """LPNL2: alpha falls from 1 to 0 between two static forces (Eq 3.25).
+
+    theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
+    F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
+    """
+
+    limits: Limits
+    names = ("time_constant", "lag_full_force", "lag_zero_force")
+    units = ("s", "N", "N")
+
+    def blend(self, static: Array, theta: Array, step: float) -> Blend:
+        """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
+        tau, full, zero = self.values(theta)
+        lagged = lag(static, tau, step)
+        behind = lagged - static
+        share = (zero - np.abs(static)) / (zero - full)
+        weight = np.clip(share, 0.0, 1.0)
+        ramp = np.where((share > 0.0) & (share < 1.0), behind / (zero - full), 0.0)
+        by_tau = weight * lag_sensitivity(static, lagged, tau, step)
+        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * share, ramp * (1.0 - share)])
+        return Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = alpha F_lag + (1 - alpha) F_s."""
+        tau, full, zero = self.values(theta)
+        static = model.static(b)
+        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+        behind = np.concatenate([lag(static[part], tau, p.step) for p, part in pairs]) - static
+        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
+        return np.asarray(static + weight * behind)
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = alpha F_lag + (1 - alpha) F_s at the rows."""
+        return model.runs.rows(self.force(model, b, theta))
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the derivatives in closed form, through F_s, F_lag and alpha."""
+        static, columns = model.static(b), model.basis.columns.T
+        changes = np.empty((columns.shape[0] + theta.size, static.size))
+        by_curve, by_theta = np.split(changes, [columns.shape[0]])
+        for p, part in zip(model.runs.prepared, model.runs.parts, strict=True):
+            blend, here = self.blend(static[part], theta, p.step), columns[:, part]
+            lagged = lag(here.T, theta[0], p.step).T
+            lagged *= blend.weight
+            np.multiply(here, 1.0 - blend.weight + blend.slope, out=by_curve[:, part])
+            by_curve[:, part] += lagged
+            by_theta[:, part] = blend.partials
+        by_curve, by_theta = np.split(model.runs.rows(changes), [columns.shape[0]])
+        return by_curve.T, by_theta.T
+
+    def behind(self, model: ForceModel, time_constant: float) -> Array:
+        """Return the difference (n, N) between the curve's lagged columns and the columns, for a lag [s]."""
+        columns, pairs = model.basis.columns.T, zip(model.runs.prepared, model.runs.parts, strict=True)
+        return np.hstack([lag(columns[:, part].T, time_constant, p.step).T for p, part in pairs]) - columns
+
+    def faded_rows(self, model: ForceModel, static: Array, theta: Array, behind: Array) -> Array:
+        """Return the curve's columns at the rows (R, n) with alpha fixed for a given static force: linear, for starts.
+
+        Args:
+            model: Model of the force.
+            static: Static force F_s (N,) [N].
+            theta: Parameters (3,).
+            behind: Difference (n, N) that theta's lag makes; see the method of this name.
+        """
+        _, full, zero = self.values(theta)
+        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
+        return model.runs.rows(model.basis.columns.T + weight * behind).T
+
+    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+        """Return theta with alpha = 1 up to the peak of the static force."""
+        peak = float(np.abs(model.static(lpf1[: model.curve_count])).max())
+        return self.theta(float(lpf1[-1]), 1.05 * peak, 1.5 * peak)
+
+    def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
+        """Return the best starting points of a grid of transition forces."""
+        return fading_starts(model, self, lpf1, count)
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the LPNL2 law."""
+        return Lpnl2(curve, *self.values(theta).tolist(), port=port)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of tau, F_1 and u."""
+        (shortest, longest), (lowest, highest) = self.limits.time_constant, self.limits.force
+        return np.array([shortest, lowest, 0.0]), np.array([longest, highest - self.limits.gap, 1.0])
+
+    def scale(self) -> Array:
+        """Return a change of 1 ms and of a tenth of the forces."""
+        return np.array([1e-3, 0.1 * self.limits.force[1], 0.1])
+
+    def values(self, theta: Array) -> Array:
+        """Return tau [s], F_1 and F_2 [N]."""
+        return np.array([theta[0], theta[1], theta[1] + self.limits.gap + theta[2] * self._room(theta)])
+
+    def values_jacobian(self, theta: Array) -> Array:
+        """Return d(tau, F_1, F_2)/dtheta (3, 3)."""
+        jacobian = np.eye(3)
+        jacobian[2] = (0.0, 1.0 - theta[2], self._room(theta))
+        return jacobian
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of tau [s], F_1 and F_2 [N]."""
+        lowest, highest = self.limits.force
+        return self.limits.time_constant, (lowest, highest - self.limits.gap), (lowest + self.limits.gap, highest)
+
+    def changes(self) -> tuple[str, ...]:
+        """Return notes on changed bounds of tau and of the forces."""
+        return (*self.limits.lag_changes, *self.limits.force_changes)
+
+    def theta(self, time_constant: float, full: float, zero: float) -> Array:
+        """Return theta of tau [s], F_1 and F_2 [N]; forces outside the bounds are moved inside."""
+        low, high = self.bounds()
+        full = float(np.clip(full, low[1], high[1]))
+        room = max(self.limits.force[1] - self.limits.gap - full, 1e-9 * self.limits.force[1])
+        return np.clip([time_constant, full, (zero - full - self.limits.gap) / room], low, high)
+
+    def _room(self, theta: Array) -> float:
+        return float(self.limits.force[1] - self.limits.gap - theta[1])

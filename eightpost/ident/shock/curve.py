@@ -1,0 +1,323 @@
+"""Static curve of a fit: basis functions, constraints on its shape, the fitted curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import theilslopes
+
+from eightpost.shock import StaticCurve
+from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    Array = NDArray[np.float64]
+
+
+# ---- The static curve as a matrix -----------------------------------------------------------------------------------
+
+#: How an outer cubic joins the inner polynomial at the transition.
+Join = Literal["free", "value", "slope", "straight"]
+
+#: Coefficients of a curve: inner, compression, rebound.
+COEFFICIENTS = INNER_ORDER + 2 * (OUTER_ORDER + 1)
+_COMPRESSION, _REBOUND = INNER_ORDER, INNER_ORDER + OUTER_ORDER + 1
+
+#: The straight continuation of a side without data uses the slope of a chord of the inner polynomial over this last
+#: share of it, because the end slope of a 15th-order polynomial is not reliable.
+_CHORD = 0.1
+
+#: Number of points over the fitted range at which the rise of a curve is checked.
+GRID = 401
+_BLEND = 25
+
+#: Directions of the scaled design that are weaker than this share of the strongest are dropped.
+_WEAKEST = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class CurveBasis:
+    """The basis functions of a static curve with a given transition.
+
+    Attributes:
+        transition_speed: v_t [m/s].
+        transition_width: Width of the transition [m/s].
+    """
+
+    transition_speed: float
+    transition_width: float
+
+    def design(self, velocity: Array) -> Array:
+        """Return the matrix (N, 23) whose product with the coefficients (23,) [N] is F_s (N,) [N].
+
+        Columns: (v / v_t)^k, k = 1 .. 15; then ((|v| - v_t) / v_t)^k, k = 0 .. 3, in compression and in rebound;
+        each weighted by its share of the blend. The fitted range belongs to the curve and is not used here.
+
+        Args:
+            velocity: Damper velocity (N,) [m/s].
+
+        Returns:
+            Matrix with contiguous columns.
+        """
+        share = self.outer_share(np.abs(velocity))
+        reach = 1.0 + 0.5 * self.transition_width / self.transition_speed
+        inner = _powers(np.clip(velocity / self.transition_speed, -reach, reach), INNER_ORDER)
+        outer = _powers(np.abs(velocity) / self.transition_speed - 1.0, OUTER_ORDER)
+        sides = [np.where(side, share, 0.0) * outer for side in (velocity > 0.0, velocity <= 0.0)]
+        return np.vstack([(1.0 - share) * inner[1:], *sides]).T
+
+    def outer_share(self, speed: Array) -> Array:
+        """Return the weight (N,) [1] of the outer cubics at speeds (N,) [m/s], not negative."""
+        share = (speed - self.transition_speed) / self.transition_width + 0.5
+        return np.asarray(np.clip(share, 0.0, 1.0), dtype=np.float64)
+
+    def ties(self, *, compression: Join, rebound: Join, order: int = INNER_ORDER) -> Array:
+        """Return the matrix (23, n) from the free to all coefficients, given how each cubic joins the inner polynomial.
+
+        Args:
+            compression: Join of the compression side. `free`; `value`: the cubic starts at the value of the inner
+                polynomial; `slope`: at its value and slope; `straight`: a straight line, for a side without data.
+            rebound: Join of the rebound side, as for `compression`.
+            order: Order of the inner polynomial, 1 to 15.
+        """
+        ties = np.eye(COEFFICIENTS)
+        for start, sign, join in ((_COMPRESSION, 1.0, compression), (_REBOUND, -1.0, rebound)):
+            tied = _joined(join, sign)
+            ties[start : start + tied.shape[0]] = 0.0
+            ties[start : start + tied.shape[0], :INNER_ORDER] = tied
+        ties[:, order:INNER_ORDER] = 0.0
+        return ties[:, np.abs(ties).sum(axis=0) > 0.0]
+
+
+def _powers(base: Array, highest: int) -> Array:
+    """Return the powers (highest + 1, N) of a base (N,), starting with power 0."""
+    powers = np.ones((highest + 1, base.size))
+    for k in range(highest):
+        np.multiply(powers[k], base, out=powers[k + 1])
+    return powers
+
+
+def _joined(join: Join, sign: float) -> Array:
+    """Return the first coefficients of a cubic as (0 .. 4, 15) weights of the inner ones, on a side (+1, -1)."""
+    k = np.arange(1, INNER_ORDER + 1)
+    value, slope = sign**k, k * sign**k
+    if join == "straight":
+        chord = (value - ((1.0 - _CHORD) * sign) ** k) / _CHORD
+        return np.vstack([value, chord, np.zeros((OUTER_ORDER - 1, INNER_ORDER))])
+    return np.vstack([value, slope])[: {"free": 0, "value": 1, "slope": 2}[join]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorkingBasis:
+    """Orthogonal columns for least squares, and their relation to the curve's coefficients.
+
+    Attributes:
+        curve: Functions that the columns combine.
+        columns: Orthogonal columns (N, n) of unit root mean square, contiguous in memory.
+        grid: Velocities (J,) [m/s]: evenly spaced, and finer in the blend.
+        grid_columns: Columns (J, n) at the grid's velocities.
+        to_curve: Matrix (23, n): curve coefficients = to_curve @ working coefficients.
+    """
+
+    curve: CurveBasis
+    columns: Array
+    grid: Array
+    grid_columns: Array
+    to_curve: Array
+
+    @property
+    def rises(self) -> Array:
+        """The changes of the columns (J - 1, n) from point to point of the grid."""
+        return np.diff(self.grid_columns, axis=0)
+
+    def at(self, velocity: Array) -> Array:
+        """Return the columns (M, n) at other velocities (M,) [m/s]."""
+        return np.asarray(self.curve.design(velocity) @ self.to_curve)
+
+
+def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBasis:
+    """Return the orthogonal basis of a curve at velocities (N,) [m/s] under ties (23, n).
+
+    Singular values of the scaled columns are used, because raw powers would have a condition of 1e5 and more.
+    Directions that the data do not determine are dropped.
+    """
+    design = basis.design(velocity)
+    free = design @ ties
+    size = np.linalg.norm(free, axis=0)
+    used = size > 0.0
+    free, scaled_ties = free[:, used] / size[used], ties[:, used] / size[used]
+    _, strength, directions = np.linalg.svd(np.linalg.qr(free, mode="r"))
+    kept = strength > _WEAKEST * strength[0]
+    to_curve = scaled_ties @ (directions[kept].T / strength[kept]) * np.sqrt(design.shape[0])
+    grid = _grid(basis, float(velocity.min()), float(velocity.max()))
+    columns = np.asfortranarray(design @ to_curve)
+    return WorkingBasis(basis, columns, grid, basis.design(grid) @ to_curve, to_curve)
+
+
+def _grid(basis: CurveBasis, lowest: float, highest: float) -> Array:
+    """Return an even grid with finer points in the blend, which is narrower than a few steps of the even grid."""
+    blend = basis.transition_speed + basis.transition_width * np.linspace(-1.0, 1.0, _BLEND)
+    grid = np.concatenate([np.linspace(lowest, highest, GRID), blend, -blend])
+    return np.asarray(np.unique(grid[(grid >= lowest) & (grid <= highest)]))
+
+
+def split_coefficients(coefficients: Array) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    """Return inner (15), compression (4) and rebound (4) of coefficients (23,) [N]."""
+    inner, compression, rebound = np.split(coefficients, (_COMPRESSION, _REBOUND))
+    return tuple(inner.tolist()), tuple(compression.tolist()), tuple(rebound.tolist())
+
+
+def curve_coefficients(curve: StaticCurve) -> Array:
+    """Return the coefficients (23,) [N] of a curve, in the order of the design."""
+    return np.array((*curve.inner, *curve.compression, *curve.rebound), dtype=np.float64)
+
+
+def curve_forces(curve: StaticCurve, velocity: Array) -> Array:
+    """Return F_s (N,) [N] at damper velocities (N,) [m/s]: `StaticCurve.force` for arrays, straight ends included."""
+    basis = CurveBasis(curve.transition_speed, curve.transition_width)
+    fitted = np.clip(velocity, -curve.rebound_speed, curve.compression_speed)
+    beyond = velocity - fitted
+    slope = np.where(beyond > 0.0, curve.compression_slope, curve.rebound_slope)
+    return np.asarray(basis.design(fitted) @ curve_coefficients(curve) + slope * beyond, dtype=np.float64)
+
+
+# ---- Conversion of fitted coefficients to a static curve ------------------------------------------------------------
+
+#: Last part of a side's range, from which the robust end slope is computed.
+_LAST_PART = 0.2
+
+#: The polynomial's own end slope is used while it is within this factor of the robust one.
+_REASONABLE = 2.0
+
+#: A curve is reported as falling where it falls by more than this share of its range of force.
+NOTABLE_FALL = 1e-3
+
+
+def fitted_curve(basis: CurveBasis, coefficients: Array, velocity: Array) -> tuple[StaticCurve, list[str]]:
+    """Return the curve of coefficients (23,) [N] with straight ends, and warnings.
+
+    Args:
+        basis: Basis functions with the transition.
+        coefficients: Coefficients in the order of the design.
+        velocity: All velocities (N,) of the fit [m/s]; their range becomes the fitted range.
+    """
+    highest, lowest = float(velocity.max()), float(velocity.min())
+    compression_slope, why_compression = _end_slope(basis, coefficients, highest)
+    rebound_slope, why_rebound = _end_slope(basis, coefficients, lowest)
+    inner, compression, rebound = split_coefficients(coefficients)
+    curve = StaticCurve(
+        inner=inner,
+        compression=compression,
+        rebound=rebound,
+        transition_speed=basis.transition_speed,
+        transition_width=basis.transition_width,
+        compression_speed=highest,
+        rebound_speed=-lowest,
+        compression_slope=compression_slope,
+        rebound_slope=rebound_slope,
+    )
+    return curve, [*why_compression, *why_rebound, *_turns(basis, coefficients, lowest, highest)]
+
+
+def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[float, list[str]]:
+    """Return the slope beyond a signed end of the range [N.s/m], and a warning if it is not the polynomial's own.
+
+    The last slope of a polynomial depends on few samples. If it differs too much from the robust (Theil-Sen) slope of
+    the curve's last fifth, the robust slope is used; if that is negative too, the chord from the transition.
+    """
+    velocity = np.linspace(1.0 - _LAST_PART, 1.0, 41) * end
+    force = basis.design(velocity) @ coefficients
+    own = float((force[-1] - force[-2]) / (velocity[-1] - velocity[-2]))
+    robust = float(theilslopes(force, velocity).slope)
+    if robust > 0.0 and robust / _REASONABLE <= own <= robust * _REASONABLE:
+        return own, []
+    start = float(np.copysign(min(basis.transition_speed, 0.5 * abs(end)), end))
+    chord = float((force[-1] - basis.design(np.array([start]))[0] @ coefficients) / (end - start))
+    slope = robust if robust > 0.0 else max(chord, 0.0)
+    return slope, [
+        f"the curve's slope at {_inch(end)}, the end of the range, is {own:.4g} N.s/m and that of its last fifth "
+        f"{robust:.4g}: beyond the range the curve continues with {slope:.4g}; few samples lie there"
+    ]
+
+
+def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float) -> list[str]:
+    """Return a warning with the velocities between which the force falls with rising velocity."""
+    velocity = np.linspace(lowest, highest, GRID)
+    force = basis.design(velocity) @ coefficients
+    drop = np.maximum.accumulate(force) - force
+    if drop.max() <= NOTABLE_FALL * np.ptp(force):
+        return []
+    falls = np.flatnonzero(np.diff(force) < 0.0)
+    runs = np.split(falls, np.flatnonzero(np.diff(falls) > 1) + 1)
+    notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * NOTABLE_FALL * np.ptp(force)]
+    places = ", ".join(f"{_number(velocity[run[0]])} to {_inch(velocity[run[-1] + 1])}" for run in notable)
+    return [f"the fitted curve is not monotone: the force falls from {places}, by up to {drop.max():.3g} N"]
+
+
+def _number(velocity: float) -> str:
+    return f"{convert(float(velocity), 'm/s', 'in/s'):.3g}"
+
+
+def _inch(velocity: float) -> str:
+    return f"{_number(velocity)} in/s"
+
+
+# ---- Constraints on the shape of a curve ----------------------------------------------------------------------------
+
+#: `auto`: free; constrained to be monotonic only if the free curve would fall notably.
+Shape = Literal["auto", "free", "monotone", "passive"]
+
+#: Minimum slope, as a share of the mean slope, for a law that needs a rising curve.
+_LEAST_RISE = 0.01
+
+#: Distance of a constrained curve from its bounds, as a share of its range of force; it covers rounding.
+_CLEAR = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveConstraint:
+    """A linear constraint on the coefficients b of a curve: matrix @ b >= floor.
+
+    Attributes:
+        matrix: Matrix (J, n) that gives rises from point to point of a grid, or forces against the motion there [N].
+        floor: Lower bound (J,) [N].
+        clear: Distance that a constrained curve keeps from the floor [N].
+    """
+
+    matrix: Array
+    floor: Array
+    clear: float
+
+    def shortfall(self, b: Array) -> Array:
+        """Return the amount (J,) [N] by which a curve violates the constraint."""
+        return np.asarray(np.maximum(self.floor - self.matrix @ b, 0.0))
+
+    def active_rows(self, b: Array) -> Array:
+        """Return the rows (T, n) of the matrix whose constraints are active for a curve."""
+        return self.matrix[self.matrix @ b < self.floor + 2.0 * self.clear]
+
+
+def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstraint:
+    """Return the constraint that keeps a curve monotone or passive; b is the unconstrained curve."""
+    sign = np.where(basis.grid > 0.0, 1.0, -1.0)
+    matrix = sign[:, None] * basis.grid_columns if shape == "passive" else basis.rises
+    return CurveConstraint(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
+
+
+def rising_constraint(basis: WorkingBasis, b: Array) -> CurveConstraint:
+    """Return the constraint that makes a curve rise everywhere, by a share of the mean slope of a curve b."""
+    slope = max(float(np.sum(basis.rises @ b)), 0.0) / float(np.ptp(basis.grid))
+    return CurveConstraint(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
+
+
+def _clear(basis: WorkingBasis, b: Array) -> float:
+    return _CLEAR * float(np.ptp(basis.grid_columns @ b))
+
+
+def deepest_fall(basis: WorkingBasis, b: Array) -> float:
+    """Return the largest fall of a curve with rising velocity, as a share of its range of force [1]."""
+    force = basis.grid_columns @ b
+    return float((np.maximum.accumulate(force) - force).max() / np.ptp(force))

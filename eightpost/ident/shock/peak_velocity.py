@@ -1,0 +1,135 @@
+"""Static curves from peak-velocity tables, by monotone interpolation of the points."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from eightpost.ident.shock.curve import CurveBasis, split_coefficients
+from eightpost.ident.shock.record import TRANSITION_SPEED, TRANSITION_WIDTH
+from eightpost.ident.shock.verdict import peak_velocity_validity
+from eightpost.shock import Polylinear, Port, Shock, StaticCurve
+
+if TYPE_CHECKING:
+    from eightpost.rig.peak_velocity import PeakVelocityTable
+
+    Array = NDArray[np.float64]
+
+#: Number of speeds per side that determines a polynomial of the dissertation's order; with fewer it oscillates.
+ENOUGH = 15
+
+#: Number of points of the interpolant that the curve is refitted to, and the weight of a fall of the curve [1].
+_POINTS, _FALL_PRICE = 801, 1e3
+_ROUNDS = 40
+
+#: The transition is at most at this share of the table's highest speed.
+_TRANSITION_SHARE = 0.6
+
+
+def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> Shock:
+    """Return a Polylinear shock whose curve interpolates the points of a table: force over speed, no dynamics.
+
+    The points of both strokes and the origin are joined by a monotone cubic interpolant (Fritsch and Carlson), which
+    does not oscillate. The curve of the shock file is then refitted to it, and its error is in the shock's fit section.
+
+    Args:
+        table: Table of one setting of the adjusters.
+        name: Name of the shock; default the file's name, else the clicks.
+    """
+    started = time.perf_counter()
+    velocity = np.concatenate([-table.speed[::-1], [0.0], table.speed])
+    force = np.concatenate([table.rebound[::-1], [0.0], table.compression])
+    joined = PchipInterpolator(velocity, force)
+    basis = _basis_for(float(table.speed[-1]))
+    coefficients = _refitted(basis, joined, velocity)
+    curve = _curve(basis, coefficients, joined, float(table.speed[-1]))
+    at_points = np.array([curve.force(v) for v in velocity.tolist()]) - force
+    grid = np.linspace(velocity[0], velocity[-1], _POINTS)
+    between = basis.design(grid) @ coefficients - joined(grid)
+    fit: dict[str, Any] = {
+        "recipe": "peak velocity",
+        "points": int(force.size),
+        "rms [N]": float(np.sqrt(np.mean(at_points**2))),
+        "greatest_error_at_points [N]": float(np.abs(at_points).max()),
+        "rms_to_interpolant [N]": float(np.sqrt(np.mean(between**2))),
+        "standard_deviation [N]": float(np.std(force)),
+        "seconds": time.perf_counter() - started,
+        "changes": [_why(table)],
+        "warnings": _warnings(table, at_points, force),
+    }
+    conditions = {
+        **({"clicks": table.clicks} if table.clicks else {}),
+        "velocity_range [m/s]": [-float(table.speed[-1]), float(table.speed[-1])],
+    }
+    return Shock(
+        name=name or (table.source.stem if table.source else table.clicks or "shock"),
+        law=Polylinear(curve, port=Port()),
+        conditions=conditions,
+        fit=fit,
+        inputs=({"name": table.source.name, "sha256": table.sha256},) if table.source else (),
+        validity=peak_velocity_validity(
+            percent=100.0 * fit["rms [N]"] / fit["standard_deviation [N]"],
+            points=force.size,
+            doubts=fit["warnings"],
+            conditions=conditions,
+            origin=table.source.name if table.source else "a table in memory",
+        ),
+    )
+
+
+def _basis_for(fastest: float) -> CurveBasis:
+    speed = min(TRANSITION_SPEED, _TRANSITION_SHARE * fastest)
+    return CurveBasis(speed, TRANSITION_WIDTH * speed / TRANSITION_SPEED)
+
+
+def _refitted(basis: CurveBasis, joined: PchipInterpolator, knots: Array) -> Array:
+    """Return coefficients (23,) [N] fitted to an interpolant, closest at its knots, constrained not to fall."""
+    grid = np.linspace(knots[0], knots[-1], _POINTS)
+    ties = basis.ties(compression="slope", rebound="slope")
+    columns = np.vstack([basis.design(grid), np.sqrt(0.2 * _POINTS) * basis.design(knots)]) @ ties
+    target = np.concatenate([joined(grid), np.sqrt(0.2 * _POINTS) * joined(knots)])
+    size = np.linalg.norm(columns, axis=0)
+    rises = np.diff(basis.design(grid) @ ties / size, axis=0)
+    expected = np.diff(joined(grid)) >= 0.0
+    free = np.linalg.lstsq(columns / size, target, rcond=1e-12)[0]
+    held = np.zeros(rises.shape[0], dtype=bool)
+    for _ in range(_ROUNDS):
+        falling = expected & (rises @ free < 0.0)
+        if not (falling & ~held).any():
+            break
+        held |= falling
+        stiff = _FALL_PRICE * rises[held]
+        free = np.linalg.lstsq(
+            np.vstack([columns / size, stiff]), np.append(target, np.full(held.sum(), 1e-3)), rcond=1e-12
+        )[0]
+    return np.asarray(ties @ (free / size))
+
+
+def _curve(basis: CurveBasis, coefficients: Array, joined: PchipInterpolator, fastest: float) -> StaticCurve:
+    inner, compression, rebound = split_coefficients(coefficients)
+    slopes = [max(float(joined(end, 1)), 0.0) for end in (fastest, -fastest)]
+    return StaticCurve(
+        inner, compression, rebound, basis.transition_speed, basis.transition_width, fastest, fastest, *slopes
+    )
+
+
+def _why(table: PeakVelocityTable) -> str:
+    return f"{len(table)} speeds per side are joined by a monotone interpolant" + (
+        f" and not by a polynomial of order 15, which needs {ENOUGH} or more" if len(table) < ENOUGH else ""
+    )
+
+
+def _warnings(table: PeakVelocityTable, errors: Array, force: Array) -> list[str]:
+    found = []
+    for side, sign in (("compression", 1.0), ("rebound", -1.0)):
+        falls = np.flatnonzero(np.diff(sign * np.append(0.0, getattr(table, side))) < 0.0)
+        if falls.size:
+            speeds = ", ".join(f"{table.speed[i]:.4g}" for i in falls.tolist())
+            found.append(f"the {side} force does not rise at {speeds} m/s: check this row")
+    if np.abs(errors).max() > 0.02 * float(np.abs(force).max()):
+        found.append(f"the curve misses a point of the table by {np.abs(errors).max():.3g} N")
+    return found

@@ -1,0 +1,286 @@
+"""Least-squares problem of a fit, with bounds and constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares, nnls
+
+from eightpost.ident.shock.force import solved
+from eightpost.ident.shock.uncertainty import covariance
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.curve import CurveConstraint
+    from eightpost.ident.shock.force import ForceModel
+
+    Array = NDArray[np.float64]
+
+
+# ---- The solution that a recipe returns -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Parameters of a force model found by a recipe.
+
+    Attributes:
+        model: Force model, with the gas columns that were kept.
+        parameters: Parameters (n + g + k,) of curve, gas, theta.
+        covariance: Covariance (n + g + k, n + g + k); NaN rows for parameters that are undetermined or were fixed.
+        converged: Whether the optimiser ended at a minimum.
+        status: Description of how the optimiser ended.
+        notes: Changes that the recipe made, one sentence each.
+    """
+
+    model: ForceModel
+    parameters: Array
+    covariance: Array
+    converged: bool
+    status: str
+    notes: tuple[str, ...] = ()
+
+
+# ---- Nonlinear least squares with linear inequality constraints, such as a curve that must not fall -----------------
+
+#: Levenberg's damping of scaled columns: its initial value, its factor of change, and its lower bound. In a series of
+#: rejected steps the first raises it by the factor, the second by its square, and so on, as small changes do nothing.
+_DAMPING, _CHANGE, _LEAST_DAMPING = 1e-6, 10.0, 1e-9
+
+#: A rejected step ends the search if its predicted gain was at most this many tolerances: the cost then has a kink, or
+#: the derivatives are not accurate enough.
+_NO_MORE = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inequalities:
+    """Linear inequalities matrix @ x >= floor.
+
+    Attributes:
+        matrix: Matrix (J, n).
+        floor: Lower bounds (J,).
+    """
+
+    matrix: Array
+    floor: Array
+
+    def room(self, x: Array) -> Array:
+        """Return the distance (J,) of x from each bound, positive inside."""
+        return np.asarray(self.matrix @ x - self.floor)
+
+    def and_bounds(self, low: Array, high: Array) -> Inequalities:
+        """Return these inequalities together with low <= x <= high."""
+        unit, below, above = np.eye(low.size), np.isfinite(low), np.isfinite(high)
+        return Inequalities(
+            np.vstack([self.matrix, unit[below], -unit[above]]),
+            np.concatenate([self.floor, low[below], -high[above]]),
+        )
+
+
+class SearchResult(NamedTuple):
+    """The end of a search: x (n,), whether it is a minimum, and a description of how the search ended."""
+
+    x: Array
+    converged: bool
+    status: str
+
+
+def constrained_least_squares(
+    residual: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    start: Array,
+    inequalities: Inequalities,
+    *,
+    tolerance: float,
+    evaluations: int,
+) -> SearchResult:
+    """Minimise the sum of squares under linear inequality constraints.
+
+    Args:
+        residual: Function from (n,) to (R,).
+        jacobian: Function from (n,) to (R, n).
+        start: Starting point (n,); it may violate the constraints.
+        inequalities: Constraints; there must be points that satisfy all of them.
+        tolerance: Relative decrease of the sum of squares below which the search stops.
+        evaluations: Maximum number of evaluations of the residual.
+    """
+    x, error, slopes = start, residual(start), jacobian(start)
+    cost = float(error @ error) if (inequalities.room(x) >= 0.0).all() else np.inf
+    damping, rise = _DAMPING, _CHANGE
+    for count in range(2, evaluations + 1):
+        step = _step(slopes, error, Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
+        tried = residual(x + step)
+        gain = cost - float(tried @ tried)
+        if gain < 0.0:
+            promised = cost - float(np.sum((error + slopes @ step) ** 2))
+            if promised <= _NO_MORE * tolerance * cost:
+                return SearchResult(x, True, f"No step within the constraints is better. {count} evaluations.")
+            damping, rise = damping * rise, rise * _CHANGE
+            continue
+        x, error, cost = x + step, tried, cost - gain if np.isfinite(cost) else float(tried @ tried)
+        if gain <= tolerance * cost:
+            return SearchResult(x, True, f"The sum of squares no longer decreases. {count} evaluations.")
+        slopes, damping, rise = jacobian(x), max(damping / _CHANGE, _LEAST_DAMPING), _CHANGE
+    return SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
+
+
+def _step(slopes: Array, error: Array, inequalities: Inequalities, damping: float) -> Array:
+    """Return the step d (n,) that minimises |error + slopes d|^2 + damping |d|^2, d scaled, with matrix d >= floor."""
+    size = np.linalg.norm(slopes, axis=0)
+    size[size == 0.0] = 1.0
+    zeros = np.zeros(size.size)
+    q, r = np.linalg.qr(np.vstack([slopes / size, np.sqrt(damping) * np.eye(size.size)]))
+    towards = q.T @ np.append(error, zeros)
+    across = solve_triangular(r, (inequalities.matrix / size).T, trans="T").T
+    moved = _least_distance(across, inequalities.floor + across @ towards)
+    return np.asarray(solve_triangular(r, moved - towards) / size)
+
+
+def _least_distance(matrix: Array, floor: Array) -> Array:
+    """Return the shortest z (n,) with matrix z >= floor (Lawson and Hanson 1974, chapter 23)."""
+    if (floor <= 0.0).all():
+        return np.zeros(matrix.shape[1])
+    length = np.linalg.norm(matrix, axis=1)
+    length[length == 0.0] = 1.0
+    rows, reach = matrix / length[:, None], floor / length
+    unit = float(np.abs(reach).max())
+    target = np.append(np.zeros(rows.shape[1]), 1.0)
+    weights, _ = nnls(np.vstack([rows.T, reach / unit]), target)
+    left = np.vstack([rows.T, reach / unit]) @ weights - target
+    return np.asarray(-unit * left[:-1] / left[-1])
+
+
+# ---- The nonlinear least-squares problem of the joint recipe, and its minimum ---------------------------------------
+
+#: Maximum number of evaluations of the residual; a curve at its constraint needs many.
+_EVALUATIONS = 200
+
+#: Relative decrease of the sum of squares below which the search stops.
+TOLERANCE = 1e-6
+
+#: In the covariance, a violation of an active constraint by 1 N counts like a force error of this many N everywhere.
+_STIFF = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Weighted force error of a model at the rows.
+
+    Attributes:
+        model: Model of the force.
+        constraint: Constraint on the curve, if any.
+        tolerance: Relative decrease of the sum of squares below which the search stops.
+    """
+
+    model: ForceModel
+    constraint: CurveConstraint | None = None
+    tolerance: float = TOLERANCE
+
+    def residual(self, parameters: Array) -> Array:
+        """Return the weighted force error (R,) [N]."""
+        runs = self.model.runs
+        return np.asarray(np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target))
+
+    def jacobian(self, parameters: Array) -> Array:
+        """Return the derivative (R, n + g + k) of `residual`."""
+        return np.asarray(np.sqrt(self.model.runs.weights)[:, None] * self.model.rows_jacobian(parameters))
+
+    def at(self, parameters: Array, status: str) -> Minimum:
+        """Return given parameters as a minimum, without a search."""
+        return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
+
+    def minimum_from(self, start: Array) -> Minimum:
+        """Optimise all parameters from a start (n + g + k,), without constraints on the curve.
+
+        A linear problem is solved directly.
+        """
+        if not self.model.dynamics.names and not self.model.gas.size:
+            columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
+            runs = self.model.runs
+            return self.at(solved(columns, runs.target, runs.weights), "linear least squares")
+        low, high = self.model.bounds()
+        result = least_squares(
+            self.residual,
+            np.clip(start, low, high),
+            jac=self.jacobian,
+            bounds=(low, high),
+            x_scale=self.model.scale(),
+            ftol=self.tolerance,
+            xtol=10.0 * self.tolerance,
+            gtol=1e-8,
+            max_nfev=_EVALUATIONS,
+        )
+        status = f"{result.message} {result.nfev} evaluations."
+        return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
+
+    def constrained_minimum(self, constraint: CurveConstraint, start: Array) -> Minimum:
+        """Optimise all parameters from a start (n + g + k,) with a constraint on the curve."""
+        problem, (low, high) = replace(self, constraint=constraint), self.model.bounds()
+        matrix = np.zeros((constraint.floor.size, low.size))
+        matrix[:, : self.model.curve_count] = constraint.matrix
+        ended = constrained_least_squares(
+            self.residual,
+            self.jacobian,
+            np.clip(start, low, high),
+            Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
+            tolerance=self.tolerance,
+            evaluations=_EVALUATIONS,
+        )
+        return replace(problem.at(np.clip(ended.x, low, high), ended.status), converged=ended.converged)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum:
+    """The end of a search.
+
+    Attributes:
+        problem: Problem that was minimised.
+        parameters: Parameters (n + g + k,) at the minimum.
+        residual: Residual at the minimum [N].
+        jacobian: Jacobian of the residual at the minimum.
+        converged: Whether it is a minimum.
+        status: Description of how the search ended.
+    """
+
+    problem: Problem
+    parameters: Array
+    residual: Array
+    jacobian: Array
+    converged: bool
+    status: str
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the force error at the rows [N2]."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def curve(self) -> Array:
+        """The curve's coefficients b (n,)."""
+        return self.parameters[: self.problem.model.curve_count]
+
+    @property
+    def is_constrained(self) -> bool:
+        """Whether constraints on the curve are active."""
+        return bool(len(self._active_rows()))
+
+    def solution(self, notes: tuple[str, ...]) -> Solution:
+        """Return the solution with notes."""
+        model = self.problem.model
+        spread = covariance(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
+        return Solution(model, self.parameters, spread, self.converged, self.status, notes)
+
+    def _active_rows(self) -> Array:
+        constraint = self.problem.constraint
+        return np.empty((0, self.curve.size)) if constraint is None else constraint.active_rows(self.curve)
+
+    def _stiff(self) -> Array:
+        """Return rows (T, n + g + k) that fix the curve in the directions of its active constraints."""
+        touched = self._active_rows()
+        rows = np.zeros((len(touched), self.parameters.size))
+        rows[:, : self.curve.size] = _STIFF * np.sqrt(self.residual.size) * touched
+        return rows

@@ -1,0 +1,409 @@
+"""Records of a fit: segments, filters, runs of one build."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.errors import ParameterError, TooShortError
+from eightpost.ident.shock.lag import RowFilter
+from eightpost.signals import TimeSeries, lowpass
+from eightpost.units import convert
+
+if TYPE_CHECKING:
+    from eightpost.rig.dyno_test import DynoTest
+
+    Array = NDArray[np.float64]
+
+
+# ---- Choice of the segment of a record that is fitted (3.3 ----------------------------------------------------------
+
+#: The dissertation's segment [s].
+SEGMENT = (1.0, 10.0)
+
+#: Length of the edges that a record's ends disturb, times the cutoff frequency [1]: the slowest pole of the 8th-order
+#: Butterworth decays by exp(-2 pi 0.195 f_c t), to 0.06 % here.
+FILTER_EDGE = 6.0
+
+#: The dissertation's segment is not used if the shock's speed there stays below this share of its peak speed.
+_LIVELY = 0.5
+
+
+def choose_segment(
+    series: TimeSeries, requested: tuple[float, float] | None, cutoff: float
+) -> tuple[tuple[float, float], list[str]]:
+    """Return start and stop [s] of the segment, and a sentence if it is not the dissertation's.
+
+    Args:
+        series: Record with `velocity`; time starts at 0.
+        requested: Requested start and end [s], or None.
+        cutoff: Cutoff frequency of the low-pass [Hz]; the filter's edges are left out.
+
+    Raises:
+        ParameterError: The requested segment is not in the record.
+    """
+    edge = FILTER_EDGE / cutoff
+    whole = (edge, series.duration - edge)
+    if requested is not None:
+        return _requested(requested, series.duration, whole)
+    if series.duration < SEGMENT[1]:
+        return whole, [
+            f"{_seconds(whole)} fitted, all but the filter's edges, because the record lasts {series.duration:.4g} s"
+        ]
+    velocity = np.abs(series["velocity"])
+    here = velocity[(series.time >= SEGMENT[0]) & (series.time <= SEGMENT[1])].max()
+    if here < _LIVELY * velocity.max():
+        why = f"{100.0 * here / velocity.max():.0f} % of the record's peak speed"
+        return whole, [f"{_seconds(whole)} fitted, the whole record, because seconds 1 to 10 reach only {why}"]
+    return (SEGMENT[0], min(SEGMENT[1], whole[1])), []
+
+
+def _requested(
+    requested: tuple[float, float], duration: float, whole: tuple[float, float]
+) -> tuple[tuple[float, float], list[str]]:
+    start, stop = requested
+    if not 0.0 <= start < stop or stop > duration * (1.0 + 1e-9):
+        raise ParameterError(
+            f"the segment must lie within the record, 0 to {duration:.4g} s, not from {start:g} to {stop:g} s"
+        )
+    used = (max(start, whole[0]), min(stop, whole[1]))
+    changes = [] if requested == SEGMENT else [f"{_seconds(used)} fitted as requested, instead of 1 to 10 s"]
+    return used, changes
+
+
+def _seconds(segment: tuple[float, float]) -> str:
+    return f"seconds {segment[0]:.4g} to {segment[1]:.4g}"
+
+
+# ---- Preparation of a dynamometer record for the fit ----------------------------------------------------------------
+
+#: Cutoff frequency of the low-pass [Hz] and its maximum as a share of the sampling rate.
+CUTOFF, LARGEST_SHARE = 50.0, 0.4
+
+#: Transition speed between low and high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
+TRANSITION_SPEED, TRANSITION_WIDTH = convert(15.0, "in/s", "m/s"), convert(0.5, "in/s", "m/s")
+
+#: If a record's peak speed is below this many transition speeds, the transition moves to this share of the peak speed.
+_SLOW, _MOVED = 1.25, 0.6
+
+#: Records with a higher rate are thinned after the low-pass, to at least this rate [Hz], the dissertation's own.
+WORKING_RATE = 2000.0
+
+#: Minimum number of samples for a fit of 26 parameters.
+FEWEST = 100
+
+#: Share of the velocity's power within 20 % of its strongest frequency above which a record counts as a single sine.
+_SINGLE = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A record prepared for the fit: resampled evenly, low-passed, with its segment.
+
+    The model is driven over all samples, but only those `inside` count; the others are the filter's edges.
+
+    Attributes:
+        record: Velocity [m/s], force [N] and, if known, displacement [m] from `reference`; low-passed, (N,) each.
+        rate: Sampling rate [Hz].
+        inside: Whether each sample counts (N,).
+        cutoff: Cutoff frequency of the low-pass [Hz].
+        reference: Reference displacement of the gas force [m]: the mean over the segment.
+        transition_speed: Transition speed [m/s].
+        transition_width: Width of the transition [m/s].
+        single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
+        changes: Every departure from the dissertation's choices, one sentence each.
+    """
+
+    record: TimeSeries
+    rate: float
+    inside: NDArray[np.bool_]
+    cutoff: float
+    reference: float
+    transition_speed: float
+    transition_width: float
+    single_frequency: float | None
+    changes: tuple[str, ...]
+
+    @property
+    def step(self) -> float:
+        """Sampling interval [s]."""
+        return 1.0 / self.rate
+
+    @property
+    def measured(self) -> Array:
+        """The low-passed measured force inside the segment [N]."""
+        return np.asarray(self.record["force"][self.inside])
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of `measured` [N]."""
+        return float(np.std(self.measured))
+
+    def filtered(self, values: Array) -> Array:
+        """Return values (..., N) behind the record's own low-pass."""
+        return lowpass(values, self.rate, self.cutoff)
+
+
+def prepare(
+    test: DynoTest,
+    *,
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+) -> Prepared:
+    """Prepare a record for the fit.
+
+    Args:
+        test: Record of velocity and force, optionally displacement.
+        segment: Start and end [s] from the record's start; default 1 to 10, or the whole record if it is shorter or
+            the shock barely moves there.
+        cutoff: Cutoff frequency of the 8th-order zero-phase Butterworth low-pass [Hz]; default 50, at most 0.4 of the
+            sampling rate.
+        transition_speed: Transition speed [m/s]; default 15 in/s, moved within the measured speed of a slow record.
+
+    Raises:
+        ParameterError: An option does not suit the record.
+        TooShortError: Too few samples are left.
+    """
+    series, changes = _even(test.series)
+    cutoff_used = _cutoff(series.sample_rate, cutoff, changes)
+    (start, stop), why = choose_segment(series, segment, cutoff_used)
+    changes += why
+    series = _thinned(_lowpassed(series, cutoff_used), changes)
+    edge = FILTER_EDGE / cutoff_used
+    series = series.window(start - edge, stop + edge)
+    inside = (series.time >= start) & (series.time <= stop)
+    if inside.sum() < FEWEST:
+        what = f"{inside.sum()} samples between {start:g} and {stop:g} s; a fit needs {FEWEST} or more"
+        raise TooShortError(what, path=test.source)
+    speed, width = _transition(series["velocity"][inside], transition_speed, changes)
+    record, reference = _about_mean_displacement(series, inside)
+    return Prepared(
+        record=record,
+        rate=record.sample_rate,
+        inside=inside,
+        cutoff=cutoff_used,
+        reference=reference,
+        transition_speed=speed,
+        transition_width=width,
+        single_frequency=single_frequency(series["velocity"][inside], series.sample_rate),
+        changes=tuple(changes),
+    )
+
+
+def single_frequency(velocity: Array, rate: float) -> float | None:
+    """Return the frequency [Hz] of a velocity (N,) that is essentially one sine, else None."""
+    power = np.abs(np.fft.rfft((velocity - velocity.mean()) * np.hanning(velocity.size))) ** 2
+    frequency = np.fft.rfftfreq(velocity.size, 1.0 / rate)
+    strongest = float(frequency[power.argmax()])
+    near = np.abs(frequency - strongest) <= max(0.2 * strongest, 2.0 * frequency[1])
+    return strongest if power[near].sum() >= _SINGLE * power.sum() else None
+
+
+def _even(series: TimeSeries) -> tuple[TimeSeries, list[str]]:
+    """Return the fit's channels on an even time axis that starts at 0."""
+    names = [name for name in ("velocity", "force", "displacement") if name in series]
+    series = series.select(names)
+    changes = []
+    if not series.is_uniform:
+        changes.append(f"time steps are uneven: the record was resampled to an even {series.sample_rate:.6g} Hz")
+        series = series.resample(series.sample_rate)
+    even = np.arange(len(series)) / series.sample_rate
+    return TimeSeries(even, series.values, series.names, series.units), changes
+
+
+def _cutoff(rate: float, requested: float | None, changes: list[str]) -> float:
+    highest = LARGEST_SHARE * rate
+    if requested is not None:
+        if not 0.0 < requested <= highest:
+            raise ParameterError(
+                f"the cutoff frequency must be between 0 and {highest:.4g} Hz (0.4 of the record's {rate:.4g} Hz), "
+                f"not {requested:g} Hz"
+            )
+        if requested != CUTOFF:
+            changes.append(f"cutoff frequency {requested:g} Hz as requested, instead of {CUTOFF:g} Hz")
+        return requested
+    if highest < CUTOFF:
+        why = f"0.4 of the record's {rate:.4g} Hz"
+        changes.append(f"cutoff frequency lowered from {CUTOFF:g} to {highest:.4g} Hz: {why}")
+    return min(CUTOFF, highest)
+
+
+def _lowpassed(series: TimeSeries, cutoff: float) -> TimeSeries:
+    values = lowpass(series.values, series.sample_rate, cutoff)
+    return TimeSeries(series.time, values, series.names, series.units)
+
+
+def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
+    every = int(series.sample_rate // WORKING_RATE)
+    if every < 2:
+        return series
+    changes.append(f"every {every}th sample of the {series.sample_rate:.6g} Hz record was used, after the low-pass")
+    return TimeSeries(series.time[::every], series.values[:, ::every], series.names, series.units)
+
+
+def _transition(velocity: Array, requested: float | None, changes: list[str]) -> tuple[float, float]:
+    """Return transition speed and width [m/s]."""
+    slower = float(min(velocity.max(), -velocity.min()))
+    if not slower > 0.0:
+        raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
+    if requested is not None:
+        if not 0.0 < requested < float("inf"):
+            raise ParameterError(f"the transition speed must be positive, not {requested:g} m/s")
+        speed, why = requested, "as requested"
+    elif slower < _SLOW * TRANSITION_SPEED:
+        speed, why = _MOVED * slower, f"the record's slower side reaches {_inch(slower)}"
+    else:
+        return TRANSITION_SPEED, TRANSITION_WIDTH
+    width = TRANSITION_WIDTH * speed / TRANSITION_SPEED
+    changes.append(f"transition moved from 15 in/s to {_inch(speed)}, its width from 0.5 to {_inch(width)}: {why}")
+    return speed, width
+
+
+def _inch(speed: float) -> str:
+    return f"{convert(speed, 'm/s', 'in/s'):.3g} in/s ({speed:.3g} m/s)"
+
+
+def _about_mean_displacement(series: TimeSeries, inside: NDArray[np.bool_]) -> tuple[TimeSeries, float]:
+    if "displacement" not in series:
+        return series, 0.0
+    reference = float(series["displacement"][inside].mean())
+    return series.with_channel("displacement", "m", series["displacement"] - reference), reference
+
+
+# ---- The runs of a fit ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Prepared records that are fitted together, with N samples and R rows in total.
+
+    Attributes:
+        prepared: One or more records with the same transition.
+        weights: Weights (R,) of the rows, 0 to 1.
+    """
+
+    prepared: tuple[Prepared, ...]
+    weights: Array
+
+    @classmethod
+    def of(cls, prepared: Sequence[Prepared]) -> Runs:
+        """Return prepared records as runs whose rows all have weight 1."""
+        runs = cls(tuple(prepared), np.empty(0))
+        return runs.weighted(np.ones(sum(f.rows.size for f in runs.filters)))
+
+    @property
+    def first(self) -> Prepared:
+        """The first run, for values that all runs share."""
+        return self.prepared[0]
+
+    @cached_property
+    def filters(self) -> tuple[RowFilter, ...]:
+        """The filter to the rows of each run."""
+        return tuple(RowFilter.of(p.inside, p.rate, p.cutoff) for p in self.prepared)
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """The slice of each run's samples among all samples."""
+        ends = np.cumsum([0, *(len(p.record) for p in self.prepared)]).tolist()
+        return tuple(slice(start, stop) for start, stop in pairwise(ends))
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Damper velocity (N,) [m/s]."""
+        return np.concatenate([p.record["velocity"] for p in self.prepared])
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each sample (N,) counts."""
+        return np.concatenate([p.inside for p in self.prepared])
+
+    @cached_property
+    def measured(self) -> Array:
+        """The low-passed measured force of the samples that count [N]."""
+        return np.concatenate([p.measured for p in self.prepared])
+
+    @cached_property
+    def target(self) -> Array:
+        """The measured force at the rows (R,) [N]."""
+        return np.concatenate([p.record["force"][f.rows] for p, f in zip(self.prepared, self.filters, strict=True)])
+
+    @cached_property
+    def deviation(self) -> float:
+        """Standard deviation of `measured`, each run about its own mean [N]."""
+        squares = [float(np.var(p.measured)) * p.measured.size for p in self.prepared]
+        return float(np.sqrt(sum(squares) / self.measured.size))
+
+    @property
+    def rate(self) -> float:
+        """The lowest sampling rate [Hz]."""
+        return min(p.rate for p in self.prepared)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Every departure from the dissertation's choices, with the number of the run if there are several."""
+        if len(self.prepared) == 1:
+            return self.first.changes
+        numbered = enumerate(self.prepared, start=1)
+        return tuple(f"run {number}: {change}" for number, run in numbered for change in run.changes)
+
+    def rows(self, values: Array) -> Array:
+        """Return the low-passed rows (..., R) of values (..., N)."""
+        parts = zip(self.filters, self.parts, strict=True)
+        return np.concatenate([f(values[..., part]) for f, part in parts], axis=-1)
+
+    def weighted(self, weights: Array) -> Runs:
+        """Return the same runs with weights (R,) of their rows."""
+        return replace(self, weights=weights)
+
+    def thinned(self, by: int) -> tuple[Runs, NDArray[np.intp]]:
+        """Return the runs with every `by`-th sample, at the same rows, and the indices (M,) of these samples."""
+        starts = [f.first % by for f in self.filters]
+        kept = [np.arange(part.start + start, part.stop, by) for part, start in zip(self.parts, starts, strict=True)]
+        prepared = tuple(_every(p, start, by) for p, start in zip(self.prepared, starts, strict=True))
+        return replace(self, prepared=prepared), np.concatenate(kept)
+
+    def blocks(self, duration: float) -> list[slice]:
+        """Return consecutive blocks of rows of about a duration [s] each; no block spans two runs."""
+        blocks, start = [], 0
+        for f in self.filters:
+            pieces = max(round(f.rows.size / (duration * f.row_rate)), 1)
+            ends = start + np.linspace(0, f.rows.size, pieces + 1).astype(int)
+            blocks += [slice(int(a), int(b)) for a, b in pairwise(ends)]
+            start += f.rows.size
+        return blocks
+
+
+def _every(prepared: Prepared, start: int, by: int) -> Prepared:
+    series = prepared.record
+    record = TimeSeries(series.time[start::by], series.values[:, start::by], series.names, series.units)
+    return replace(prepared, record=record, rate=prepared.rate / by, inside=prepared.inside[start::by])
+
+
+def prepare_runs(
+    tests: Sequence[DynoTest],
+    *,
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+) -> Runs:
+    """Prepare records to be fitted together; all use the transition of the fastest.
+
+    Args:
+        tests: One or more records.
+        segment: Start and end [s] of each record; see `prepare`.
+        cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
+        transition_speed: Transition speed [m/s]; see `prepare`.
+    """
+    if not tests:
+        raise ParameterError("no record to fit; give one or more")
+    prepared = [prepare(t, segment=segment, cutoff=cutoff, transition_speed=transition_speed) for t in tests]
+    fastest = max(prepared, key=lambda p: p.transition_speed)
+    speed, width = fastest.transition_speed, fastest.transition_width
+    return Runs.of([replace(p, transition_speed=speed, transition_width=width) for p in prepared])

@@ -1,1 +1,0 @@
-"""The report of a fit: parameters, warnings, shock file, tables and plots."""

@@ -1,0 +1,318 @@
+"""Result of a fit: shock, misfit, description."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.ident.shock.closed import simulate
+from eightpost.ident.shock.curve import fitted_curve
+from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
+from eightpost.ident.shock.verdict import doubts, findings, parameters_of, shock_validity
+from eightpost.shock import Port, Shock
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Verdict
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.force import GasColumns
+    from eightpost.ident.shock.problem import Solution
+    from eightpost.ident.shock.record import Prepared, Runs
+    from eightpost.ident.shock.verdict import Parameter
+    from eightpost.rig.dyno_test import DynoTest
+    from eightpost.shock import ShockLaw
+
+    Array = NDArray[np.float64]
+
+
+# ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------
+
+#: Share of the velocity's power that is outside the stated frequency range at either end.
+_LEFT_OUT = 0.005
+
+
+def conditions_of(
+    tests: Sequence[DynoTest], runs: Runs, columns: GasColumns, *, gas: str, gas_force: tuple[float, float]
+) -> dict[str, Any]:
+    """Return the conditions and ranges of the measurement; units in the keys, SI.
+
+    Args:
+        tests: Records; build, clicks and pressure are the first's.
+        runs: Fitted part of the records.
+        columns: Columns of the gas force, with its reference.
+        gas: Treatment of the gas force.
+        gas_force: Estimated preload [N] and stiffness [N/m] of the gas force.
+    """
+    known = tests[0].conditions
+    stated: dict[str, Any] = {"build": known.build, "clicks": known.clicks, "gas_pressure [Pa]": known.gas_pressure}
+    described: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    described |= _temperature(tests, runs)
+    described |= {
+        "velocity_range [m/s]": _range(runs.velocity[runs.inside]),
+        "frequency_range [Hz]": _widest([_frequency_range(p) for p in runs.prepared]),
+        "gas_treatment": gas,
+        "gas_preload_estimate [N]": gas_force[0],
+        "gas_stiffness_estimate [N/m]": gas_force[1],
+    }
+    moved = [p.record["displacement"][p.inside] + p.reference for p in runs.prepared if "displacement" in p.record]
+    if moved:
+        described["displacement_range [m]"] = _range(np.concatenate(moved))
+        described["displacement_reference [m]"] = columns.reference
+    if derived := sorted({what for test in tests for what in test.derived}):
+        described["derived"] = derived
+    return described
+
+
+def fit_of(
+    solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float
+) -> dict[str, Any]:
+    """Return the results of the fit as JSON values, units in the keys, SI."""
+    runs = solution.model.runs
+    return {
+        "recipe": recipe,
+        "runs": len(runs.prepared),
+        "rms [N]": rms,
+        "standard_deviation [N]": runs.deviation,
+        "percent": 100.0 * rms / runs.deviation,
+        "segment [s]": _range(runs.first.record.time[runs.first.inside]),
+        "cutoff [Hz]": runs.first.cutoff,
+        "converged": solution.converged,
+        "status": solution.status,
+        "parameters": {parameter.name: _entry(parameter) for parameter in parameters},
+        "curve_band": {
+            "level": LEVEL,
+            "velocity [m/s]": band.velocity.tolist(),
+            "force [N]": band.force.tolist(),
+            "half_width [N]": band.half_width.tolist(),
+        },
+    }
+
+
+def digest_of(test: DynoTest) -> str:
+    """Return the SHA-256 of a test's file, or of its samples if it has none."""
+    return test.sha256 or hashlib.sha256(test.series.time.tobytes() + test.series.values.tobytes()).hexdigest()
+
+
+def inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
+    """Return name and digest of each file that tests come from; a file with several runs is listed once."""
+    files = dict.fromkeys((test.source.name, digest_of(test)) for test in tests if test.source)
+    return tuple({"name": name, "sha256": digest} for name, digest in files)
+
+
+def notes_of(tests: Sequence[DynoTest]) -> list[str]:
+    """Return the notes on the records, with the number of the run if there are several."""
+    numbered = enumerate(tests, start=1)
+    return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.notes]
+
+
+def _entry(parameter: Parameter) -> dict[str, Any]:
+    bounds = [bound if np.isfinite(bound) else None for bound in parameter.bounds or ()] or None
+    return {
+        "value": parameter.value,
+        "unit": parameter.unit,
+        "standard_error": parameter.error,
+        "interval_95": list(parameter.interval) if parameter.interval else None,
+        "bounds": bounds,
+        "at_bound": parameter.at_bound,
+    }
+
+
+def _temperature(tests: Sequence[DynoTest], runs: Runs) -> dict[str, Any]:
+    ranges = []
+    for test, prepared in zip(tests, runs.prepared, strict=True):
+        if "temperature" in test.series:
+            time = prepared.record.time[prepared.inside] + test.series.time[0]
+            here = (test.series.time >= time[0]) & (test.series.time <= time[-1])
+            ranges.append(_range(test.series["temperature"][here]))
+    return {"temperature_range [K]": _widest(ranges)} if ranges else {}
+
+
+def _widest(ranges: list[list[float]]) -> list[float]:
+    return [min(low for low, _ in ranges), max(high for _, high in ranges)]
+
+
+def _range(values: Array) -> list[float]:
+    return [float(values.min()), float(values.max())]
+
+
+def _frequency_range(prepared: Prepared) -> list[float]:
+    """Return the range of frequencies [Hz] that contains 99 % of the velocity's power."""
+    velocity = prepared.record["velocity"][prepared.inside]
+    power = np.cumsum(np.abs(np.fft.rfft(velocity - velocity.mean())) ** 2)
+    frequency = np.fft.rfftfreq(velocity.size, prepared.step)
+    ends = np.searchsorted(power, np.array([_LEFT_OUT, 1.0 - _LEFT_OUT]) * power[-1])
+    return [float(frequency[end]) for end in ends]
+
+
+# ---- The result of a fit --------------------------------------------------------------------------------------------
+
+#: Number of velocities at which the curve's band is stated.
+_BAND = 61
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShockFit:
+    """A fitted shock and the quality of the fit.
+
+    Attributes:
+        shock: Shock that `write_shock` writes.
+        recipe: `joint` or `boggs`.
+        rms: RMS of the residual inside the segment, model and measurement through the same low-pass [N].
+        deviation: Standard deviation of the low-passed measured force [N].
+        parameters: Scalar parameters.
+        band: 95 % band of the static curve.
+        downweighted: Number of samples treated as outliers, over all runs.
+        converged: Whether the optimiser ended at a minimum.
+        status: Description of how the optimiser ended.
+        seconds: Computing time [s].
+        changes: Every departure from the dissertation's choices, one sentence each.
+        warnings: Everything that is wrong or doubtful, one sentence each.
+        measured: Velocity [m/s], force [N] and, if measured, displacement [m] from the reference: low-passed, inside
+            the segment, several runs one after the other.
+        predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
+        digest: SHA-256 of the first record's file, or of its samples if it has none.
+    """
+
+    shock: Shock
+    recipe: str
+    rms: float
+    deviation: float
+    parameters: tuple[Parameter, ...]
+    band: CurveBand
+    downweighted: int
+    converged: bool
+    status: str
+    seconds: float
+    changes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    measured: TimeSeries
+    predicted: TimeSeries
+    digest: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the shock can be used, and why (docs/verdict.md)."""
+        assert self.shock.validity is not None  # set by `result_of`
+        return self.shock.validity.verdict
+
+    @property
+    def percent(self) -> float:
+        """The residual's RMS in percent of the standard deviation."""
+        return 100.0 * self.rms / self.deviation
+
+    def parameter(self, name: str) -> Parameter:
+        """Return a parameter by its name.
+
+        Raises:
+            KeyError: The fit has no parameter of that name.
+        """
+        found = {parameter.name: parameter for parameter in self.parameters}
+        return found[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """Options and history of a fit that the solution does not contain.
+
+    Attributes:
+        recipe: Name of the recipe.
+        gas: Treatment of the gas force.
+        name: Name of the shock, if given.
+        changes: Every departure from the dissertation's choices.
+        downweighted: Number of samples treated as outliers.
+    """
+
+    recipe: str
+    gas: str
+    name: str | None
+    changes: tuple[str, ...]
+    downweighted: int
+
+
+def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:
+    """Return the fitted shock of a solution."""
+    model = solution.model
+    runs, (b, g, theta) = model.runs, model.split(solution.parameters)
+    measured = _joined([_inside(p.record, p.inside) for p in runs.prepared])
+    curve, ends = fitted_curve(model.basis.curve, model.basis.to_curve @ b, measured["velocity"])
+    preload, stiffness = model.gas.values(g)
+    fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
+    predicted = _predicted(model.dynamics.law(curve, Port(), theta), runs, model.gas.columns @ g)
+    rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
+    parameters = parameters_of(solution)
+    found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
+    warnings = (*notes_of(tests), *found, *ends)
+    conditions = conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
+    band = _band(solution)
+    choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
+    shock = Shock(
+        name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
+        law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
+        conditions=conditions,
+        fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
+        inputs=inputs_of(tests),
+        validity=shock_validity(
+            tests,
+            percent=100.0 * rms / runs.deviation,
+            trouble="" if solution.converged else solution.status or "no minimum was found",
+            parameters=parameters,
+            doubts=(*doubts(solution, parameters, recipe=story.recipe, gas=story.gas), *ends),
+            conditions=conditions,
+        ),
+    )
+    return ShockFit(
+        shock=shock,
+        recipe=story.recipe,
+        rms=rms,
+        deviation=runs.deviation,
+        parameters=parameters,
+        band=band,
+        downweighted=story.downweighted,
+        converged=solution.converged,
+        status=solution.status,
+        seconds=seconds,
+        changes=story.changes,
+        warnings=warnings,
+        measured=measured,
+        predicted=predicted,
+        digest=digest_of(tests[0]),
+    )
+
+
+def _band(solution: Solution) -> CurveBand:
+    model = solution.model
+    n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
+    velocity = np.linspace(inside.min(), inside.max(), _BAND)
+    covariance = np.nan_to_num(solution.covariance[:n, :n])
+    return curve_band(model.basis.at(velocity), solution.parameters[:n], covariance, velocity, quantile(model.runs))
+
+
+def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:
+    """Return the law's own force and the gas force (N,) [N] over the segments, through each record's low-pass."""
+    series = []
+    for prepared, part in zip(runs.prepared, runs.parts, strict=True):
+        force = prepared.filtered(simulate(law, prepared.record) + gas[part])
+        channels = {"force": ("N", force), "gas_force": ("N", gas[part])}
+        series.append(_inside(TimeSeries.from_channels(prepared.record.time, channels), prepared.inside))
+    return _joined(series)
+
+
+def _inside(series: TimeSeries, inside: NDArray[np.bool_]) -> TimeSeries:
+    return TimeSeries(series.time[inside], series.values[:, inside], series.names, series.units)
+
+
+def _joined(series: list[TimeSeries]) -> TimeSeries:
+    """Return runs one after the other, with the channels that all of them have."""
+    if len(series) == 1:
+        return series[0]
+    names = [name for name in series[0].names if all(name in s for s in series)]
+    series = [s.select(names) for s in series]
+    time, start = [], float(series[0].time[0])
+    for s in series:
+        time.append(s.time - s.time[0] + start)
+        start = float(time[-1][-1]) + s.duration / (len(s) - 1)
+    return TimeSeries(np.concatenate(time), np.hstack([s.values for s in series]), series[0].names, series[0].units)

@@ -1,0 +1,378 @@
+"""Parameters of a fit with their standard deviations, findings about them, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.ident.shock.closed import FadingLag
+from eightpost.ident.shock.force import linear_solution
+from eightpost.ident.shock.uncertainty import quantile
+from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
+from eightpost.units import convert
+from eightpost.validity import Range, Validity
+from eightpost.verdict import Grade, Reason, Rule, Verdict
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.problem import Solution
+    from eightpost.rig.dyno_test import DynoTest
+
+    Array = NDArray[np.float64]
+
+
+# ---- The scalar parameters of a fit ---------------------------------------------------------------------------------
+
+_GAS_UNITS = {"gas_preload": "N", "gas_stiffness": "N/m"}
+
+#: A parameter within this share of a bound counts as at the bound.
+_AT_BOUND = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A fitted parameter.
+
+    Attributes:
+        name: Name in the shock file.
+        value: Value in `unit`.
+        unit: SI unit.
+        error: Standard error from leaving out blocks of the record; None if the record does not determine it.
+        bounds: Lower and upper bound of the fit; None if unbounded.
+        reach: Half-width of the 95 % interval in standard errors.
+    """
+
+    name: str
+    value: float
+    unit: str
+    error: float | None
+    bounds: tuple[float, float] | None = None
+    reach: float = 1.96
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % confidence interval; None if the record does not determine the parameter."""
+        if self.error is None:
+            return None
+        return self.value - self.reach * self.error, self.value + self.reach * self.error
+
+    @property
+    def at_bound(self) -> str:
+        """`lower` or `upper` when the value is within 1 % of that bound (of its error at 0), else empty."""
+        if self.bounds is None:
+            return ""
+        for name, bound in zip(("lower", "upper"), self.bounds, strict=True):
+            if np.isfinite(bound) and abs(self.value - bound) <= _AT_BOUND * max(abs(bound), self.error or 0.0):
+                return name
+        return ""
+
+
+def parameters_of(solution: Solution) -> tuple[Parameter, ...]:
+    """Return the law's own parameters, then those of the gas force that were fitted."""
+    model, reach = solution.model, quantile(solution.model.runs)
+    dynamics, (_, g, theta) = model.dynamics, model.split(solution.parameters)
+    n, m = model.curve_count, model.linear_count
+    own = zip(
+        dynamics.names,
+        dynamics.values(theta).tolist(),
+        dynamics.units,
+        _errors(dynamics.values_jacobian(theta), solution.covariance[m:, m:]),
+        dynamics.value_bounds(),
+        strict=True,
+    )
+    found = [Parameter(*entry, reach) for entry in own]
+    gas = zip(model.gas.names, model.gas.to_values @ g, strict=True)
+    errors = _errors(model.gas.to_values, solution.covariance[n:m, n:m])
+    bounds = {"gas_stiffness": (0.0, float("inf"))}
+    found += [
+        Parameter(name, float(value), _GAS_UNITS[name], error, bounds.get(name), reach)
+        for (name, value), error in zip(gas, errors, strict=True)
+    ]
+    return tuple(found)
+
+
+def _errors(jacobian: Array, covariance: Array) -> list[float | None]:
+    """Return the standard errors of values, given their Jacobian with respect to the covariance's parameters.
+
+    A value that depends on an undetermined parameter (NaN) is undetermined too.
+    """
+    errors: list[float | None] = []
+    for row in jacobian:
+        used = row != 0.0
+        variance = float(row[used] @ covariance[np.ix_(used, used)] @ row[used])
+        errors.append(float(np.sqrt(variance)) if np.isfinite(variance) and variance >= 0.0 else None)
+    return errors
+
+
+# ---- Warnings about a fit that a user should know before using the shock --------------------------------------------
+
+#: Share of the standard deviation from which a remaining offset or a negative gas force is reported.
+_NOTABLE_OFFSET = 0.01
+
+#: Share of the standard deviation from which the residual is reported as too large for the law.
+_POOR = 0.1
+
+_IN_WORDS = {
+    "s": (1e3, "ms"),
+    "N": (convert(1.0, "N", "lbf"), "lbf"),
+    "N/m": (convert(1.0, "N/m", "lbf/in"), "lbf/in"),
+    "N.s/m": (convert(1.0, "N.s/m", "lbf.s/in"), "lbf.s/in"),
+}
+
+
+def in_field_units(value: float, unit: str) -> tuple[float, str]:
+    """Return an SI value in the unit used in the field: ms, lbf, lbf/in."""
+    factor, name = _IN_WORDS.get(unit, (1.0, unit))
+    return factor * value, name
+
+
+def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str, rms: float) -> list[str]:
+    """Return a sentence for each doubt about a solution.
+
+    Args:
+        solution: Solution of a recipe.
+        parameters: Scalar parameters of the solution.
+        recipe: Name of the recipe.
+        gas: Treatment of the gas force.
+        rms: RMS of the residual [N].
+    """
+    # A gas stiffness at its lower bound, 0, is normal.
+    own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
+    found = [] if solution.converged else [f"the fit did not converge: {solution.status}"]
+    found += [_at_bound(parameter) for parameter in own if parameter.at_bound]
+    found += doubts(solution, own, recipe=recipe, gas=gas)
+    deviation = solution.model.runs.deviation
+    if rms > _POOR * deviation:
+        found.append(
+            f"the residual is {100.0 * rms / deviation:.1f} % of the force's standard deviation: this law does not "
+            "describe this record well"
+        )
+    return found
+
+
+def doubts(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
+    """Return a sentence for each doubt besides convergence, bounds and residual; see `findings` for the arguments."""
+    notable = _NOTABLE_OFFSET * solution.model.runs.deviation
+    pulling = [_pulling(p) for p in parameters if p.name == "gas_preload" and p.value < -notable]
+    offset = _offset(solution) if gas == "subtracted" else []
+    return [*_unused_fading(solution), *_stiff_with_lag(solution, recipe), *pulling, *offset]
+
+
+def _at_bound(parameter: Parameter) -> str:
+    value, unit = in_field_units(parameter.value, parameter.unit)
+    return f"{parameter.name} = {value:.4g} {unit} is at its {parameter.at_bound} bound"
+
+
+def _unused_fading(solution: Solution) -> list[str]:
+    """Return a warning if LPNL2's transition forces have no effect, or cannot be as high as LPF1 would need them."""
+    model = solution.model
+    if not isinstance(model.dynamics, FadingLag):
+        return []
+    b, _, theta = model.split(solution.parameters)
+    peak = float(np.abs(model.static(b)).max())
+    if float(model.dynamics.values(theta)[1]) >= peak:
+        return ["alpha is 1 over the whole record: LPNL2 equals LPF1 here, and its transition forces are arbitrary"]
+    if model.dynamics.bounds()[1][1] < peak:
+        highest, unit = in_field_units(float(model.dynamics.bounds()[1][1]), "N")
+        return [
+            f"the bound of {highest:.4g} {unit} on lag_full_force is below the record's largest static force: LPNL2 "
+            "cannot become LPF1 here and may be worse"
+        ]
+    return []
+
+
+def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
+    """Return a warning if the gas stiffness was fitted without a lag that could explain part of it."""
+    if not solution.model.gas.size or (recipe == "joint" and solution.model.dynamics.names):
+        return []
+    return ["gas_stiffness was fitted without a lag and includes part of it; a joint LPF1 fit separates the two"]
+
+
+def _pulling(preload: Parameter) -> str:
+    value, unit = in_field_units(preload.value, preload.unit)
+    return (
+        f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
+        "or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
+        "--flip displacement), otherwise compression and rebound are swapped"
+    )
+
+
+def _offset(solution: Solution) -> list[str]:
+    """Return a warning if a force from which the gas force was subtracted still has an offset at rest."""
+    runs = solution.model.runs
+    columns = np.column_stack([solution.model.basis.columns[runs.inside], np.ones(int(runs.inside.sum()))])
+    offset = float(linear_solution(columns, runs.measured)[-1])
+    if abs(offset) <= _NOTABLE_OFFSET * runs.deviation:
+        return []
+    pounds, unit = in_field_units(offset, "N")
+    return [
+        f"an offset of {pounds:.3g} {unit} ({offset:.3g} N) remains in the force, although the gas force was declared "
+        "as subtracted; the curve passes through zero and cannot represent it: fit with gas 'estimate'"
+    ]
+
+
+# ---- The verdict on a fitted shock ----------------------------------------------------------------------------------
+
+ABOUT = "fit of the shock"
+
+#: Limits of the RMS of the residual, in percent of the force's standard deviation.
+GOOD_FIT, POOR_FIT = 10.0, 30.0
+
+#: A lag of the force above this multiple of what a shock can have is attributed to the instrument.
+LARGEST_LAG = 2.0
+
+NOT_CONVERGED = Rule(
+    "fit not converged", ABOUT, Grade.NOT_USABLE,
+    condition="the search for the parameters did not end at a minimum",
+    why="other starting values would give another shock",
+    remedy="check the record (eightpost inspect), or fit a simpler law",
+)  # fmt: skip
+MISFIT = Rule(
+    "large misfit of the fit", ABOUT, Grade.NOT_USABLE,
+    condition=f"RMS of the residual above {POOR_FIT:g} % of the force's standard deviation",
+    why="a third of the force is not in the model: it would rank shocks by chance",
+    remedy="check the record (eightpost inspect), or fit another law",
+)  # fmt: skip
+DOUBTFUL_FIT = Rule(
+    "notable misfit of the fit", ABOUT, Grade.LIMITED,
+    condition=f"RMS of the residual above {GOOD_FIT:g} %",
+    why="a law that suits its record has a residual of a few percent (docs/measured_shocks.md)",
+    remedy="compare the laws on this record, and check the record (eightpost inspect)",
+)  # fmt: skip
+GOOD = Rule(
+    "small misfit of the fit", ABOUT, Grade.USABLE,
+    condition=f"RMS of the residual at most {GOOD_FIT:g} %",
+    why="this is usual for laws that suit their record (docs/measured_shocks.md)",
+    remedy="nothing",
+)  # fmt: skip
+INSTRUMENT_LAG = Rule(
+    "lag of the instrument", ABOUT, Grade.NOT_USABLE,
+    condition=f"force lags or leads velocity by more than {LARGEST_LAG:g} times the lag that a shock itself can have "
+    "(10 ms, in slow tests that of a gas spring)",
+    why="a delay of 20 ms shifts the phase of the force by 86 degrees at 12 Hz, the frequency of wheel hop: damping in "
+    "the car becomes stiffness in the model",
+    remedy="align the channels of the dynamometer (docs/dyno_files.md), measure again and fit again",
+)  # fmt: skip
+SOME_LAG = Rule(
+    "lag or lead that a shock does not have", ABOUT, Grade.LIMITED,
+    condition="force lags velocity by more than a shock itself can, or leads it by more than 2 ms",
+    why="channels sampled at different times or a filter on one of them: the fitted lag includes it",
+    remedy="align the channels of the dynamometer (docs/dyno_files.md) and fit again",
+)  # fmt: skip
+AT_BOUND = Rule(
+    "parameter at its bound", ABOUT, Grade.LIMITED,
+    condition="a fitted parameter is within 1 % of a bound",
+    why="the record needs a value outside the law's bounds, or does not determine the parameter",
+    remedy="check the record (eightpost inspect) for a lag of the instrument, or fit another law",
+)  # fmt: skip
+WARMING = Rule(
+    "temperature changed", ABOUT, Grade.LIMITED,
+    condition=f"the temperature changes by more than {DRIFT:g} K over a record",
+    why="damping changes with the temperature of the oil: the record mixes several states of the shock",
+    remedy="warm up the shock first, or fit parts of the record and compare them",
+)  # fmt: skip
+NO_DYNAMICS = Rule(
+    "no lag known", ABOUT, Grade.LIMITED,
+    condition="the shock was fitted to a table of forces over peak velocities",
+    why="such a table contains no information on the lag of the force, which matters above about 5 Hz",
+    remedy="measure force and velocity over time, and fit a law with a lag",
+)  # fmt: skip
+DOUBT = Rule(
+    "doubt of the fit", ABOUT, Grade.LIMITED,
+    condition="the record or the fit is doubtful for any other reason",
+    why="it may be harmless; the text of the reason names it",
+    remedy="check it in the record (eightpost inspect), and fit again",
+)  # fmt: skip
+
+RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
+
+
+def shock_validity(
+    tests: Sequence[DynoTest],
+    *,
+    percent: float,
+    trouble: str,
+    parameters: Iterable[Parameter],
+    doubts: Iterable[str],
+    conditions: Mapping[str, Any],
+) -> Validity:
+    """Return the verdict on a fit, and the ranges that it covers.
+
+    Args:
+        tests: Records.
+        percent: RMS of the residual, in percent of the force's standard deviation.
+        trouble: Cause that kept the fit from converging; empty if it converged.
+        parameters: Scalar parameters.
+        doubts: Further doubts about the fit, one sentence each.
+        conditions: Conditions of the measurement, as in a shock file.
+    """
+    origin = ", ".join(dict.fromkeys(_name(test) for test in tests))
+    reasons = [_misfit(percent, origin)]
+    if trouble:
+        reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
+    reasons += [_verdict_at_bound(p, origin) for p in parameters if p.at_bound and p.name != "gas_stiffness"]
+    reasons += [reason for test in tests for reason in _of_record(test)]
+    reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
+    return Validity(Verdict(reasons), tuple(ranges_of(conditions)))
+
+
+def peak_velocity_validity(
+    *, percent: float, points: int, doubts: Iterable[str], conditions: Mapping[str, Any], origin: str
+) -> Validity:
+    """Return the verdict on a fit to a table of forces over peak velocities; for the arguments see `shock_validity`."""
+    reasons = [_misfit(percent, origin)]
+    figure = f"{points} points, 0 of them with a time"
+    reasons.append(NO_DYNAMICS.reason("the shock has no lag", figure=figure, origin=origin))
+    reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
+    return Validity(Verdict(reasons), tuple(ranges_of(conditions)))
+
+
+def _misfit(percent: float, origin: str) -> Reason:
+    rule = GOOD if percent <= GOOD_FIT else DOUBTFUL_FIT if percent <= POOR_FIT else MISFIT
+    text = "the law describes its record" if rule is GOOD else "the law does not describe its record well"
+    figure = f"residual {percent:.1f} % of the force's standard deviation; limits {GOOD_FIT:g} and {POOR_FIT:g} %"
+    return rule.reason(text, figure=figure, origin=origin)
+
+
+def _verdict_at_bound(parameter: Parameter, origin: str) -> Reason:
+    value, unit = in_field_units(parameter.value, parameter.unit)
+    figure = f"{parameter.name} = {value:.4g} {unit}, at its {parameter.at_bound} bound"
+    return AT_BOUND.reason("a parameter is at its bound", figure=figure, origin=origin)
+
+
+def _of_record(test: DynoTest) -> Iterator[Reason]:
+    """Yield the doubts about a record; a lag and a change of temperature have their own rules."""
+    origin, lag = _name(test), lag_note(test.series)
+    if lag is not None:
+        rule = INSTRUMENT_LAG if abs(lag.delay) > LARGEST_LAG * lag.allowed else SOME_LAG
+        figure = f"{1e3 * lag.delay:.3g} ms; a shock can have {-1e3 * lag.lead:.3g} to {1e3 * lag.allowed:.3g} ms"
+        yield rule.reason("the lag of the force is not that of a shock", figure=figure, origin=origin)
+    warming = warming_note(test.series)
+    if warming is not None:
+        figure = f"{temperature_drift(test.series):+.1f} K; limit {DRIFT:g} K"
+        yield WARMING.reason("the shock's temperature changed over the record", figure=figure, origin=origin)
+    for note in test.notes:
+        if note not in (warming, None if lag is None else lag.note):
+            yield DOUBT.reason("the record is doubtful", figure=note, origin=origin)
+
+
+def _name(test: DynoTest) -> str:
+    return f"record {test.source.name}" if test.source else "a record in memory"
+
+
+def ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:
+    """Yield the ranges in the conditions of a measurement; an FMU itself monitors its range of velocities."""
+    known: tuple[tuple[str, str, str, str], ...] = (
+        ("displacement_range [m]", "displacement", "amplitude", "m"),
+        ("frequency_range [Hz]", "velocity", "frequency", "Hz"),
+        ("temperature_range [K]", "temperature", "condition", "K"),
+    )
+    for key, variable, kind, unit in known:
+        if key in conditions:
+            low, high = conditions[key]
+            yield Range(variable, kind, low, high, unit)  # type: ignore[arg-type]
+    if (pressure := conditions.get("gas_pressure [Pa]")) is not None:
+        yield Range("gas pressure", "condition", float(pressure), float(pressure), "Pa")
