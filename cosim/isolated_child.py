@@ -69,14 +69,13 @@ def child_command(arguments: Mapping[str, Any]) -> list[str]:
 
     A child needs little of `cosim`, so it skips the package's own imports, which take seconds (scipy, pint).
     """
-    package = __package__.partition(".")[0]
-    folder = str(Path(__file__).parents[1])
+    folder = str(Path(__file__).parent)
     code = (
         "import sys, types\n"
         f"sys.path[:] = {import_path()!r}\n"
-        f"package = sys.modules[{package!r}] = types.ModuleType({package!r})\n"
+        f"package = sys.modules[{__package__!r}] = types.ModuleType({__package__!r})\n"
         f"package.__path__ = [{folder!r}]\n"
-        f"from {__package__}.child import serve\n"
+        f"from {__name__} import serve\n"
         f"serve(**{dict(arguments)!r})\n"
     )
     return [sys.executable, "-P", "-c", code]

@@ -14,8 +14,7 @@ from cosim.coupling import Coupling, Feed
 from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
 from cosim.functions import FunctionTable
 from cosim.system import Bond, System
-
-Integers = NDArray[np.int64]
+from eightpost.array_types import Integers
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from eightpost.unit_symbols import expression
 
 # ---- Table of common units, computed with pint and stored in a file that loads faster than pint ---------------------
 
-PATH = Path(__file__).with_suffix(".json")
+PATH = Path(__file__).with_name("unit_table.json")
 
 #: Units in the table, in the notation of file headers.
 COMMON = (

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from builder.assembly.parts import Part
 from builder.assembly.plan import Assembly, Link
@@ -19,13 +18,12 @@ from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
 from builder.documents.validity import combined_member
 from builder.interface import Interface, friction_ports, source_folder
+from eightpost.array_types import Array
 from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, ports_of
 
 # ---- The parts as models of the library, read from the contents of their FMUs, for pictures and ---------------------
-
-Array = NDArray[np.float64]
 
 
 def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:

@@ -15,14 +15,13 @@ from matplotlib.figure import Figure
 
 from builder.documents.reference import CUSTOMARY
 from eightpost import units
+from eightpost.array_types import Array
 from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.vehicle import StateSpace, Vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
 
 #: 900 x 600 pixels; tools show the picture at 600 x 400 or smaller.
 _SIZE, _DOTS = (6.0, 4.0), 150

@@ -5,20 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from builder.interface import Interface, Variable
 from eightpost import units
+from eightpost.array_types import Array
 from eightpost.shock import Shock, ShockLaw
 from eightpost.vehicle import IdentifiedVehicle, LinearStepper, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- The subject of an FMU's documents, and how much of it they disclose --------------------------------------------
 

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from builder.interface import Interface, friction_ports
 from builder.native.tables import c_array, c_number
+from eightpost.array_types import Array
 from eightpost.vehicle import LinearStepper, StateSpace
 from eightpost.vehicle.friction import ports_of
 from eightpost.vehicle.modal import ModalForm
-
-Array = NDArray[np.float64]
 
 #: Possible numbers of rows of a block of B, of which the one with less padding is used: fmus/vehicle_ss/model.c keeps
 #: as many sums in registers.

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.page import compressed
 from eightpost.signals import TimeSeries
 
@@ -44,7 +44,6 @@ def listed(names: Sequence[str]) -> str:
 
 # ---- Encoding of arrays and scripts as text in a page ---------------------------------------------------------------
 
-Array = NDArray[np.float64]
 
 #: Number of levels between the minimum and the maximum of a channel: 16 bits are 100 times finer than a screen.
 LEVELS = 65535

@@ -7,15 +7,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cosim.component import DISCRETE, Variable
 from cosim.conversion import Conversion, convert_between, named_unit, to_si
 from cosim.ssp.flatten import Assignment, FmuElement, Hop, Network, Path, Port, SystemElement, Value, compose
 from cosim.ssp.package import read_inside
 from cosim.system import can_be_set
 from eightpost import units
+from eightpost.array_types import Array
 from eightpost.errors import UnknownUnitError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -165,8 +163,6 @@ def _items(element: FmuElement, target: Port) -> dict[str, int]:
 
 
 # ---- Data for the open inputs of a package --------------------------------------------------------------------------
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

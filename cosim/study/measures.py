@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim.result import DISPLAY
-from cosim.study.statistics import Array, Filtered, Response, options_for, rms, statistic
+from cosim.study.statistics import Filtered, Response, options_for, rms, statistic
+from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 

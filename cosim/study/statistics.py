@@ -9,14 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
 # ---- Statistics that measures compute from their channels -----------------------------------------------------------
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.rig.excitations import bump, random_multisine, sine_tests, static_steps
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from eightpost.rig.actuator import Actuator
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.signals.drivefile import Drivefile
-
-    Array = NDArray[np.float64]
 
 
 # ---- Tests of the virtual dynamometer and their drive files, by name (dissertation 3.2.3) ---------------------------

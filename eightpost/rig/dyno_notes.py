@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.signal import correlate, correlation_lags
 
+from eightpost.array_types import Array
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Time lag between two channels ----------------------------------------------------------------------------------

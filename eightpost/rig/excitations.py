@@ -6,20 +6,15 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- Random multisine of the shock dynamometer (dissertation 3.2.3) -------------------------------------------------
 

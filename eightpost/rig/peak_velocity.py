@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import (
     DataError,
     FileFormatError,
@@ -27,8 +28,6 @@ from eightpost.units import compatible, convert
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
-
-    Array = NDArray[np.float64]
 
 
 # ---- Peak-velocity table --------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from eightpost.array_types import Array
 from eightpost.rig.dyno_notes import notes_of
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, DynoTest
 from eightpost.signals.filters import lowpass
@@ -16,7 +17,6 @@ from eightpost.signals.filters import lowpass
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
 
 #: The shock is at rest if it moves by less than this share of the record's stroke, ...
 REST_SHARE = 0.01

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
@@ -14,7 +15,6 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
 
 #: Table 6.3, wheelloader: frequency [Hz] and relative amplitude [1]; zero above 30 Hz.
 WHEELLOADER = (

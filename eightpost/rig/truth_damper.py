@@ -16,15 +16,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from eightpost.array_types import Array
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 _POUND_PER_INCH_PER_SECOND = convert(1.0, "lbf.s/in", "N.s/m")
 _POUND = convert(1.0, "lbf", "N")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.signals.faults import Origin, check_gaps
 from eightpost.signals.read import read_series
 from eightpost.signals.write import write_series
@@ -15,12 +16,8 @@ from eightpost.signals.write import write_series
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 #: Minimum share of equal time steps for which the other steps are gaps.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import (
     BackwardTimeError,
     ClippedChannelError,
@@ -22,8 +23,6 @@ from eightpost.errors import (
 
 if TYPE_CHECKING:
     from eightpost.errors import DataError
-
-    Array = NDArray[np.float64]
 
 
 # ---- Origin of a record, which error messages use to state the location of a fault ----------------------------------

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from eightpost.array_types import Array
 
-    Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    pass
 
 
 def lowpass(values: Array, rate: float, cutoff_hz: float, *, order: int = 8) -> Array:

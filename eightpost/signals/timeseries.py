@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    Array = NDArray[np.float64]
 
 #: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
 JITTER = 0.25

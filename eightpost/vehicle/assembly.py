@@ -6,14 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 
 def state_matrices(mass: Array, damping: Array, stiffness: Array, load: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
 from eightpost.vehicle import kernel
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
     from eightpost.vehicle.statespace import StateSpace
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: Relative accuracy of outputs that a modal form must reach; otherwise it is rejected.
 ACCURACY = 1e-10

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.vehicle.assembly import Outputs, state_matrices
 from eightpost.vehicle.quantities import CORNERS, Corners, anywhere, check_ranges, not_negative, positive
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    pass
 
-    Array = NDArray[np.float64]
 
 #: Distance from axle to nose and from axle to spoiler [m]. The dissertation does not give them; with 45 in, a car with
 #: a wheelbase of 110 in is 200 in long.

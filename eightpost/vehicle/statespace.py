@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.linalg import schur
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, UnknownUnitError
 from eightpost.units import si_factor
 from eightpost.vehicle import kernel
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: A direct term below this fraction of the channel pair's own dynamic response is a rounding error.
 DIRECT_TERM_TOLERANCE = 1e-9

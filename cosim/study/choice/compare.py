@@ -18,6 +18,7 @@ from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Drive, Study
+from eightpost.array_types import Array, Integers
 from eightpost.cells import plain_cell
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import read_text
@@ -26,8 +27,6 @@ from eightpost.verdict import Grade, Reason, Rule, Verdict
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 #: Minimum number of setups for a best-fit line with an uncertainty.

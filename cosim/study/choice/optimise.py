@@ -17,11 +17,11 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Constraint, Study
+from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError
 
 # ---- Pareto front of setups and its hypervolume ---------------------------------------------------------------------
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
@@ -71,7 +71,6 @@ def hypervolume(values: Array, reference: Array) -> float:
 
 # ---- Integer optimisation -------------------------------------------------------------------------------------------
 
-Integers = NDArray[np.int64]
 
 #: Number of setups in a generation; with 7 builds at 4 corners, 10 to 40 need the same number of evaluations.
 POPULATION = 20

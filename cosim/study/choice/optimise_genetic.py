@@ -13,12 +13,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Constraint violation of a failed setup: larger than that of any setup that ran.
 _FAILED = 1e12

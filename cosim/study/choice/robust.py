@@ -17,13 +17,12 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Parameters, Study
 from eightpost import units
+from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError
 from eightpost.verdict import Grade, Rule, Verdict
 
 # ---- Robust choice --------------------------------------------------------------------------------------------------
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 #: Name of the weighted sum of Eq 2.6 among the measures.

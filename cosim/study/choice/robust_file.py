@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cosim.study.choice.compare_file import read_run_to_run
@@ -92,7 +91,6 @@ def _spread(row: Mapping[str, Any]) -> Spread:
 
 # ---- Reader of uncertainty files (TOML, docs/study_choice.md) -------------------------------------------------------
 
-Array = NDArray[np.float64]
 
 SCHEMA = 1
 

@@ -10,20 +10,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.study.choice.sensitivity import levels_of
 from cosim.study.result import StudyResult
 from cosim.study.setup import Setup
 from eightpost import units
+from eightpost.array_types import Array, Integers
 from eightpost.cells import plain_cell, write_rows
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, read_text
 
 # ---- Selection of low and high setups of each measure for the rig, spread over the bank (7.3, Table 7.5) ------------
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 End = Literal["low", "high"]
 

@@ -12,17 +12,15 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from numpy.typing import NDArray
 from scipy.linalg import helmert
 
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
+from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 
 # ---- Factors --------------------------------------------------------------------------------------------------------
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +93,6 @@ def varied(factors: Sequence[Factor]) -> list[int]:
 
 # ---- Sensitivity of measures to the corners -------------------------------------------------------------------------
 
-Array = NDArray[np.float64]
 
 #: Method of computing the terms: `exact` (averages over the whole bank), `fitted`, or `fitted main effects` alone.
 Method = Literal["exact", "fitted", "fitted main effects"]

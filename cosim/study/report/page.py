@@ -22,7 +22,8 @@ from cosim.report.page import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import Array, Column, Indices, Scale, Sheet, Shown, build_colors, packed, shown_columns
+from cosim.study.report.sheet import Column, Indices, Scale, Sheet, Shown, build_colors, packed, shown_columns
+from eightpost.array_types import Array
 from eightpost.files import atomic_path
 from eightpost.page import insert, plotly, template
 from eightpost.signals import TimeSeries

@@ -15,6 +15,7 @@ from cosim.report.page import COLORS
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.measures import DISPLAY
 from eightpost import units
+from eightpost.array_types import Array
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
 
@@ -85,7 +86,6 @@ class Scale:
 
 # ---- Data of the report ---------------------------------------------------------------------------------------------
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 

@@ -20,6 +20,7 @@ from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.page import Extras, page, write_figures
 from cosim.study.report.sheet import (
+from eightpost.array_types import Array
     Array,
     Background,
     Bound,

@@ -29,6 +29,7 @@ from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, Scenario, System
 from cosim.verdict import LARGEST_ERROR
+from eightpost.array_types import Array
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 
@@ -173,8 +174,6 @@ def working() -> Iterator[None]:
 
 
 # ---- Estimate of a study's coupling errors from the local errors that the bonds of each run report ------------------
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from threading import Event
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cosim.algorithm import GaussSeidel
 from cosim.session import interrupts_deferred
 from cosim.setup import Setup as SessionSetup
@@ -223,8 +220,6 @@ def run_study(
 
 
 # ---- Studies of which only requested setups are run, each of them once ----------------------------------------------
-
-Integers = NDArray[np.int64]
 
 
 class Requested(Sweep):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eightpost import __version__
+from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, reading
 from eightpost.ident.response import FrequencyResponse
@@ -23,7 +24,6 @@ from eightpost.vehicle.statespace import Channel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
 
 _FUNCTION, _COHERENCE = 4, 6
 _FREQUENCY = 18

@@ -8,8 +8,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.linearity.path import Excitation, Path, outputs_of, paths
 from eightpost.ident.response.local_polynomial import LocalPolynomial
@@ -18,8 +18,6 @@ from eightpost.vehicle.statespace import Channel
 if TYPE_CHECKING:
     from eightpost.ident.preparation import Prepared
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Conditions of Table 6.4 ----------------------------------------------------------------------------------------

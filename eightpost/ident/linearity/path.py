@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.stats import beta
 
+from eightpost.array_types import Array, Complex
 from eightpost.ident.response.records import Record, Records
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from eightpost.ident.response.local_polynomial import LocalPolynomial
     from eightpost.vehicle.statespace import Channel
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: Length of the time response that is kept for plots [s] (Fig 6.9a).
 SHOWN = 2.0

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
+from eightpost.array_types import Array
 from eightpost.errors import ConstantChannelError
 from eightpost.signals.filters import derivative, lowpass
 from eightpost.signals.timeseries import TimeSeries
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- Check for channels that fail during a record, because a cable breaks or a logger repeats its -------------------
 

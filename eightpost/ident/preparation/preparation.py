@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import cheby1, sosfiltfilt
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
 from eightpost.ident.preparation.lags import (
@@ -33,8 +33,6 @@ from eightpost.units import convert, quantity
 
 if TYPE_CHECKING:
     from eightpost.rig.post.rig_test import RigTest
-
-    Array = NDArray[np.float64]
 
 
 # ---- Prepared records, with descriptions of their preparation -------------------------------------------------------

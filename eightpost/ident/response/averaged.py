@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError
 from eightpost.ident.response.frequency_response import FrequencyResponse
 from eightpost.ident.response.records import Blocks, Records, Spectra, gather
 
 if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Power of the inputs of records, which determines where a response is important ---------------------------------

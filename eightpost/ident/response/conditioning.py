@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response.averaged import POWER_FLOOR, regress, response_from
 from eightpost.ident.response.frequency_response import FrequencyResponse
@@ -17,9 +18,6 @@ from eightpost.ident.response.records import Blocks, Record, Records, Spectra
 
 if TYPE_CHECKING:
     from eightpost.ident.response.averaged import Recipe
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Treatments of estimated responses before a model is fitted (5.3.2, 6.3.2) --------------------------------------

@@ -9,21 +9,17 @@ import tokenize
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eightpost import __version__
 from eightpost.archive import read_archive
+from eightpost.array_types import Array, Complex
 from eightpost.errors import FileFormatError, FmuError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, parse_json
 from eightpost.vehicle.statespace import Channel, StateSpace
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
-
 
 # ---- Frequency responses between named inputs and outputs -----------------------------------------------------------
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.response.averaged import POWER_FLOOR, WORST_CONDITION, powered
 from eightpost.ident.response.frequency_response import FrequencyResponse
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
     from eightpost.ident.response.records import Records
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: Correlation of an input of two tests above which it is the same drive.
 _ALIKE = 0.7

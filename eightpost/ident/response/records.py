@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import get_window
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import DataError, InputError, ParameterError, TooShortError
 from eightpost.vehicle.statespace import Channel
 
 if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Windowed, overlapping blocks and their spectra -----------------------------------------------------------------

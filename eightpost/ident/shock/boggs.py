@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
 from eightpost.ident.shock.force import FORCE, linear_solution
@@ -22,7 +22,6 @@ from eightpost.shock.curve import INNER_ORDER
 if TYPE_CHECKING:
     from eightpost.ident.shock.force import ForceModel, Models
 
-    Array = NDArray[np.float64]
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
 INCREMENT = 1e-4

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.force import Dynamics, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.force import ForceModel, Limits
     from eightpost.shock import Port, ShockLaw, StaticCurve
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Variable projection --------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.machine_code import kept
 from eightpost.shock import law_module
 from eightpost.shock.law import Piece, valve_force
@@ -25,7 +25,6 @@ from eightpost.shock.law import Piece, valve_force
 if TYPE_CHECKING:
     from eightpost.shock import ShockLaw, Valve
 
-    Array = NDArray[np.float64]
 
 #: Lags shorter than this share of the sampling interval are treated as zero.
 _SHORTEST_SHARE = 1e-9

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
+from eightpost.array_types import Array
 from eightpost.shock import StaticCurve
 from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- The static curve as a matrix -----------------------------------------------------------------------------------
 

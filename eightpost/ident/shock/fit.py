@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.choice import dynamics_for
@@ -31,13 +32,10 @@ from eightpost.shock import LAWS
 from eightpost.shock.curve import INNER_ORDER
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.ident.shock.joint import Sketch
     from eightpost.ident.shock.problem import Solution
     from eightpost.ident.shock.record import Runs
 
-    Array = NDArray[np.float64]
 
 #: A name in `LAWS`.
 LawName = str

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.curve import CurveBasis, working_basis
 from eightpost.shock.curve import INNER_ORDER
 from eightpost.units import convert
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.lag import Spectrum
     from eightpost.ident.shock.record import Runs
     from eightpost.shock import Port, ShockLaw, StaticCurve
-
-    Array = NDArray[np.float64]
 
 
 # ---- Linear least squares by singular values ------------------------------------------------------------------------

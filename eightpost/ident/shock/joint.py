@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, best_lag, projected
 from eightpost.ident.shock.curve import NOTABLE_FALL, deepest_fall, rising_constraint, shape_constraint
 from eightpost.ident.shock.force import linear_solution
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.force import ForceModel, Models
     from eightpost.ident.shock.problem import Minimum, Solution
     from eightpost.ident.shock.record import Runs
-
-    Array = NDArray[np.float64]
 
 
 # ---- The order of the inner polynomial by cross-validation on blocks of the record that are left out ----------------

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import butter, lfilter, sosfreqz
 
+from eightpost.array_types import Array
+
 if TYPE_CHECKING:
-    Array = NDArray[np.float64]
     Spectrum = NDArray[np.complex128]
 
 

@@ -6,9 +6,9 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.curve import CurveBasis, split_coefficients
 from eightpost.ident.shock.record import TRANSITION_SPEED, TRANSITION_WIDTH
 from eightpost.ident.shock.verdict import peak_velocity_validity
@@ -17,7 +17,6 @@ from eightpost.shock import Polylinear, Port, Shock, StaticCurve
 if TYPE_CHECKING:
     from eightpost.rig.peak_velocity import PeakVelocityTable
 
-    Array = NDArray[np.float64]
 
 #: Number of speeds per side that determines a polynomial of the dissertation's order; with fewer it oscillates.
 ENOUGH = 15

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
+from eightpost.array_types import Array
 from eightpost.files import atomic_path
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.verdict import in_field_units
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.verdict import Parameter
     from eightpost.rig.peak_velocity import PeakVelocityTable
     from eightpost.shock import Shock, StaticCurve
-
-    Array = NDArray[np.float64]
 
 
 # ---- Tables of fits for the console ---------------------------------------------------------------------------------

@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.force import solved
 from eightpost.ident.shock.uncertainty import covariance
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.curve import CurveConstraint
     from eightpost.ident.shock.force import ForceModel
-
-    Array = NDArray[np.float64]
 
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------

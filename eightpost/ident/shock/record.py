@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.signals import TimeSeries, lowpass
@@ -18,8 +19,6 @@ from eightpost.units import convert
 
 if TYPE_CHECKING:
     from eightpost.rig.dyno_test import DynoTest
-
-    Array = NDArray[np.float64]
 
 
 # ---- Choice of the segment of a record that is fitted (3.3 ----------------------------------------------------------

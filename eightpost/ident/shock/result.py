@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.verdict import Parameter
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.shock import ShockLaw
-
-    Array = NDArray[np.float64]
 
 
 # ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------

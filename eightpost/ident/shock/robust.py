@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
 from eightpost.ident.shock.force import Models, gas_columns, limits_for
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.record import Prepared, Runs
     from eightpost.rig.dyno_test import DynoTest
-
-    Array = NDArray[np.float64]
 
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.compiled import lagged_columns, stepped_force
 from eightpost.ident.shock.curve import split_coefficients
 from eightpost.ident.shock.force import Dynamics
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.curve import WorkingBasis
     from eightpost.ident.shock.force import ForceModel, Limits
     from eightpost.shock import FitParameter, Port, ShockLaw
-
-    Array = NDArray[np.float64]
 
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------

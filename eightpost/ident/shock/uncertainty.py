@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
+
+from eightpost.array_types import Array
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.record import Runs
 
-    Array = NDArray[np.float64]
 
 #: Length of a block [s]: ten periods of 20 Hz, and some 30 blocks in the dissertation's nine seconds.
 BLOCK = 0.3

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.uncertainty import quantile
@@ -20,8 +20,6 @@ from eightpost.verdict import Grade, Reason, Rule, Verdict
 if TYPE_CHECKING:
     from eightpost.ident.shock.problem import Solution
     from eightpost.rig.dyno_test import DynoTest
-
-    Array = NDArray[np.float64]
 
 
 # ---- The scalar parameters of a fit ---------------------------------------------------------------------------------

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.record import LARGEST_SHARE
 from eightpost.ident.validation.evaluation import evaluate
 from eightpost.ident.validation.record import block_means, stretches
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.ident.validation.evaluation import Validation
     from eightpost.ident.validation.record import Record
     from eightpost.shock import Shock
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
 
 #: Share of the record's peak speed above which the shock counts as moving.
 _MOVES = 0.05

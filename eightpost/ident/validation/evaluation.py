@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import coherence, welch
 
+from eightpost.array_types import Array
 from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.record import prepare
 from eightpost.signals import TimeSeries
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from eightpost.ident.validation.record import Record
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.shock import Shock, ShockLaw
-
-    Array = NDArray[np.float64]
 
 
 # ---- Figures of a prediction over a whole record, common to random and sine records ---------------------------------

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.static import StaticValidation
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from eightpost.ident.validation.static import Hold
     from eightpost.ident.validation.study import Case
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- A figure as plotly's JSON, with numbers in SI and the unit of each axis, so that the page can ------------------

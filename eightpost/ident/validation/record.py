@@ -16,6 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import label, uniform_filter1d
 from scipy.optimize import minimize_scalar
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.record import single_frequency
 from eightpost.ident.shock.result import digest_of
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
     Mask = NDArray[np.bool_]
 
 

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.record import CUTOFF, FILTER_EDGE, LARGEST_SHARE
 from eightpost.ident.validation.evaluation import Predicted, evaluate
 from eightpost.ident.validation.record import displacement_of, frequency_of, moving_part
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.ident.validation.evaluation import Validation
     from eightpost.ident.validation.record import Record
     from eightpost.shock import Shock
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
 
 #: Share of the peak speed up to which the hysteresis is evaluated; at the peak itself the two branches meet.
 _BRANCH = 0.9

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.shock.closed import simulate
 from eightpost.ident.validation.evaluation import as_measured, reference_of
@@ -15,13 +16,10 @@ from eightpost.ident.validation.record import block_means, standing, stretches
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from eightpost.ident.validation.record import Record
     from eightpost.shock import Shock
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
 
 Direction = Literal["start", "compression", "rebound"]
 

@@ -19,13 +19,12 @@ import numpy as np
 from scipy.linalg import eigh, svd
 from scipy.sparse import coo_array, csr_array
 
+from eightpost.array_types import Array, Complex
 from eightpost.vehicle.statespace import StateSpace
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: Eigenvalue of a Gramian, relative to the largest, below which it is a rounding error [1].
 _ROUNDING = 1e-14

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.sparse import csr_array
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.stability import discretise_by_parts
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from eightpost.signals import TimeSeries as SignalsTimeSeries
     from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
     Whole = NDArray[np.intp]
 
 

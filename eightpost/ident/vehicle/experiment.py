@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 
 if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Definition of an identification --------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.signal import resample
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.response.records import gather
 from eightpost.ident.threads import for_each
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from eightpost.ident.response.records import Records
     from eightpost.ident.vehicle.experiment import Experiment
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Narrow bands of the spectra of whole records, in which each response is approximated by a polynomial -----------

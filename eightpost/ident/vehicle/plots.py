@@ -10,17 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array, Complex
 from eightpost.files import atomic_path
 from eightpost.ident.response import response_of
 
 if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Plots of frequency responses -----------------------------------------------------------------------------------

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
-
 
 # ---- Polynomials that are orthonormal on the points of a fit, so that high orders remain well conditioned -----------
 

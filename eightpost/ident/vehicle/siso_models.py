@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, WHEELLOADERS, BandWeights, RationalFit, TransferFunction
 from eightpost.vehicle.statespace import Channel, StateSpace
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
-
 
 # ---- Parallel model of one transfer function per path ---------------------------------------------------------------
 

@@ -7,17 +7,15 @@ from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from eightpost.array_types import Array
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.vehicle import kernel
 
 if TYPE_CHECKING:
     from eightpost.vehicle import IdentifiedVehicle, StateSpace
-
-    Array = NDArray[np.float64]
 
 
 # ---- Detection of the intervals in which stepped loads are held constant --------------------------------------------

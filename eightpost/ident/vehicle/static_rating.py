@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.stability import holds
 from eightpost.rig.post.modes import MODES
@@ -23,11 +24,8 @@ from eightpost.rig.post.modes import MODES
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
 
 _CORNERS = ("lf", "rf", "lr", "rr")
 

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import coherence, welch
 
+from eightpost.array_types import Array
 from eightpost.errors import TooShortError
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- Spectra of the prediction error, and the part of it that is linear in the prediction ---------------------------
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.validation.figures import COLORS, MEASURED, Axis, Figure, Panel, grid
 from eightpost.ident.vehicle_validation.comparison import quantity
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle_validation.responses import Path
     from eightpost.ident.vehicle_validation.steady import SineOutput
     from eightpost.ident.vehicle_validation.study import Case, Trend, VehicleValidation
-
-    Array = NDArray[np.float64]
 
 
 # ---- Plots of levels ------------------------------------------------------------------------------------------------

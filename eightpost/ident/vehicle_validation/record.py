@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from eightpost.rig.post import RigConditions, RigTest
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace
-
-    Array = NDArray[np.float64]
 
 
 # ---- Recognition of the kind of test that a rig record contains, from its drive (6.1.3) -----------------------------

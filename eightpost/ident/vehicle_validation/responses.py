@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle_validation.comparison import JUDGED, quantity
 
 if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
     from eightpost.vehicle import StateSpace
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Modes of an identified vehicle, matched with those of another car by the modal assurance criterion -------------

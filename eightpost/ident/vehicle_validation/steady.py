@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.ident.vehicle.stability import holds
 from eightpost.ident.vehicle_validation.comparison import quantity
 
 if TYPE_CHECKING:
     from eightpost.ident.vehicle_validation.comparison import Comparison
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Sine records ---------------------------------------------------------------------------------------------------

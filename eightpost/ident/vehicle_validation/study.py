@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.stats import rankdata
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.closed_loop import ManySetups
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from eightpost.vehicle import StateSpace, Vehicle
 
     Ranges = Mapping[str, tuple[float, float]]
-    Array = NDArray[np.float64]
 
 
 # ---- Check that a record stays within the amplitudes and frequencies that the tests of a fit covered ----------------

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.units import convert
 
 # ---- Compressibility of damper oil with a small amount of free gas --------------------------------------------------
@@ -89,8 +89,6 @@ class Fluid:
 
 
 # ---- Cylinder, rod, gas chamber and seals ---------------------------------------------------------------------------
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

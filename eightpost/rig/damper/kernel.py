@@ -6,18 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from eightpost.array_types import Array
 from eightpost.rig.damper.body import ATMOSPHERE
 from eightpost.rig.damper.valves import Passage, passage_flow, passage_slope
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber
 
-    Array = NDArray[np.float64]
     Motion = Callable[[float], tuple[float, float]]
 
 

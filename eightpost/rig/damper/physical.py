@@ -13,6 +13,7 @@ from scipy.integrate import ODEintWarning, cumulative_trapezoid, odeint
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber, Seals
 from eightpost.rig.damper.kernel import Plant, Valve
@@ -23,9 +24,6 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 #: Local error tolerance of the integration in levels and gas volume [1]: a millionth of a chamber's pressure.
 TOLERANCE = 1e-6

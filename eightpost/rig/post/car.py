@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
+from eightpost.array_types import Array
 
 # ---- Car on the virtual rig -----------------------------------------------------------------------------------------
 

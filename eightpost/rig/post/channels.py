@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.signals.filters import velocity_from_displacement
@@ -16,12 +17,9 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from eightpost.rig.post.car import Car
     from eightpost.rig.post.simulate import Motion
 
-    Array = NDArray[np.float64]
     Channels = dict[str, tuple[str, Array]]
 
 #: Low-pass of the shock potentiometer before differentiation (our own choice; 6.1.2 does not state it) [Hz].

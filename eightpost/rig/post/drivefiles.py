@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import fftconvolve, firwin2
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.rig.post.modes import aeroloader_forces
 from eightpost.rig.track import AEROLOADER, WHEELLOADER, Track, track_drivefile
@@ -20,8 +20,6 @@ from eightpost.units import convert
 
 if TYPE_CHECKING:
     from eightpost.rig.post.car import Car, Geometry
-
-    Array = NDArray[np.float64]
 
 
 # ---- Inputs of the integration --------------------------------------------------------------------------------------

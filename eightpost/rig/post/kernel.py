@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numba import njit
 
+from eightpost.array_types import Array
 from eightpost.machine_code import kept
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
     Counts = NDArray[np.int64]
 
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from eightpost.array_types import Array
 
+if TYPE_CHECKING:
     from eightpost.rig.post.car import Geometry
 
-    Array = NDArray[np.float64]
 
 MODES = ("heave", "pitch", "roll", "warp")
 

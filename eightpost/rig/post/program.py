@@ -8,9 +8,9 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, lfilter_zi
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.rig.post.channels import RigSensors, commands, sensor_channels, with_math
 from eightpost.rig.post.drivefiles import (
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from eightpost.rig.post.car import Car
     from eightpost.rig.post.shocks import Shock
     from eightpost.signals.drivefile import Drivefile
-
-    Array = NDArray[np.float64]
 
 
 # ---- Response of hydraulic wheelloaders and pneumatic aeroloaders to their commands (6.1.1) -------------------------

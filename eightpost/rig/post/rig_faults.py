@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import hilbert
 
+from eightpost.array_types import Array
 from eightpost.errors import ClippedChannelError, DataError, WrongSignError
 from eightpost.signals import faults
 from eightpost.signals.faults import IN_MEMORY, Origin
@@ -16,8 +17,6 @@ from eightpost.signals.filters import derivative, lowpass
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
-
-    Array = NDArray[np.float64]
 
 
 # ---- Checks of signs and corners in rig records, with relations that hold for every car, drive and setup ------------

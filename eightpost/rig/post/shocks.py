@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.truth_damper import TruthDamper, ValveSide
@@ -18,10 +18,6 @@ from eightpost.shock.law import ShockLaw
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.polylinear import Polylinear
-
-if TYPE_CHECKING:
-    Array = NDArray[np.float64]
-
 
 # ---- Physical dampers on the virtual rig ----------------------------------------------------------------------------
 

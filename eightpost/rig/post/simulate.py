@@ -10,8 +10,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.processes import usable_processors
 from eightpost.rig.damper import PhysicalDamper
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from eightpost.rig.damper.valves import Passage
     from eightpost.rig.post.car import Car
     from eightpost.rig.truth_damper import ValveSide
-
-    Array = NDArray[np.float64]
 
 
 # ---- Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores ------------

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
 from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 CORNERS = ("lf", "rf", "lr", "rr")
 _INCH = convert(1.0, "in", "m")

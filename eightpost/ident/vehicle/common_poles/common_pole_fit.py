@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.common_poles.points import Feedthrough, Points, points_of, solve_inputs
 from eightpost.ident.vehicle.common_poles.refinement import (
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.common_poles.subspace import Subspace
     from eightpost.vehicle.statespace import Channel
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
     Channels = tuple[Channel, ...]
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eightpost.array_types import Array, Complex
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
 from eightpost.ident.vehicle.common_poles.refinement import Refinement, integrals
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.experiment import Experiment
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import StateSpace
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Uncertainty of a common-pole model due to noise, from models of responses with resampled noise -----------------

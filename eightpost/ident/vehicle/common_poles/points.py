@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Effects of inputs on outputs besides the common poles ----------------------------------------------------------

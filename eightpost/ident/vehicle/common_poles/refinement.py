@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Array, Complex
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.points import Blocks, Row, solve_row
@@ -16,9 +17,6 @@ from eightpost.vehicle.statespace import Channel, StateSpace
 
 if TYPE_CHECKING:
     from eightpost.ident.vehicle.common_poles.points import Feedthrough, Points
-
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 
 # ---- Physical constraints on a vehicle model that follow from the names of its channels -----------------------------

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from eightpost.array_types import Array
 from eightpost.files import atomic_path
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
@@ -17,11 +18,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, OrderStudy
 
-    Array = NDArray[np.float64]
 
 #: Relative change of frequency and damping ratio below which a pole is stable from one order to the next [1].
 STEADY_FREQUENCY, STEADY_DAMPING = 0.01, 0.05

@@ -18,16 +18,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array, Complex
 from eightpost.errors import TooShortError
 from eightpost.ident.vehicle.common_poles.points import Blocks, blocks_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.ident.vehicle.common_poles.points import Points
 
-    Array = NDArray[np.float64]
-    Complex = NDArray[np.complex128]
 
 #: Frequency that the bilinear map takes to a right angle, relative to the highest frequency [1].
 _MIDDLE = 0.25

@@ -23,11 +23,8 @@ from eightpost.vehicle import add_port_damping
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from eightpost.vehicle import StateSpace
 
-    Array = NDArray[np.float64]
 
 #: Lower slopes that are tested, and the upper slope, relative to the baseline dampers [1].
 SOFTEST, STIFFEST = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5), 10.0

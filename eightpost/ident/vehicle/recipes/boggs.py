@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, contribution_error, response_of
 from eightpost.ident.response.averaged import input_power
@@ -24,13 +25,10 @@ from eightpost.vehicle import IdentifiedVehicle, StateSpace
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from eightpost.ident.response import Recipe
     from eightpost.ident.vehicle.experiment import Experiment
     from eightpost.signals import TimeSeries
 
-    Array = NDArray[np.float64]
 
 #: Blocks of a record are not shorter than this [s] as long as there are `_FEWEST_BLOCKS` of them.
 _SHORTEST_BLOCK, _FEWEST_BLOCKS = 10.0, 20
