@@ -20,8 +20,6 @@ from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.page import Extras, page, write_figures
 from cosim.study.report.sheet import (
-from eightpost.array_types import Array
-    Array,
     Background,
     Bound,
     Column,
@@ -35,6 +33,7 @@ from eightpost.array_types import Array
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from cosim.study.verdict import study_verdict
+from eightpost.array_types import Array
 from eightpost.cells import safe_cell
 from eightpost.errors import OutputError
 from eightpost.files import atomic_path
