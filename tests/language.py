@@ -16,6 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("eightpost", "builder", "cosim", "fmus", "benchmarks", "tests", "examples")
+_ABOUT_LANGUAGE = {Path(__file__), ROOT / "tests" / "docs" / "test_language.py"}
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs", "fmus")
 
 #: A description of an argument begins with a noun phrase or a verb phrase, so with none of these.
@@ -39,7 +40,7 @@ EXPRESSIONS = {
     r"\bsaid of\b": "reported about, stated for",
     r"\btold (from|apart|by|with)\b": "distinguished from, reported with",
     r"\b(is|are|be) told\b": "is reported",
-    r"\bthe least\b": "the smallest, the minimum",
+    r"\bthe least\b(?![- ](squares|recently))": "the smallest, the minimum",
     r"\bthe greatest\b": "the largest, the maximum",
     r"\bat the (least|greatest)\b": "at the minimum, at the maximum",
     r"\banew\b": "again",
@@ -70,7 +71,17 @@ EXPRESSIONS = {
     r"\b(?:it|they|that) (?:is|are) (?:long )?gone\b": "no longer exists",
     r"\bstands? beside\b": "is next to, is shown with",
     r"\blies? beside\b": "is in the same folder as",
-    r"\bby hand of\b": "with",
+    r"\btold apart\b": "distinguished",
+    r"\b(where )?there (is|are) none\b": "say what is missing",
+    r"\b(as it stands|as they stand|as people read)\b": "leave it out",
+    r"\b(bears? witness|next to no|none like another|takes the place of)\b": "use the usual verb",
+    r"\b(brought (forward|into step)|handed round|hangs? together)\b": "say what is done",
+    r"\b(the wrong way round|turns? round|the other way round)\b": "has the wrong sign, reverses, is reversed",
+    r"\b(says? no unit|comes? twice|without a word|worth a word)\b": "has no unit, occurs twice, without a message",
+    r"\b(by how much|errs by|so many-th|seconds on)\b": "use the quantity's name",
+    r"\bhold(s|ing)? (\w+ )?against\b": "compare with",
+    r"\b(this very|gives? way|rings on|what blurs|what came|is parted|lays? through|out of line)\b": "use the term",
+    r"\bto the byte\b": "byte for byte",
 }
 
 _SECTIONS = re.compile(r"^(Args|Attributes|Returns|Raises|Yields|Source|Sources|Example|Examples|Note)s?:$")
@@ -115,7 +126,7 @@ def expressions(path: Path) -> Iterator[Finding]:
 
 def python_files(folders: tuple[str, ...] = PACKAGES) -> list[Path]:
     """Return the project's Python files."""
-    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py") if path != Path(__file__))
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py") if path not in _ABOUT_LANGUAGE)
 
 
 def text_files() -> list[Path]:
