@@ -23,7 +23,7 @@ from cosim.result import Coupled, Result, held_direct_outputs
 from cosim.running import Ending, Running
 from cosim.setup import Setup, recorded_series
 from cosim.system import Connection, System
-from cosim.verdict import models_of
+from cosim.validity import models_of
 from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
 

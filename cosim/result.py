@@ -10,7 +10,8 @@ from pathlib import Path
 
 from cosim.energy import BondEnergy
 from cosim.system import System
-from cosim.verdict import LARGEST_ERROR, Model, verdict_of
+from cosim.validity import Model
+from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series

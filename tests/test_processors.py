@@ -32,4 +32,4 @@ def test_no_other_file_asks_the_system() -> None:
         for path in (root / package).rglob("*.py")
         if any(word in path.read_text(encoding="utf-8") for word in ("sched_getaffinity", "cpu_count"))
     ]
-    assert asking == ["processors.py"]
+    assert asking == ["processes.py"]

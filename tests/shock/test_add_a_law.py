@@ -27,8 +27,8 @@ import sys
 from pathlib import Path
 import numpy as np
 import builder.build, cosim, eightpost.shock as shock
-from builder.native import platforms, toolchain
-here = (platforms.this_platform(),)
+from builder.native import toolchain
+here = (toolchain.this_platform(),)
 toolchain.Zig.platforms = property(lambda self: here)
 root = Path.cwd()
 assert all(root in Path(m.__file__).parents for m in (builder.build, cosim, shock)), "not the copy"

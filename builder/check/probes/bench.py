@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-import hashlib
 import math
 import os
-import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -234,14 +232,3 @@ def _timing(description: Description) -> Timing:
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
     return Timing(start, size, min(_STEPS, whole), whole)
-
-
-# ---- Probe that computes a digest of the outputs of a short run, to compare it with the same run --------------------
-
-
-def probe(bench: Bench) -> Results:
-    """Run and yield the digest of the outputs."""
-    with bench.running() as instance:
-        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
-    flat = [value for row in rows for value in row]
-    yield Measured("outputs", hashlib.sha256(struct.pack(f"<{len(flat)}d", *flat)).hexdigest())

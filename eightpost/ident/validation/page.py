@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from eightpost.ident.validation.study import ValidationStudy
     from eightpost.ident.validation.tables import Cell, ResultTable
 
-_PACKAGE = "eightpost.ident.validation.page"
+_PACKAGE = "eightpost.ident.validation"
 
 _UNITS = ("N", "m", "m/s", "N/m", "J", "N2/Hz")
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Section = tuple[str, str, str, list[ResultTable], list[Figure]]
 
-_PACKAGE = "eightpost.ident.vehicle_validation.page"
+_PACKAGE = "eightpost.ident.vehicle_validation"
 #: Package with the style and script, shared with the validation of shocks.
 _SHARED = "eightpost.ident.validation.page"
 
