@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _PACKAGE = "eightpost.ident.vehicle_validation"
 #: Package with the style and script, shared with the validation of shocks.
-_SHARED = "eightpost.ident.validation.page"
+_SHARED = "eightpost.ident.validation"
 
 _UNITS = ("N", "m", "m/s")
 
