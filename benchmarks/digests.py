@@ -25,7 +25,7 @@ from typing import Any
 import pyarrow.parquet
 
 #: Keys of JSON whose values are durations of the calculation, versions or names of this run.
-_NOT_RESULTS = {"seconds", "wall_seconds", "elapsed", "created", "version", "workers", "processor_seconds", "sources"}
+_NOT_RESULTS = {"created", "version", "workers", "sources"}
 
 _RIG = ("--program", "identification", "--duration", "40 s")
 
@@ -88,7 +88,7 @@ def _digests(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield every file of results with the digest of its numbers, in the order of their names."""
     readers = {".json": _json_numbers, ".csv": _csv_numbers, ".parquet": _parquet_numbers}
     for path in sorted(folder.rglob("*")):
-        if path.suffix in readers:
+        if path.suffix in readers and "chunks" not in path.parts:  # named after the folder's path
             digest = hashlib.sha256("\n".join(readers[path.suffix](path)).encode()).hexdigest()[:16]
             yield path.relative_to(folder).as_posix(), digest
 
@@ -100,7 +100,8 @@ def _json_numbers(path: Path) -> Iterator[str]:
 def _numbers(content: Any) -> Iterator[str]:
     if isinstance(content, dict):
         for key in sorted(set(content) - _NOT_RESULTS):
-            yield from _numbers(content[key])
+            if not key.endswith("seconds"):
+                yield from _numbers(content[key])
     elif isinstance(content, list):
         for item in content:
             yield from _numbers(item)
@@ -121,7 +122,8 @@ def _csv_numbers(path: Path) -> Iterator[str]:
 def _parquet_numbers(path: Path) -> Iterator[str]:
     table = pyarrow.parquet.read_table(path)
     for name in table.column_names:
-        yield hashlib.sha256(table[name].to_numpy().tobytes()).hexdigest()
+        if not name.endswith("seconds") and pyarrow.types.is_primitive(table[name].type):
+            yield hashlib.sha256(table[name].to_numpy().tobytes()).hexdigest()
 
 
 if __name__ == "__main__":
