@@ -37,8 +37,8 @@ from benchmarks.identification_measures import Agreement, agreement, measures_of
 from benchmarks.identification_methods import methods
 from benchmarks.identification_seeds import over_seeds
 from eightpost.errors import EightpostError
-from eightpost.ident.vehicle.closed_loop import ManySetups
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries

@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import CASES, Case, records_of, truths
 from benchmarks.identification_measures import QUANTITIES, agreement, measures_of
-from eightpost.ident.vehicle.closed_loop import ManySetups
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles, Identification
 from eightpost.rig.post import Car
 

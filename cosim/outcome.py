@@ -19,9 +19,10 @@ from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.equilibrium import Equilibrium
 from cosim.error_estimate import judged_by
 from cosim.fmu_file import OpenedFmu
+from cosim.recorder import recorded_series
 from cosim.result import Coupled, Result, held_direct_outputs
 from cosim.running import Ending, Running
-from cosim.setup import Setup, recorded_series
+from cosim.setup import Setup
 from cosim.system import Connection, System
 from cosim.validity import models_of
 from eightpost.errors import StepError

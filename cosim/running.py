@@ -13,7 +13,8 @@ from cosim.equilibrium import Equilibrium, solve_equilibrium
 from cosim.fmu_component import FmuComponent
 from cosim.functions import Callbacks, FunctionTable, Native, free_states, function_table
 from cosim.planning import make_plan
-from cosim.setup import Setup, blank_tape, real_names
+from cosim.recorder import blank_tape, real_names
+from cosim.setup import Setup
 from cosim.watch import Surroundings, loop_words, watching
 from eightpost.errors import DivergedError, StepError, TerminatedError
 

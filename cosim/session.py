@@ -34,7 +34,8 @@ from cosim.running import (
     undoing,
     watched,
 )
-from cosim.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes
+from cosim.setup import Setup
+from cosim.step_times import ROUNDING, Times, among, coupling_times, joined, merged, step_sizes
 from cosim.system import Scenario, System
 from cosim.watch import calling_loop
 from eightpost.errors import InputError, WiringError

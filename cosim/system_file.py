@@ -11,11 +11,11 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cosim.algorithm import Algorithm
+from cosim.automatic import SCHEMES, Automatic
 from cosim.component import DISCRETE, Component
 from cosim.conversion import convert_between, named_unit
 from cosim.fmu_component import FmuComponent
 from cosim.isolated_component import IsolatedComponent
-from cosim.master import SCHEMES, Automatic
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.system import Bond, Connection, Scenario, System, find_variable
 from eightpost import units

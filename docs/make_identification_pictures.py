@@ -29,7 +29,7 @@ from docs.identification_pictures import (
     save,
 )
 from eightpost.ident.response import H1, Blocks, LocalPolynomial, SameDrive, estimate_response
-from eightpost.ident.vehicle.closed_loop import ManySetups
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.rig.post import simulate_setups

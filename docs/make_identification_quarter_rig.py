@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.identification_shocks import twelve
 from docs.identification_pictures import GRAVITY, INCH, POUND, draw_pairs, draw_path, figure_of, path_of, save
 from eightpost.ident.preparation import Preparation, prepare
-from eightpost.ident.vehicle.closed_loop import ManySetups
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.rational_fit import BandWeights, RationalFit
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
 from eightpost.rig import configuration

@@ -12,7 +12,7 @@ from benchmarks.identification_cases import CASES, records_of
 from benchmarks.identification_measures import measures_of, truth_of
 from docs.identification_pictures import CORNERS, GRAVITY, INCH, POUND, draw_pairs, draw_path, figure_of, numbers, save
 from eightpost.ident.response.conditioning import Preconditioning, feedback_paths
-from eightpost.ident.vehicle.closed_loop import ManySetups
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_6, Boggs
 from eightpost.rig.post import Actuators, bump_drive, simulate_setups, sine_drive
 from eightpost.rig.post.drivefiles import HEAVE_SINES, RATE

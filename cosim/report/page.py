@@ -16,8 +16,9 @@ from xml.etree import ElementTree
 from markupsafe import Markup
 
 from cosim.energy import LIMIT
+from cosim.report.drawing import graph
 from cosim.report.figures import Spectra, Store, Traces, figure, listed, percent, spectra, traces
-from cosim.report.wiring import Group, arrows, graph, groups
+from cosim.report.wiring import Group, arrows, groups
 from cosim.result import Coupled, Result
 from cosim.study.measures import DISPLAY
 from cosim.system import Scenario, System

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from cosim.study.choice.compare_file import read_run_to_run
 from cosim.study.choice.robust import Spread, Uncertain
 from cosim.study.result import StudyResult
-from cosim.study.study_file import line_of
+from cosim.study.toml_place import line_of
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, parse_toml, read_text

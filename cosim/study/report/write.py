@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path, PurePath
@@ -11,8 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-import xlsxwriter
-import xlsxwriter.exceptions
 
 from cosim.study.choice.robust import REACH, Spread
 from cosim.study.choice.selection import Selection
@@ -28,14 +25,12 @@ from cosim.study.report.sheet import (
     Scale,
     Sheet,
     Uncertainty,
-    shown_columns,
 )
+from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from cosim.study.verdict import study_verdict
 from eightpost.array_types import Array
-from eightpost.cells import safe_cell
-from eightpost.errors import OutputError
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
 
@@ -239,184 +234,6 @@ def _by_name(known: Mapping[str, str]) -> dict[str, str]:
     names = [PurePath(path).name for path in known]
     single = {PurePath(path).name: value for path, value in known.items() if names.count(PurePath(path).name) == 1}
     return single | dict(known)
-
-
-# ---- CSV tables in the layout of data-logging tools -----------------------------------------------------------------
-
-Cell = str | int | float
-
-
-def write_ranking(sheet: Sheet, path: Path) -> Path:
-    """Write all setups, best first, in the display units of the measures; failed setups have empty cells.
-
-    Args:
-        sheet: Report data.
-        path: The file.
-
-    Returns:
-        The file.
-    """
-    columns = shown_columns(sheet)
-    names = ["rank", "setup", *sheet.corners, *(column.name for column in columns), "coupling error", "remark"]
-    units = ["", "", *("" for _ in sheet.corners), *(column.scale.us.unit for column in columns), "%", ""]
-    return _write(path, _csv_tables_settings(sheet), names, units, ranking_rows(sheet))
-
-
-def ranking_rows(sheet: Sheet) -> list[list[Cell]]:
-    """Return one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
-    columns = shown_columns(sheet)
-    return [
-        [
-            place if sheet.done[row] else "",
-            int(sheet.numbers[row]),
-            *(sheet.builds[build] for build in sheet.placed[row]),
-            *(_cell(column.scale.us(float(column.values[row]))) for column in columns),
-            _cell(float(sheet.coupling_error[row])),
-            sheet.remark(row),
-        ]
-        for place, row in enumerate(sheet.order.tolist(), start=1)
-    ]
-
-
-def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
-    """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export.
-
-    Args:
-        sheet: Report data for the preamble.
-        number: Number of the setup.
-        series: Traces of the setup.
-        path: The file.
-
-    Returns:
-        The file.
-    """
-    row = sheet.row(number)
-    settings = [
-        ("Format", "MoTeC CSV File"),
-        ("Vehicle", sheet.background.title),
-        ("Comment", f"setup {number}" + ("" if row is None else f": {sheet.fitted(row)}")),
-        ("Sample Rate", f"{series.sample_rate:.9g}", "Hz"),
-        ("Duration", f"{series.duration:.9g}", "s"),
-    ]
-    rows = np.column_stack([series.time, series.values.T]).tolist()
-    return _write(path, settings, ["Time", *series.names], ["s", *series.units], rows)
-
-
-def _csv_tables_settings(sheet: Sheet) -> list[tuple[str, str]]:
-    source = sheet.background
-    return [
-        ("Format", "eightpost setup study"),
-        ("Study", source.title),
-        ("Ranked by", source.objective or sheet.ranked_by.name),
-        ("Constraints", "; ".join(map(str, source.constraints)) or "none"),
-        *source.facts,
-    ]
-
-
-def _cell(value: float) -> Cell:
-    return value if np.isfinite(value) else ""
-
-
-def _write(
-    path: Path,
-    settings: Iterable[Sequence[str]],
-    names: Sequence[str],
-    units: Sequence[str],
-    rows: Iterable[Sequence[Cell]],
-) -> Path:
-    """Write text in quotes and numbers without; lines end with CR LF (RFC 4180)."""
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, quoting=csv.QUOTE_NONNUMERIC)
-        writer.writerows(_safe(row) for row in (*settings, (), names, units))
-        writer.writerows(map(_safe, rows))
-    return path
-
-
-def _safe(row: Sequence[Cell]) -> list[Cell]:
-    return [safe_cell(cell) if isinstance(cell, str) else cell for cell in row]
-
-
-# ---- Workbook of the ranking, with sheets for the ranking, the units and the provenance -----------------------------
-
-
-def write_workbook(sheet: Sheet, path: Path) -> Path:
-    """Write the workbook; text is never interpreted as a formula.
-
-    Args:
-        sheet: Report data.
-        path: The file.
-
-    Returns:
-        The file.
-    """
-    options = {"strings_to_formulas": False, "strings_to_urls": False}
-    try:
-        with atomic_path(path) as temporary, xlsxwriter.Workbook(temporary, options) as workbook:
-            _ranking(workbook, sheet)
-            _units(workbook, sheet)
-            _provenance(workbook, sheet)
-    except xlsxwriter.exceptions.XlsxWriterException as error:  # wraps the operating system's error
-        raise OutputError(f"{path}: cannot be written ({error}); free disk space, or choose another folder") from error
-    return path
-
-
-def _ranking(workbook: Any, sheet: Sheet) -> None:
-    """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
-    columns, rows = shown_columns(sheet), ranking_rows(sheet)
-    heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
-    names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
-    page = workbook.add_worksheet("Ranking")
-    _table(workbook, page, names, rows)
-    first = 2 + len(sheet.corners)
-    for k, column in enumerate(columns, start=first):
-        page.set_column(k, k, 14, workbook.add_format({"num_format": _digits(column.scale.us(column.extremes[1]))}))
-        shades = {"type": "2_color_scale", "min_color": "#FFFFFF", "max_color": "#9CC3E6"}
-        page.conditional_format(1, k, max(1, len(rows)), k, shades)
-    page.freeze_panes(1, first)
-    page.autofilter(0, 0, max(1, len(rows)), len(names) - 1)
-    page.set_column(len(names) - 1, len(names) - 1, 40)
-
-
-def _digits(value: float) -> str:
-    """Return the number format that shows about four digits of values of this size."""
-    size = abs(value)
-    return "0" if size >= 1000.0 else "0.0" if size >= 100.0 else "0.00" if size >= 10.0 else "0.0000"
-
-
-def _units(workbook: Any, sheet: Sheet) -> None:
-    heads = [
-        "measure",
-        "unit here",
-        "SI unit",
-        "here = factor * SI + offset: factor",
-        "offset",
-        "least",
-        "greatest",
-    ]
-    rows: list[list[Cell]] = []
-    for column in shown_columns(sheet):
-        us, (least, greatest) = column.scale.us, column.extremes
-        rows.append([column.name, us.unit, column.scale.si, us.factor, us.offset, us(least), us(greatest)])
-    _table(workbook, workbook.add_worksheet("Units"), heads, rows)
-
-
-def _provenance(workbook: Any, sheet: Sheet) -> None:
-    source = sheet.background
-    words = [("Study", source.title), ("Objective", source.objective or "none"), *source.facts]
-    words += [("Constraint", str(bound)) for bound in source.constraints] + [("Note", text) for text in source.notes]
-    files = [(o.what, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
-    page = workbook.add_worksheet("Provenance")
-    _table(workbook, page, ["what", "value or file", "GUID", "SHA-256", "parameters set"], [*words, *files])
-    page.set_column(1, 1, 60)
-    page.set_column(2, 3, 68)
-
-
-def _table(workbook: Any, page: Any, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    bold = workbook.add_format({"bold": True, "text_wrap": True, "valign": "top", "bottom": 1})
-    page.write_row(0, 0, heads, bold)
-    page.set_column(0, len(heads) - 1, 14)
-    for k, row in enumerate(rows, start=1):
-        page.write_row(k, 0, row)
 
 
 # ---- Files of a study's report --------------------------------------------------------------------------------------

@@ -6,18 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from cosim.automatic import FIRST_STEP, Automatic, run_automatic
 from cosim.error_estimate import difference
-from cosim.master import FIRST_STEP, Automatic, run_automatic
 from cosim.result import Result
-from cosim.study.running.evaluator import (
-    Coupling,
-    ErrorModel,
-    Evaluator,
-    Pilot,
-    fit_error_model,
-    heartbeat,
-    local_error,
-)
+from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
+from cosim.study.running.evaluator import Coupling, Evaluator, local_error
+from cosim.study.running.heartbeats import heartbeat
 from cosim.study.setup import Setup
 from cosim.study.study import Drive
 from eightpost.errors import DivergedError, EightpostError, StepError

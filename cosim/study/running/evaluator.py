@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import time
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from multiprocessing.context import SpawnContext
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.algorithm import GaussSeidel, Implicit
+from cosim.automatic import default_scheme
 from cosim.component import Component
 from cosim.conversion import to_si
 from cosim.fmu_component import FmuComponent
-from cosim.master import default_scheme
 from cosim.result import Result
 from cosim.session import Session
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
+from cosim.study.running.error_model import ErrorModel
+from cosim.study.running.heartbeats import heartbeat
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
 from cosim.system import Bond, Scenario, System
 from cosim.verdict import LARGEST_ERROR
-from eightpost.array_types import Array
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 
@@ -73,203 +69,6 @@ def read_drive(drive: Drive) -> RememberedDrive:
             f"which contains {first:g} to {last:g} s; change stop or start"
         )
     return RememberedDrive(found.series)
-
-
-# ---- Heartbeats of workers ------------------------------------------------------------------------------------------
-
-#: Signal that no process can block; on Windows any signal ends a process.
-_END = getattr(signal, "SIGKILL", signal.SIGTERM)
-
-#: Interval at which the end of a worker is checked [s].
-_POLL = 0.05
-
-
-class Heartbeats:
-    """Heartbeat counters of the workers of one pool, with the time of their last change.
-
-    Args:
-        count: Number of workers.
-        context: Multiprocessing context of the workers.
-    """
-
-    def __init__(self, count: int, context: SpawnContext) -> None:
-        self._places = context.Value("q", 0)
-        self._processes, self._counts = context.Array("q", count), context.Array("q", count)
-        self._seen, self._since = [0] * count, [time.monotonic()] * count
-
-    @property
-    def shared(self) -> tuple[Any, Any, Any]:
-        """Arguments of `register_worker` in a worker."""
-        return self._places, self._processes, self._counts
-
-    def end_unresponsive(self, patience: float) -> bool:
-        """End the workers that are working and had no heartbeat for `patience` [s]; return whether there were any."""
-        silent = [k for k, since in enumerate(self._silences()) if since > patience]
-        self._end(silent)
-        return bool(silent)
-
-    def end_working(self, grace: float) -> None:
-        """End the workers that are still working after `grace` [s], because their results are not needed."""
-        until = time.monotonic() + grace
-        while self._working() and time.monotonic() < until:
-            time.sleep(_POLL)
-        self._end(self._working())
-
-    def _working(self) -> list[int]:
-        return [k for k, count in enumerate(self._counts[:]) if count > 0]
-
-    def _silences(self) -> list[float]:
-        """Return the time since each worker's last heartbeat [s]; 0 for idle workers."""
-        now, counts = time.monotonic(), self._counts[:]
-        for k, count in enumerate(counts):
-            if count <= 0 or count != self._seen[k]:
-                self._seen[k], self._since[k] = count, now
-        return [now - since for since in self._since]
-
-    def _end(self, places: list[int]) -> None:
-        for k in places:
-            try:
-                os.kill(self._processes[k], _END)
-            except OSError:  # the process has already ended
-                continue
-
-
-class _Slot:
-    """Slot of this worker in the heartbeat counters; its count is negative while the worker is idle."""
-
-    def __init__(self, places: Any, processes: Any, counts: Any) -> None:
-        with places.get_lock():
-            self._number, places.value = places.value, places.value + 1
-        self._counts, self._count = counts, 0
-        processes[self._number] = os.getpid()
-
-    def beat(self, working: int) -> None:
-        self._count += 1
-        self._counts[self._number] = working * self._count
-
-
-_own: list[_Slot] = []
-
-
-def register_worker(places: Any, processes: Any, counts: Any) -> None:
-    """Register this worker in the counters of its pool; called once when a worker starts."""
-    _own[:] = [_Slot(places, processes, counts)]
-
-
-def heartbeat(_share: float = 0.0) -> None:
-    """Report that this worker is alive; no effect outside a worker."""
-    for slot in _own:
-        slot.beat(1)
-
-
-@contextmanager
-def working() -> Iterator[None]:
-    """Mark this worker as working within the context: heartbeats are expected until its end."""
-    heartbeat()
-    try:
-        yield
-    finally:
-        for slot in _own:
-            slot.beat(-1)
-
-
-# ---- Estimate of a study's coupling errors from the local errors that the bonds of each run report ------------------
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorModel:
-    """Gains from the local errors of bond ends to coupling errors.
-
-    Args:
-        ends: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
-        channels: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
-        measures: Gain of each end for each measure; the errors are in the measure's SI unit.
-    """
-
-    ends: tuple[str, ...]
-    channels: Mapping[str, tuple[float, ...]]
-    measures: Mapping[str, tuple[float, ...]]
-
-    def worst_channel(self, result: Result) -> float:
-        """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        return max((self._error(gains, result) for gains in self.channels.values()), default=0.0)
-
-    def of_measure(self, name: str, result: Result) -> float | None:
-        """Return the estimated error of a measure, in its SI unit; None if the pilots did not have the measure."""
-        return self._error(self.measures[name], result) if name in self.measures else None
-
-    def _error(self, gains: Sequence[float], result: Result) -> float:
-        local = local_errors(result)
-        return float(np.sqrt(sum(g * local[end] ** 2 for g, end in zip(gains, self.ends, strict=True))))
-
-
-@dataclass(frozen=True, slots=True)
-class Pilot:
-    """A run with known coupling errors.
-
-    Args:
-        result: Run at the study's coupling step.
-        channels: Error of each compared channel, in percent of the channel's scale.
-        measures: Error of each measure of the run's drive, in its SI unit.
-    """
-
-    result: Result
-    channels: Mapping[str, float]
-    measures: Mapping[str, float]
-
-
-def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
-    """Return the gains fitted to the errors of one or more pilots."""
-    local = [local_errors(pilot.result) for pilot in pilots]
-    ends = tuple(end for end in local[0] if any(one[end] > 0.0 for one in local))
-    squares = np.array([[one[end] ** 2 for end in ends] for one in local]).reshape(len(pilots), len(ends))
-    measures = dict.fromkeys(name for pilot in pilots for name in pilot.measures)
-    return ErrorModel(
-        ends,
-        channels={n: _gains(squares, [p.channels.get(n) for p in pilots], _middle) for n in pilots[0].channels},
-        measures={n: _gains(squares, [p.measures.get(n) for p in pilots], _mean) for n in measures},
-    )
-
-
-def local_errors(result: Result) -> dict[str, float]:
-    """Return the local error of every bond end of a run, in SI."""
-    found: dict[str, float] = {}
-    for bond, coupled in result.coupled.items():
-        found |= {f"{bond}.velocity": coupled.velocity_error, f"{bond}.force": coupled.force_error}
-    return found
-
-
-def _gains(
-    squares: Array, errors: Sequence[float | None], excess: Callable[[Array, Array], float]
-) -> tuple[float, ...]:
-    """Return the gains (E,) fitted to the pilots that have the error; zeros if it is zero for all.
-
-    `excess` returns the factor by which the fitted squares are too large; the gains are divided by it.
-    """
-    from scipy.optimize import nnls  # noqa: PLC0415 -- only the process that chooses the coupling needs it
-
-    known = np.array([error is not None for error in errors])
-    known_squares = np.array([float(error) ** 2 for error in errors if error is not None])
-    if not known_squares.any() or squares.shape[1] == 0:
-        return tuple(0.0 for _ in range(squares.shape[1]))
-    rows = squares[known]
-    sizes = rows.mean(axis=0)  # of order 1, for the solver
-    gains = np.asarray(
-        nnls(rows / sizes, known_squares / known_squares.mean())[0] * known_squares.mean() / sizes, dtype=np.float64
-    )
-    return tuple((gains / excess(rows @ gains, known_squares)).tolist())
-
-
-def _middle(estimated: Array, known_squares: Array) -> float:
-    """Return the factor that balances the largest over- and underestimate of the errors of channels."""
-    usual = known_squares > 1e-2 * known_squares.mean()
-    ratios = estimated[usual] / known_squares[usual]
-    return float(np.sqrt(ratios.min() * ratios.max())) if ratios.min() > 0.0 else 1.0
-
-
-def _mean(estimated: Array, known_squares: Array) -> float:
-    """Return the factor of the mean squares; the errors of measures change sign, and may be zero by chance."""
-    return float(estimated.mean() / known_squares.mean()) or 1.0
 
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------

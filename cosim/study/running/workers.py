@@ -17,7 +17,8 @@ from typing import Any, Protocol
 
 from cosim.study.result import FAILED
 from cosim.study.running.choose_coupling import choose_coupling
-from cosim.study.running.evaluator import Coupling, Evaluator, Heartbeats, Row, heartbeat, register_worker, working
+from cosim.study.running.evaluator import Coupling, Evaluator, Row
+from cosim.study.running.heartbeats import Heartbeats, heartbeat, register_worker, working
 from cosim.study.study import Study
 from eightpost.errors import StepError
 from eightpost.processes import end_with

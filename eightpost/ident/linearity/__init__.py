@@ -1,12 +1,12 @@
 """Linearity of a car on the rig: the paths that a linear model can predict (dissertation 6.2, Table 6.4)."""
 
+from eightpost.ident.linearity.excitations import excitations
 from eightpost.ident.linearity.linearity import (
     AmplitudeEffect,
     Condition,
     Linearity,
     Thresholds,
     Verdict,
-    excitations,
     judge_linearity,
 )
 from eightpost.ident.linearity.path import Excitation, Path, paths

@@ -2,16 +2,11 @@
 
 from eightpost.ident.vehicle_validation.comparison import Comparison, Judging
 from eightpost.ident.vehicle_validation.findings import Limits, validation_verdict
+from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports
 from eightpost.ident.vehicle_validation.record import Kind, Recognition, RigRecord, recognise, record_of
 from eightpost.ident.vehicle_validation.responses import Path, VehicleMode, main_paths, modes_of
-from eightpost.ident.vehicle_validation.study import (
-    Case,
-    Trend,
-    VehicleValidation,
-    closed_at_ports,
-    open_at_ports,
-    validate_vehicle,
-)
+from eightpost.ident.vehicle_validation.study import Case, VehicleValidation, validate_vehicle
+from eightpost.ident.vehicle_validation.trends import Trend
 
 __all__ = [
     "Case",

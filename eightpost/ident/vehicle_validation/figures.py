@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle_validation.findings import Limits
     from eightpost.ident.vehicle_validation.responses import Path
     from eightpost.ident.vehicle_validation.steady import SineOutput
-    from eightpost.ident.vehicle_validation.study import Case, Trend, VehicleValidation
+    from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
+    from eightpost.ident.vehicle_validation.trends import Trend
 
 
 # ---- Plots of levels ------------------------------------------------------------------------------------------------

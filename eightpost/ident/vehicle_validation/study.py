@@ -7,16 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.stats import rankdata
 
-from eightpost.array_types import Array
-from eightpost.errors import ParameterError, StepError
-from eightpost.ident.vehicle import simulate_with_shocks
-from eightpost.ident.vehicle.closed_loop import ManySetups
+from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.experiment import channel
-from eightpost.ident.vehicle.friction import with_friction
-from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.ident.vehicle_validation.comparison import (
     Comparison,
     ErrorSpectrum,
@@ -26,9 +19,10 @@ from eightpost.ident.vehicle_validation.comparison import (
     quantity,
     with_total,
 )
+from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.vehicle_validation.responses import Path, VehicleMode, main_paths, modes_of
 from eightpost.ident.vehicle_validation.steady import SineOutput, StaticOutput, sine_output, static_outputs
-from eightpost.shock import Lpf1, Lpnl2, Polylinear
+from eightpost.ident.vehicle_validation.trends import Trend, trends_of
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping
@@ -103,190 +97,6 @@ def _share_above(series: TimeSeries, name: str, high: float) -> float:
     power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
     whole = float(power.sum())
     return float(np.sqrt(power[lines > high].sum() / whole)) if whole else 0.0
-
-
-# ---- Prediction of a rig record by an identified vehicle that is driven by the record's roads and loads -------------
-
-#: Subdivisions of the step that are tried if a steep law prevents the solution of a step.
-_FINER = (1, 2, 4, 8)
-
-
-def ports_of(model: StateSpace) -> tuple[str, ...]:
-    """Return the ports of a vehicle, in the order of its inputs."""
-    names = (name.removesuffix("force").rstrip(".") for name in model.input_names if name.endswith("force"))
-    return tuple(port for port in names if channel(port, "force") in model.input_names
-                 and channel(port, "velocity") in model.output_names)  # fmt: skip
-
-
-def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
-    """Return the vehicle's outputs under a record's roads, loads and shock forces, from rest.
-
-        dF = F + F_f tanh(v / v_f) - c v
-
-    with the measured force F and the measured velocity v.
-
-    Args:
-        vehicle: Identified vehicle.
-        record: Record without means; inputs of the vehicle that are not in it are zero.
-    """
-    model = vehicle.state_space
-    whole = with_friction(record, vehicle.friction)
-    u = np.zeros((len(record), len(model.inputs)))
-    for j, name in enumerate(model.input_names):
-        if name in whole:
-            u[:, j] = whole[name]
-    for port in ports_of(model):
-        rate = vehicle.baseline_damping.get(port, 0.0)
-        u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
-    return _named(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
-
-
-def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
-    """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
-
-    Args:
-        vehicle: Identified vehicle, with the friction at its ports.
-        record: Record without means.
-        laws: Shock law of every port.
-    """
-    model, ports = vehicle.state_space, ports_of(vehicle.state_space)
-    drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
-    quick = [law for law in laws.values() if isinstance(law, Polylinear | Lpf1 | Lpnl2) and _is_plain(law)]
-    can = model.dt is None and len(quick) == len(laws)
-    if can and set(vehicle.baseline_damping) == set(laws):
-        bank = list({id(law): law for law in quick}.values())
-        places = [next(k for k, law in enumerate(bank) if law is laws[port]) for port in vehicle.baseline_damping]
-        return _named(model, record.time, ManySetups(vehicle, bank, drive).run([places])[0])
-    return port_by_port(vehicle, drive, laws)
-
-
-def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
-    """Return the vehicle's outputs with arbitrary shock laws, at the drive's samples.
-
-    Args:
-        vehicle: Identified vehicle, with the friction at its ports.
-        drive: Roads and loads without means.
-        laws: Shock law of every port.
-
-    Raises:
-        StepError: The laws are too stiff even for an eighth of the drive's step.
-    """
-    for finer in _FINER:
-        fine = drive if finer == 1 else drive.resample(finer * drive.sample_rate)
-        try:
-            outputs = simulate_with_shocks(vehicle, laws, fine).select(vehicle.state_space.output_names)
-        except StepError:
-            if finer == _FINER[-1]:
-                raise
-            continue
-        channels = {n: (u, np.interp(drive.time, fine.time, row))
-                    for n, u, row in zip(outputs.names, outputs.units, outputs.values, strict=True)}  # fmt: skip
-        return TimeSeries.from_channels(drive.time, channels)
-    raise AssertionError("one of the steps was the last")
-
-
-def _is_plain(law: ShockLaw) -> bool:
-    """Return whether the compiled loop supports the law's port."""
-    return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
-
-
-def _respond(model: StateSpace, u: Array, step: float) -> Array:
-    """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
-    if model.dt is None:
-        found = discretise_by_parts(model.A, model.B, step)
-        A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
-    else:
-        A, pushed = csr_array(model.A), u[:-1] @ model.B.T
-    C, x, y = csr_array(model.C), np.zeros(len(model.A)), u @ model.D.T
-    for k, push in enumerate(pushed, start=1):
-        x = A @ x + push
-        y[k] += C @ x
-    return np.asarray(y.T)
-
-
-def _named(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
-    channels = {c.name: (c.unit, row) for c, row in zip(model.outputs, outputs, strict=True)}
-    return TimeSeries.from_channels(time, channels)
-
-
-# ---- Trends of RMS over records, which show whether the vehicle ranks setups as the rig does (Figs ------------------
-
-#: Minimum number of records for a trend.
-FEWEST = 3
-
-#: Relative spread below which a measure has no trend.
-_FLAT = 0.01
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trend:
-    """RMS of one output over records.
-
-    Attributes:
-        name: Name of the output.
-        unit: SI unit.
-        measured: Measured RMS of each record (R,).
-        predicted: Predicted RMS of each record (R,).
-    """
-
-    name: str
-    unit: str
-    measured: Array
-    predicted: Array
-
-    @property
-    def spread(self) -> float:
-        """Largest minus smallest measured RMS, over their mean [1]."""
-        return float(np.ptp(self.measured) / self.measured.mean())
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether the records barely differ, so that their order is a matter of chance."""
-        return self.spread < _FLAT
-
-    @property
-    def correlation(self) -> float:
-        """Pearson correlation of predicted and measured RMS [1]."""
-        return _correlation(self.measured, self.predicted)
-
-    @property
-    def rank(self) -> float:
-        """Spearman rank correlation of predicted and measured RMS [1]."""
-        return _correlation(rankdata(self.measured), rankdata(self.predicted))
-
-    @property
-    def bias(self) -> float:
-        """Mean of predicted over measured RMS, minus one [1]; the trend may be right even if this level is wrong."""
-        return float(np.mean(self.predicted / self.measured) - 1.0)
-
-    @property
-    def remaining_error(self) -> float:
-        """Largest error of RMS relative to its mean over records [1]; the common level error is removed."""
-        return float(np.abs(self.predicted / self.predicted.mean() - self.measured / self.measured.mean()).max())
-
-
-def trends_of(records: Sequence[Sequence[Comparison]]) -> tuple[Trend, ...]:
-    """Return the trends of all judged outputs; empty for fewer than three records.
-
-    Args:
-        records: Comparisons of each record.
-    """
-    if len(records) < FEWEST:
-        return ()
-    by_name = [{output.name: output for output in outputs} for outputs in records]
-    names = [n for n, output in by_name[0].items() if output.is_judged and all(n in other for other in by_name)]
-    return tuple(_trend([outputs[name] for outputs in by_name]) for name in sorted(names, key=quantity))
-
-
-def _trend(outputs: Sequence[Comparison]) -> Trend:
-    measured, predicted = np.array([one.rms for one in outputs]).T
-    return Trend(outputs[0].name, outputs[0].unit, measured, predicted)
-
-
-def _correlation(first: Array, second: Array) -> float:
-    a, b = first - first.mean(), second - second.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0.0 else 0.0
 
 
 # ---- Comparison of an identified vehicle with rig records that it was not fitted to (6.5) ---------------------------

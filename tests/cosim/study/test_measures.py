@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.study import Measure
-from cosim.study.study_file import FAMILIES, Car, family
+from cosim.study.families import FAMILIES, Car, family
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries
 

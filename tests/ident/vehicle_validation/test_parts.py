@@ -9,7 +9,7 @@ from eightpost.errors import TooShortError
 from eightpost.ident.vehicle_validation import Comparison, Judging, modes_of, recognise
 from eightpost.ident.vehicle_validation.comparison import error_spectrum
 from eightpost.ident.vehicle_validation.steady import sine_output, static_outputs
-from eightpost.ident.vehicle_validation.study import Trend
+from eightpost.ident.vehicle_validation.trends import Trend
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 

@@ -10,7 +10,7 @@ import pytest
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle_validation import Limits, closed_at_ports, validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.study import port_by_port
+from eightpost.ident.vehicle_validation.prediction import port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped

@@ -17,13 +17,8 @@ from eightpost.ident.vehicle.common_poles import (
     safe_slopes,
     unmodelled,
 )
-from eightpost.ident.vehicle.friction import (
-    FrictionEstimate,
-    FrictionSearch,
-    SpringSearch,
-    nonlinear_spring_sentence,
-    with_friction,
-)
+from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
+from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit

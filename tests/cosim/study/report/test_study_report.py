@@ -17,7 +17,8 @@ from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
 from cosim.study.report.page import Extras, dominant_corner, front, headline, page, write_figures
 from cosim.study.report.sheet import Scale, build_colors
-from cosim.study.report.write import sheet_of, write_ranking, write_traces, write_workbook
+from cosim.study.report.tables import write_ranking, write_traces, write_workbook
+from cosim.study.report.write import sheet_of
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Constraint, Term
 from cosim.study.verdict import study_verdict

@@ -7,8 +7,8 @@ from multiprocessing import get_context
 
 import pytest
 
-from cosim.study.running import evaluator as module
-from cosim.study.running.evaluator import Heartbeats, heartbeat, register_worker, working
+from cosim.study.running import heartbeats as module
+from cosim.study.running.heartbeats import Heartbeats, heartbeat, register_worker, working
 
 
 @pytest.fixture

@@ -1,0 +1,86 @@
+"""Test for nonlinear springs at the ports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.ident.response.records import gather
+from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.friction import bands, solve_forces
+from eightpost.ident.vehicle.trust import ForceEstimate
+
+if TYPE_CHECKING:
+    from eightpost.ident.vehicle.experiment import Experiment
+    from eightpost.signals import TimeSeries
+
+
+@dataclass(frozen=True, slots=True)
+class SpringSearch:
+    """Settings of the test for nonlinear springs.
+
+    Attributes:
+        seconds: Duration of each record that is used [s].
+        low: Lowest frequency [Hz].
+        high: Highest frequency [Hz].
+        iterations: Number of Gauss-Newton steps.
+    """
+
+    seconds: float = 100.0
+    low: float = 0.3
+    high: float = 16.0
+    iterations: int = 2
+
+    def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
+        """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
+
+        Args:
+            tests: Records with the channels of the experiment and friction included in the forces, all at one sample
+                rate.
+            experiment: Inputs, shock forces and outputs of the tests.
+
+        Raises:
+            TooShortError: The records have too few frequency bins.
+        """
+        if not all(channel(port, "displacement") in test for test in tests for port in experiment.ports):
+            return {}
+        samples = round(self.seconds * tests[0].sample_rate)
+        marked = [_with_squares(test, experiment.ports, samples) for test in tests]
+        squares = [channel(port, "travel_squared") for port in experiment.ports]
+        records = gather(marked, [*experiment.inputs, *squares], experiment.outputs, experiment.baseline_damping)
+        count = len(experiment.inputs)
+        found = solve_forces(
+            list(bands(records, low=self.low, high=self.high, inputs=count)), count, iterations=self.iterations
+        )
+        deviation = np.sqrt(np.diag(found.covariance))
+        return {
+            port: ForceEstimate(float(force), float(spread))
+            for port, force, spread in zip(experiment.ports, found.forces, deviation, strict=True)
+        }
+
+
+def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate]) -> str | None:
+    """Return a sentence on the nonlinear springs, or None if no force is significant."""
+    found = {port: force for port, force in springs.items() if force.is_significant}
+    if not found:
+        return None
+    listed = ", ".join(f"{port or 'port'} {f.text}" for port, f in found.items())
+    return (
+        "Springs or stops are not linear. Forces that grow with the square of the travel, at the RMS travel (+- two "
+        f"standard deviations): {listed}. The model has linear springs; it is valid for travel as in the tests."
+    )
+
+
+def _with_squares(series: TimeSeries, ports: Sequence[str], samples: int) -> TimeSeries:
+    """Return the first samples of a record with `(s / s_rms)^2` of every port in the channel `travel_squared`."""
+    if len(series) > samples:
+        series = series.window(float(series.time[0]), float(series.time[samples]))
+    for port in ports:
+        travel = series[channel(port, "displacement")]
+        travel = travel - travel.mean()
+        squared = np.square(travel) / max(float(np.mean(np.square(travel))), 1e-300)
+        series = series.with_channel(channel(port, "travel_squared"), "1", squared)
+    return series
