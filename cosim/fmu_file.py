@@ -1,4 +1,4 @@
-"""An FMU's file: its description, its binary for this platform, and the unpacked folder."""
+"""FMU file: its description, its binary for this platform, and the folder that it is unpacked into."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Component in a process of its own, so that a crash of its FMU is an error with a name."""
+"""Component in its own process: a crash of its FMU is an error that names the component."""
 
 from __future__ import annotations
 

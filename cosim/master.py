@@ -1,4 +1,4 @@
-"""A run of a coupled system: the default's choice of scheme and step, runs at a given step, their coupling error."""
+"""The master: runs a coupled system with the default, at a given step or with a given algorithm."""
 
 from __future__ import annotations
 

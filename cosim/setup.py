@@ -1,4 +1,4 @@
-"""Setup of a run: times, checks of the scenario, discrete variables, recorder."""
+"""Setup of a run: components in their order, checks of their abilities and of the scenario, limits."""
 
 from __future__ import annotations
 

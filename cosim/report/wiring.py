@@ -1,4 +1,4 @@
-"""Diagram of a system: components, bonds and signals, as SVG."""
+"""Wiring of a system for its drawing: connections, and unconnected parts in groups."""
 
 from __future__ import annotations
 

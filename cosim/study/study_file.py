@@ -1,4 +1,4 @@
-"""Study files (TOML): vehicle, drives, banks of shocks, terms and constraints."""
+"""Study files (TOML, docs/study.md): vehicle, drive files, banks of shocks, measures, objectives and constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of a study: page, CSV tables and workbook."""
+"""Report of a study: conversion of its result, and the files that are written."""
 
 from __future__ import annotations
 

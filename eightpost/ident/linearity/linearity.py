@@ -1,4 +1,4 @@
-"""Linearity of a car on the rig: coherence against response energy."""
+"""Linearity of a car on the rig: coherence against response energy, and changes with the amplitude (6.2)."""
 
 from __future__ import annotations
 

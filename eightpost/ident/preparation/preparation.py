@@ -1,4 +1,4 @@
-"""Preparation of rig records: geometry, velocities, decimation."""
+"""Preparation of recorded rig tests for an identification (6.1.2, 6.4.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vehicle and shocks in closed loop, for one setup or for many."""
+"""Simulation of an identified vehicle with feedback of the shocks' force differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction and progressive springs at the ports, from what no linear response explains."""
+"""Friction at the ports of a car, estimated from what no linear response explains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validation of a vehicle on rig records."""
+"""Validation of an identified vehicle on rig records that it was not fitted to."""
 
 from __future__ import annotations
 
