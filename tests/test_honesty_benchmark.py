@@ -174,7 +174,8 @@ def _row(stated: float | None, true: float, *, acceptable: bool = True, seed: in
     channel = {"stated": stated, "true": true, "reference": 1e-5, "decisive": True, "unit": "N", "scale": 1.0}
     return {
         "seed": seed, "scheme": "default", "case": "made up", "error": "", "acceptable": acceptable, "tolerance": 0.2,
-        "step": 1e-3, "taken": "gauss-seidel", "coupled": 0.0, "work": 100, "seconds": 1.0, "repeats": True,
+        "step": 1e-3, "taken": "gauss-seidel", "coupled": 0.0, "steps": 80, "work": 100, "seconds": 1.0,
+        "repeats": True,
         "channels": {"a.force": channel, "b.acceleration": channel | {"decisive": False, "unit": "m/s2", "true": 9.0}},
     }  # fmt: skip
 
@@ -190,8 +191,9 @@ def test_counts_are_of_the_worst_decisive_channel() -> None:
     printed = "\n".join(summary.lines(rows))
     assert "stated below half the true                                 2 of 4 (50.0 %)" in printed
     assert "seed 0, default (gauss-seidel at 1 ms): stated 0.01 %, true 6 % (a.force), accepted" in printed
-    cheaper = "\n".join(summary.against(rows, [row | {"work": 50} for row in rows]))
-    assert "median 2.00" in cheaper
+    cheaper = "\n".join(summary.against(rows, [row | {"steps": 20, "work": 50} for row in rows]))
+    assert "coupling steps: median 4.00" in cheaper
+    assert "sweeps (several in a step of Implicit): median 2.00" in cheaper
 
 
 def test_the_picture_takes_errors_that_are_not_finite(tmp_path: Any) -> None:

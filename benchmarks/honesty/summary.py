@@ -200,11 +200,13 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[str]:
     if not pairs:
         yield "\nno run is in both campaigns"
         return
-    ratios = [row["work"] / other["work"] for row, other in pairs]
-    total = sum(row["work"] for row, _ in pairs) / sum(other["work"] for _, other in pairs)
     seconds = sum(row["seconds"] for row, _ in pairs) / sum(other["seconds"] for _, other in pairs)
-    low, middle, high = np.quantile(ratios, (0.05, 0.5, 0.95))
-    yield (
-        f"\ncoupling steps relative to the other campaign, {len(pairs)} runs: median {middle:.2f}, 5 % {low:.2f}, 95 % "
-        f"{high:.2f}, largest {max(ratios):.1f}; in total {total:.2f}; processor time in total {seconds:.2f}"
-    )
+    yield f"\ncost relative to the other campaign, {len(pairs)} runs; processor time in total {seconds:.2f}"
+    for key, title in (("steps", "coupling steps"), ("work", "sweeps (several in a step of Implicit)")):
+        ratios = [row[key] / other[key] for row, other in pairs if other[key]]
+        total = sum(row[key] for row, _ in pairs) / sum(other[key] for _, other in pairs)
+        low, middle, high = np.quantile(ratios, (0.05, 0.5, 0.95))
+        yield (
+            f"  {title}: median {middle:.2f}, 5 % {low:.2f}, 95 % {high:.2f}, largest {max(ratios):.1f}; "
+            f"in total {total:.2f}"
+        )
