@@ -70,7 +70,7 @@ class _Verbs(click.Group):
         """Import a verb."""
         if cmd_name not in VERBS:
             return None
-        command: click.Command = getattr(importlib.import_module(f"eightpost.verbs.{cmd_name}"), cmd_name)
+        command: click.Command = getattr(importlib.import_module(f"eightpost.app.{cmd_name}"), cmd_name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -242,7 +242,7 @@ def _spreads(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from eightpost.commands.compare import _read, _sources  # noqa: PLC0415
+    from eightpost.app.compare import _read, _sources  # noqa: PLC0415
 
     return _read(path.parent), _sources(path.parent)
 

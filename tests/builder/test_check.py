@@ -20,10 +20,10 @@ from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, rebui
 from builder.check.static.units import RULES as UNIT_RULES
 from builder.check.subject import read_subject
 from builder.native.toolchain import this_platform
+from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError
 from eightpost.units import SI_UNITS, si_exponents
-from eightpost.verbs.check import check as command
 
 QUICK = tuple(group for group in GROUPS if group != "rebuild")
 

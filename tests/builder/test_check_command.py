@@ -8,9 +8,9 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from builder.check import GROUPS, check, json_document
+from eightpost.app.check import check as command
+from eightpost.app.check import show_report
 from eightpost.archive import read_archive, write_archive
-from eightpost.commands.check import show_report
-from eightpost.verbs.check import check as command
 
 
 def test_the_json_document_contains_everything_that_the_table_shows(fmus, tmp_path):
@@ -32,7 +32,7 @@ def quickly(monkeypatch):
         def static(path, *, scope):
             return check(path, scope=scope, groups=("static",))
 
-        monkeypatch.setattr("eightpost.commands.check.check_fmu", static)
+        monkeypatch.setattr("builder.check.check", static)
         return CliRunner().invoke(command, [str(argument) for argument in arguments])
 
     return run
@@ -87,7 +87,7 @@ def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(fmus, 
     def called(path, *, scope):
         return check(path, scope=scope, groups=("simulation",))
 
-    monkeypatch.setattr("eightpost.commands.check.check_fmu", called)
+    monkeypatch.setattr("builder.check.check", called)
     shown = CliRunner().invoke(command, ["--json", str(fmus["lpf1"])])
     assert "not a sandbox" in shown.stderr and json.loads(shown.stdout)["acceptable"]
     assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())

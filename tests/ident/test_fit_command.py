@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ def record(curve, law_record):
 
 @pytest.fixture
 def fit(tmp_path, monkeypatch):
-    monkeypatch.setattr(import_module("eightpost.commands.fit"), "plot_force_velocity", lambda *_: None)
+    monkeypatch.setattr("eightpost.ident.plot_force_velocity", lambda *_: None)
 
     def call(text, *words):
         (tmp_path / "dyno.csv").write_text(text)

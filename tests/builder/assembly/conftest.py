@@ -8,7 +8,7 @@ from builder.assembly import assemble
 from builder.build import build
 from builder.native.toolchain import SystemCompiler, find_toolchain
 from cosim.system_file import read_case
-from eightpost.commands.build import assembly_of
+from eightpost.app.build import assembly_of
 
 from .hosts import CORNERS, host
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from builder.assembly import assemble
 from builder.check import GROUPS, Level, check
+from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive
-from eightpost.commands.build import assembly_of
 
 
 def test_check_finds_no_error_and_nothing_that_breaks_an_import(corner):

@@ -3,7 +3,7 @@
 from click.testing import CliRunner
 
 from builder.native.toolchain import this_platform
-from eightpost.verbs.build import build as command
+from eightpost.app.build import build as command
 
 
 def test_the_command_reports_the_assembled_parts(system_file, tmp_path, toolchain, monkeypatch):

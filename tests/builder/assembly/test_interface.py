@@ -7,8 +7,8 @@ import pytest
 
 from builder.assembly.plan import assembly_interface
 from cosim import FmuComponent
+from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive
-from eightpost.commands.build import assembly_of
 
 from .hosts import ROADS
 

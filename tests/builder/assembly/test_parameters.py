@@ -10,7 +10,7 @@ from fmpy.fmi2 import FMU2Slave
 from builder.assembly import assemble
 from cosim import FmuComponent
 from cosim.system_file import read_case
-from eightpost.commands.build import assembly_of
+from eightpost.app.build import assembly_of
 from eightpost.shock import write_shock
 
 from .hosts import difference, host, master, observed

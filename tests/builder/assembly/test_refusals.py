@@ -6,8 +6,8 @@ import pytest
 
 from builder.assembly import Link, read_parts
 from builder.documents import Disclosure
+from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive, write_archive
-from eightpost.commands.build import assembly_of
 from eightpost.errors import FmuError
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.commands.robust import uncertainty_of
+from eightpost.app.robust import uncertainty_of
 from eightpost.errors import FileFormatError
 from eightpost.shock import write_shock
 

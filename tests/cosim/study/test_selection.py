@@ -13,7 +13,7 @@ from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import _spread, read_selection, select, write_selection
 from cosim.study.study import Term
-from eightpost.commands.study_page import chosen_so_far
+from eightpost.app.study_page import chosen_so_far
 from eightpost.errors import InputError
 
 from .constructed import CORNERS, result

@@ -1,0 +1,205 @@
+"""`eightpost build`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Column, Table
+
+from eightpost.errors import FmuError
+from eightpost.verdict import Verdict
+
+if TYPE_CHECKING:
+    from builder.assembly import Assembled, Assembly, Link
+    from builder.build import Built
+    from cosim.system import System
+    from cosim.system_file import Case
+
+TARGETS = ("native", "python", "all")
+
+
+# ---- `eightpost build --assemble` -----------------------------------------------------------------------------------
+
+
+def assemble_with_progress(console: Console, source: Path, output: Path) -> Assembled:
+    """Build one FMU from a system file.
+
+    Args:
+        console: Console for the progress bar.
+        source: System file.
+        output: File name of the FMU (.fmu), or a folder, in which the FMU is named after the system file.
+
+    Raises:
+        FmuError: The system cannot be assembled; the message names each component that cannot.
+        WiringError: The system does not fit together.
+    """
+    from builder.assembly import assemble
+    from builder.build import fmu_identifier
+    from cosim.system_file import read_case
+
+    path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"
+    if path.stem != fmu_identifier(path.stem):
+        raise FmuError(
+            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
+            f"{fmu_identifier(path.stem)}.fmu"
+        )
+    assembly = assembly_of(read_case(source), path.stem)
+    columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        return assemble(assembly, path, progress=lambda done, total: bar.update(task, completed=done, total=total))
+
+
+def assembly_of(case: Case, identifier: str) -> Assembly:
+    """Return the description of the FMU that holds a case's system; drive and algorithm are left to the host.
+
+    Raises:
+        FmuError: The system cannot be assembled.
+    """
+    from builder.assembly import Assembly, read_parts
+
+    system = case.system
+    parameters = {f"{name}.{own}": value for name, given in system.parameters.items() for own, value in given.items()}
+    starts = dict(system.constants) | {name: value for name, value in parameters.items() if not isinstance(value, str)}
+    return Assembly(
+        identifier=identifier,
+        text=f"Vehicle with its shocks, coupled inside: {case.name}",
+        parts=read_parts(case.fmus),
+        links=tuple(_links(system)),
+        sums=system.sums,
+        starts=starts,
+    )
+
+
+def _links(system: System) -> Iterator[Link]:
+    """Yield the connections with their unit conversion, in the order in which the master adds them up."""
+    from builder.assembly import Link
+    from cosim.conversion import convert_between
+
+    for connection in system.all_connections:
+        source, target = system.output(connection.source), system.input(connection.target)
+        conversion = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
+        # The offset of the connection is applied last, in the unit of the target.
+        offset = conversion.offset + connection.offset / connection.gain
+        yield Link(connection.source, connection.target, connection.gain, conversion.factor, offset)
+
+
+def show_assembled(console: Console, built: Assembled) -> None:
+    """Print the components of the FMU, its micro step and its platforms."""
+    names = built.interface.names
+    table = Table(Column("component", overflow="fold"), Column("FMU", overflow="fold"), "interface", "sources")
+    for part in built.assembly.parts:
+        sources = [link.source for link in built.assembly.links if link.target.startswith(f"{part.name}.")]
+        table.add_row(part.name, part.file, f"{part.kind} {part.interface.version}", ", ".join(sources))
+    console.print(table)
+    step = next(float(v.start or 0.0) for v in built.interface.variables if v.name == "coupling_step")
+    console.print(
+        f"{escape(str(built.path))}: {len(names('input'))} inputs, {len(names('output'))} outputs, "
+        f"{len(names('parameter'))} parameters, {built.path.stat().st_size / 1024:.0f} KiB"
+    )
+    console.print(
+        f"micro step: {step * 1e3:g} ms at most (parameter coupling_step); error: output coupling_error, in %"
+    )
+    console.print(f"platforms: {', '.join(built.platforms)}")
+    if built.limits:
+        console.print(f"[yellow]note[/] {escape(built.limits)}")
+
+
+# ---- `eightpost build` ----------------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.argument("sources", nargs=-1, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("dist"), show_default=True,
+              help="Output folder of the FMUs; with --assemble, a folder or the file name of the FMU.")  # fmt: skip
+@click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
+              help="Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable "
+                   "reference, for hosts with Python, numpy and scipy. all: both.")  # fmt: skip
+@click.option("--confidential", is_flag=True,
+              help="Leave out the sources, the static curve (picture and coefficients) and the names of the source "
+                   "files. The parameters of the lag, which a host may tune, stay readable.")  # fmt: skip
+@click.option("--assemble", "system", type=click.Path(path_type=Path), metavar="SYSTEM",
+              help="System file to build as one FMU: a vehicle and its shocks, with the coupling solved inside "
+                   "(docs/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
+@click.pass_context
+def build(
+    ctx: click.Context, /, sources: tuple[Path, ...], output: Path, target: str, confidential: bool, system: Path | None
+) -> None:
+    """Build an FMI 2.0 co-simulation FMU from each source.
+
+    SOURCES are shock files (written by `eightpost fit`) and vehicle files: parameters (.toml) or an identified state
+    space (.json).
+
+    An FMU is named after its source, and the same source gives the same bytes. The FMU carries the verdict on its
+    model, and every run repeats this verdict. The exit code is 1 if a model is not usable (docs/verdict.md); its FMU
+    is written nevertheless.
+
+    \b
+    Examples:
+      eightpost build shock.json car.toml -o dist/
+      eightpost build --assemble system.toml -o dist/car_with_shocks.fmu
+    """
+
+    console = Console()
+    if system is not None:
+        if sources or confidential or target != "native":
+            raise click.UsageError("--assemble builds one system file: omit SOURCES, --confidential and --target")
+        show_assembled(console, assemble_with_progress(console, system, output))
+        return
+    if not sources:
+        raise click.UsageError("Missing argument 'SOURCES...'.")
+    built = build_with_progress(console, sources, output, target=target, confidential=confidential)
+    verdict = show_built(console, built)
+    ctx.exit(0 if verdict.is_acceptable else 1)
+
+
+def build_with_progress(
+    console: Console,
+    sources: Sequence[str | Path],
+    output: Path,
+    *,
+    target: str = "native",
+    confidential: bool = False,
+) -> list[Built]:
+    """Build with a progress bar, because a first build compiles for all platforms."""
+    from builder.build import build as build_fmus
+    from builder.documents import Disclosure
+
+    columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        return build_fmus(
+            sources,
+            output,
+            target=target,
+            disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+
+
+def show_built(console: Console, built: list[Built]) -> Verdict:
+    """Print a table of the FMUs and the verdict that they carry; return the verdict."""
+    from eightpost.app.show import show_verdict
+
+    table = Table(Column("FMU", overflow="fold"), "interface", "target", "inputs", "outputs", "parameters", "size")
+    for item in built:
+        counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
+        kind = f"{item.interface.kind} {item.interface.version}"
+        table.add_row(str(item.path), kind, item.target, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
+    console.print(table)
+    for limits in dict.fromkeys(item.limits for item in built if item.limits):
+        console.print(f"[yellow]note[/] {escape(limits)}")
+    verdict = Verdict(
+        replace(reason, origin=f"{item.path.name}: {reason.origin}")
+        for item in built
+        for reason in item.validity.verdict.reasons
+    )
+    show_verdict(console, verdict)
+    return verdict

@@ -1,0 +1,134 @@
+"""`eightpost check`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from builder.check import CheckReport, Level, NotChecked, Scope
+
+_COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
+
+
+@click.command()
+@click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--standard", "scope", flag_value="standard", default="all",
+              help="Report only violations of the FMI standard; default: all findings.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document instead of tables (docs/check.md).")
+@click.pass_context
+def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool) -> None:
+    """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
+
+    The check runs fmpy validate, fmutool -check, more than a hundred rules of its own, and the FMU itself. Findings are
+    errors (violations of the FMI standard), drop-in rules (known causes of failed imports into tools) or hints.
+
+    The FMU runs in separate processes, so a crash is a finding. This is not a sandbox: the FMU's code has all your
+    permissions. The exit code is 0 if there are no findings except hints, 1 if there are other findings, and 2 if a
+    file is not an FMI 2.0 FMU; the other files are reported nevertheless.
+
+    \b
+    Examples:
+      eightpost check dist/*.fmu
+      eightpost check --standard --json supplier.fmu > supplier.json
+    """
+    from builder.check import CheckReport, NotChecked, Scope, json_document
+
+    reports: list[CheckReport | NotChecked] = []
+    with Console(stderr=True).status("") as status:
+        for path in fmus:
+            status.update(f"checking {escape(str(path))}")
+            reports.append(_checked(path, Scope(scope)))
+    _warn(reports)
+    refused = [report for report in reports if isinstance(report, NotChecked)]
+    if as_json:
+        click.echo(json.dumps(json_document(reports), indent=1))  # ASCII, because a terminal may support nothing else
+    else:
+        console = Console()
+        for report in reports:
+            if isinstance(report, CheckReport):
+                show_report(console, report)
+    for report in refused:
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
+    ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
+
+
+def _warn(reports: list[CheckReport | NotChecked]) -> None:
+    """Print a note that the FMUs' code was run; on stderr, so that stdout holds only tables or JSON."""
+    from builder.check import CheckReport
+
+    if any(isinstance(report, CheckReport) and set(report.groups) - {"static", "tools"} for report in reports):
+        text = "check runs the FMU's code in separate processes; this is not a sandbox"
+        Console(stderr=True, soft_wrap=True).print(f"note: {text}", highlight=False, style="dim")
+
+
+def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
+    """Check a file; a file that cannot be read must not hide the findings in the others."""
+    from builder.check import NotChecked
+    from builder.check import check as check_fmu
+
+    try:
+        return check_fmu(path, scope=scope)
+    except InputError as error:
+        return NotChecked(path, str(error))
+
+
+def show_report(console: Console, report: CheckReport) -> None:
+    """Print the findings in an FMU, grouped by level, and the groups that were performed and skipped."""
+    console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    if report.findings:
+        console.print(_table(report))
+    _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
+    for skipped in report.skipped:
+        _note(console, f"skipped {skipped.what}: {skipped.reason}")
+
+
+def _note(console: Console, text: str) -> None:
+    console.print(f"  {escape(text)}", highlight=False, soft_wrap=True, style="dim")
+
+
+def _verdict(report: CheckReport) -> str:
+    from builder.check import Level
+
+    counts = {level: len(report.of(level)) for level in Level}
+    parts = [f"[{_COLOURS[level.value]}]{_count(level, number)}[/]" for level, number in counts.items() if number]
+    return ", ".join(parts) if parts else "[bold green]clean[/]"
+
+
+def _count(level: Level, number: int) -> str:
+    from builder.check import Level
+
+    names = {Level.ERROR: "error", Level.DROP_IN: "drop-in rule", Level.HINT: "hint"}
+    return f"{number} {names[level]}{'' if number == 1 else 's'}"
+
+
+def _table(report: CheckReport) -> Table:
+    from builder.check import Level
+
+    table = Table(
+        Column("level", no_wrap=True),
+        Column("rule", no_wrap=True),
+        Column("finding", overflow="fold", ratio=3),
+        Column("what to do", overflow="fold", ratio=2),
+        expand=True,
+    )
+    for level in Level:
+        for finding in report.of(level):
+            rule = finding.rule
+            text = f"{rule.title}: {finding.message}" if finding.message else rule.title
+            table.add_row(
+                f"[{_COLOURS[level.value]}]{level.value}[/]",
+                rule.identifier,
+                escape(text),
+                f"{escape(finding.advice)} [dim]({rule.source})[/]",
+            )
+        table.add_section()
+    return table

@@ -1,0 +1,177 @@
+"""`eightpost demo`: the whole workflow once, on shipped synthetic data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+
+from eightpost.app.build import build_with_progress, show_built
+from eightpost.app.check import show_report
+from eightpost.app.compare import measure_table
+from eightpost.app.fit import show_fit, show_test
+from eightpost.app.run import run_with_progress
+from eightpost.app.study import run_with_workers, show_study
+from eightpost.app.study import show_result as show_study_result
+from eightpost.errors import InputError
+from eightpost.files import check_output_folder
+from eightpost.processes import usable_processors
+
+if TYPE_CHECKING:
+    import cosim
+    from eightpost.ident import ShockFit
+    from eightpost.ident.shock.fit import LawName
+    from eightpost.rig import DynoTest
+
+_SYNTHETIC = "(synthetic data)"
+_BUILDS = ("A", "B", "C")
+_BASELINE, _SWAP, _CORNER = "A", "B", "lf"
+_CORNERS = ("lf", "rf", "lr", "rr")
+#: Length of the track in the study of every setup [s].
+_STUDIED = 12.0
+_TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
+_SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
+
+
+@click.command()
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
+              help="Output folder for all files of the demo.")  # fmt: skip
+@click.pass_context
+def demo(ctx: click.Context, output: Path) -> None:
+    """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup.
+
+    The dynamometer records and the track are SYNTHETIC: examples/make_demo_data.py computes them.
+    """
+    console = Console()
+    check_output_folder(output)
+    examples = examples_folder()
+    _fit_builds(console, examples, output)
+    clean = _build_and_check(console, examples, output)
+    results = _couple_and_swap(console, examples, output)
+    _measure(console, results, output)
+    page = _study(console, examples, output)
+    console.rule("Done")
+    console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
+    for path in sorted(output.glob("*.png")):
+        console.print(f"  {path}", highlight=False)
+    console.print(f"Page of all setups of the three shocks: {page}", highlight=False)
+    ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
+
+
+def examples_folder() -> Path:
+    """Return the folder of examples: that of the checkout, or its copy in an installed wheel.
+
+    Raises:
+        InputError: The folder does not exist; the installation is broken.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "examples", package.parent / "examples"):
+        if (folder / "seven_dof.toml").is_file():
+            return folder
+    raise InputError(f"there is no examples/ folder in {package} or in its parent folder; reinstall eightpost")
+
+
+def _fit_builds(console: Console, examples: Path, output: Path) -> None:
+    """Fit all laws to the first record and LPNL2 to the others; write shock files and pictures."""
+    from eightpost.ident import fit_table, plot_force_velocity
+    from eightpost.rig import read_dyno_test
+    from eightpost.shock import write_shock
+
+    console.rule("1. Fit shock laws to dynamometer records (synthetic)")
+    tests = {name: read_dyno_test(examples / "data" / f"dyno_{name}.csv") for name in _BUILDS}
+    show_test(console, tests["A"])
+    laws: tuple[LawName, ...] = ("polylinear", "lpf1", "lpnl2")
+    first = [_fit("A", tests["A"], law) for law in laws]
+    console.print(fit_table(first))
+    show_fit(console, first[-1])
+    fits = {"A": first[-1]} | {name: _fit(name, tests[name], "lpnl2") for name in _BUILDS[1:]}
+    console.print(fit_table(list(fits.values())))
+    for name, shock_fit in fits.items():
+        write_shock(shock_fit.shock, output / f"dyno_{name}.json")
+    plot_force_velocity(first, output / "fit_laws.png")
+    plot_force_velocity(list(fits.values()), output / "fit_builds.png")
+
+
+def _fit(name: str, test: DynoTest, law: LawName) -> ShockFit:
+    # The demo's static tire loads and ride heights already include the gas force.
+    from eightpost.ident import fit_shock
+
+    return fit_shock(test, law, gas="included", name=f"build {name} {_SYNTHETIC}")
+
+
+def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
+    from builder.check import check as check_fmu
+
+    console.rule("2. Build and check FMUs")
+    shocks = [output / f"dyno_{name}.json" for name in _BUILDS]
+    built = build_with_progress(console, [*shocks, examples / "car.toml"], output / "fmus")
+    show_built(console, built)
+    reports = [check_fmu(item.path) for item in built]
+    for report in reports:
+        show_report(console, report)
+    return all(report.acceptable for report in reports)
+
+
+def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str, cosim.Result]:
+    from cosim.system_file import read_case
+    from eightpost.app.show import show_result
+
+    console.rule(f"3. Couple the car with four shocks, then swap the {_CORNER} shock")
+    folder = output / "fmus"
+    shocks = dict.fromkeys(_CORNERS, folder / f"dyno_{_BASELINE}.fmu")
+    swapped = shocks | {_CORNER: folder / f"dyno_{_SWAP}.fmu"}
+    results = {}
+    for label, fmus in ((f"{_BASELINE} everywhere", shocks), (f"{_SWAP} at {_CORNER}", swapped)):
+        case = read_case(examples / "seven_dof.toml", fmus={"car": folder / "car.fmu", **fmus})
+        results[label] = run_with_progress(console, case)
+        results[label].write(output / label.replace(" ", "_"))
+    show_result(console, f"{_BASELINE} everywhere", results[f"{_BASELINE} everywhere"])
+    return results
+
+
+def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
+    from cosim.plots import plot_measures, plot_spectra, plot_traces
+    from cosim.study.measures import ride_measures
+
+    console.rule("4. Response measures")
+    series = {label: result.settled() for label, result in results.items()}
+    measures = ride_measures("car")
+    console.print(measure_table(series, measures))
+    plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
+    plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
+    plot_measures(series, measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
+
+
+def _study(console: Console, examples: Path, output: Path) -> Path:
+    """Run and rank every setup of the three builds; return the page."""
+    from cosim.study import Build, Drive, Study, Term, Vehicle
+    from cosim.study.measures import ride_measures
+    from cosim.study.running.sweep import Sweep
+    from cosim.study.running.workers import ProcessWorkers
+    from eightpost.app.study_page import chosen_so_far, page_of
+
+    console.rule("5. Every setup of the three shocks")
+    folder = output / "fmus"
+    bank = {name: Build(folder / f"dyno_{name}.fmu") for name in _BUILDS}
+    track = Drive("track", examples / "data" / "track.parquet", stop=_STUDIED)
+    study = Study(
+        name=f"three builds {_SYNTHETIC}",
+        vehicle=Vehicle(folder / "car.fmu"),
+        bank=bank,
+        corners=dict.fromkeys(_CORNERS, tuple(bank)),
+        drives=(track,),
+        measures=ride_measures("car"),
+        objective=(Term("total tire force, RMS", 1.0, "lbf"),),
+        baseline=dict.fromkeys(_CORNERS, _BASELINE),
+    )
+    sweep = Sweep(study, output / "study")
+    show_study(console, sweep)
+    workers = ProcessWorkers(usable_processors())
+    try:
+        result = run_with_workers(console, sweep, workers)
+    finally:
+        workers.close()
+    show_study_result(console, result, top=5)
+    return page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))

@@ -1,0 +1,299 @@
+"""`eightpost identify`."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from eightpost.ident.preparation import Preparation, Prepared
+    from eightpost.ident.vehicle.experiment import Baseline, Experiment
+    from eightpost.ident.vehicle.static_rating import StaticRating
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+    from eightpost.rig.post import RigTest
+    from eightpost.signals import ChannelMap, TimeSeries
+
+#: Folder of the recipes, one file each. Their names are listed without importing them.
+_FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"
+
+
+def _recipes() -> list[str]:
+    return sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules([str(_FOLDER)]))
+
+
+# ---- The static part of `eightpost identify` ------------------------------------------------------------------------
+
+#: Sampling rate to which static records are decimated [Hz].
+_RATE = 125.0
+
+
+def with_static_state(console: Console, experiment: Experiment, tests: Sequence[RigTest]) -> Experiment:
+    """Return the experiment with the tire forces and ride heights of static tests at zero load, and print them.
+
+    Raises:
+        InputError: The tests have no held load levels.
+    """
+    from eightpost.ident.vehicle.static_rating import rate_statically
+
+    loads = [name for name in experiment.rig if name.rpartition(".")[2] != "road"]
+    rating = rate_statically([_with_means(test) for test in tests], loads)
+    static = {name: value for name, value in rating.zero.items() if name in experiment.outputs}
+    _show(console, rating, static)
+    return replace(experiment, static=static)
+
+
+def _with_means(test: RigTest) -> TimeSeries:
+    from eightpost.ident.preparation import Decimation, Preparation, prepare
+
+    prepared = prepare([test], Preparation(Decimation(_RATE)))
+    series = prepared.records[0]
+    for name, mean in prepared.means[0].items():
+        series = series.with_channel(name, series.unit(name), series[name] + mean)
+    return series
+
+
+def _show(console: Console, rating: StaticRating, static: dict[str, float]) -> None:
+    from eightpost.units import convert
+
+    tires = [f"{n.rpartition('.')[0]} {convert(v, 'N', 'lbf'):.0f}" for n, v in static.items() if "tire" in n]
+    heights = [f"{n.rpartition('.')[0]} {convert(v, 'm', 'in'):.3f}" for n, v in static.items() if "height" in n]
+    lifted = f" ({rating.lifted} more left out, at which a tire carries no load)" if rating.lifted else ""
+    text = f"static state at zero load, from {rating.levels} levels{lifted}: tires {', '.join(tires)} lbf"
+    console.print(f"{text}; ride heights {', '.join(heights)} in" if heights else text, highlight=False, soft_wrap=True)
+    if rating.modal is not None and rating.unexplained is not None:
+        console.print(_spring_table(rating))
+        left = ", ".join(f"{100.0 * part:.1f}" for part in rating.unexplained)
+        console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
+
+
+def _spring_table(rating: StaticRating) -> Table:
+    """Return the table of Eq 6.11: a row for each mode's force, in the units of the dissertation."""
+    from eightpost.rig.post.modes import MODES
+    from eightpost.units import convert
+
+    assert rating.modal is not None
+    force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
+    moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]
+    table = Table("", title="spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)")
+    for mode in MODES:
+        table.add_column(mode, justify="right")
+    for mode, row, unit in zip(MODES, rating.modal, force, strict=True):
+        table.add_row(mode, *(f"{1e-3 * value * unit / step:.2f}" for value, step in zip(row, moved, strict=True)))
+    return table
+
+
+# ---- `eightpost identify` -------------------------------------------------------------------------------------------
+
+Plots = Literal["none", "main", "all"]
+
+#: Channels that `--plots main` draws: shock velocities, and the outputs that setups are judged by.
+_MAIN = ("velocity", "tire_force", "ride_height")
+
+
+@click.command()
+@click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.json"),
+              show_default=True,
+              help="Output vehicle file; its frequency response and its summary are written to the same "
+              "folder.")  # fmt: skip
+@click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
+              help="Identification method: docs/common_poles.md, docs/identification.md.")  # fmt: skip
+@click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
+              help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
+@click.option("--damping", metavar="RATE",
+              help="Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each "
+              "baseline shock.")  # fmt: skip
+@click.option("--rate", default="125 Hz", show_default=True, metavar="FREQUENCY",
+              help="Sampling rate to which the records are decimated.")  # fmt: skip
+@click.option("--settling", default="0 s", show_default=True, metavar="TIME",
+              help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
+@click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
+              help="File with rate, settling, delays and geometry (docs/rig_data.md), which replaces --rate and "
+              "--settling; default: none.")  # fmt: skip
+@click.option("--static", "static_files", metavar="RIG", multiple=True, type=click.Path(path_type=Path),
+              help="Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be "
+              "repeated.")  # fmt: skip
+@click.option("--output-channels", metavar="NAMES",
+              help="Outputs of the model, separated by commas; default: all possible outputs.")  # fmt: skip
+@click.option("--name", help="Name of the vehicle; default: the name of the output file.")
+@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
+              help="Channel map (docs/rig.md); default: the channel names in the files.")  # fmt: skip
+@click.option("--flip", multiple=True, metavar="CHANNEL",
+              help="Reverse the sign of a channel, e.g. lf.force; may be repeated.")  # fmt: skip
+@click.option("--plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
+              help="Outputs to draw. main: shock velocities, tire forces and ride heights.")  # fmt: skip
+@click.pass_context
+def identify(  # one parameter per option
+    ctx: click.Context,
+    rig_files: tuple[Path, ...],
+    output: Path,
+    recipe_name: str,
+    baseline: Path | None,
+    damping: str | None,
+    rate: str,
+    settling: str,
+    preparation: Path | None,
+    static_files: tuple[Path, ...],
+    output_channels: str | None,
+    name: str | None,
+    map_file: Path | None,
+    flip: tuple[str, ...],
+    plots: Plots,
+) -> None:
+    """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
+
+    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/rig.md, or with a channel map. Use `eightpost
+    build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable (docs/verdict.md): it is not
+    stable with other shocks, or it is far from the data.
+
+    \b
+    Examples:
+      eightpost identify rig/*.parquet -o car.json
+      eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
+      eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
+      eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
+    """
+    from eightpost.ident.preparation import prepare, read_preparation
+    from eightpost.ident.vehicle.experiment import find_baseline
+    from eightpost.ident.vehicle.recipes import recipe
+    from eightpost.ident.vehicle.vehicle_fit import write_fit
+    from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
+    from eightpost.signals import ChannelMap
+
+    console = Console()
+    _check(output, rig_files, baseline)
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    how = read_preparation(preparation) if preparation else _preparation(rate, settling)
+    prepared = prepare(_read(console, rig_files, channel_map, flip), how)
+    for line in prepared.summary():
+        console.print(escape(line), highlight=False, soft_wrap=True)
+    reference = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
+    experiment = _experiment(prepared, reference, damping, name or output.stem, output_channels)
+    _show_baseline(console, rig_files, reference)
+    if static_files:
+        experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
+    with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
+        fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
+    fit = with_validity(fit)
+    _identify_show(console, fit)
+    written = [*write_fit(output, fit), *_draw(fit, output, plots)]
+    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    ctx.exit(0 if fit_verdict(fit).is_acceptable else 1)
+
+
+def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
+    if output.suffix != ".json":
+        raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
+    if baseline is not None and baseline not in rig_files:
+        raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
+    if len(rig_files) < 2:
+        raise InputError(
+            f"{rig_files[0]}: one test cannot separate shock forces from their causes; give a baseline test, and a "
+            "test with another shock at each corner"
+        )
+
+
+def _preparation(rate: str, settling: str) -> Preparation:
+    from eightpost.ident.preparation import Decimation, Preparation
+
+    return Preparation(Decimation(_si(rate, "Hz", "--rate")), settling=_si(settling, "s", "--settling"))
+
+
+def _read(
+    console: Console, rig_files: Sequence[Path], channel_map: ChannelMap | None, flip: tuple[str, ...]
+) -> Iterator[RigTest]:
+    from eightpost.rig.post import read_rig_test
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("reading", total=len(rig_files))
+        for test in _one_ahead(lambda path: read_rig_test(path, channel_map=channel_map, flip=flip), rig_files):
+            yield test
+            progress.advance(task)
+
+
+def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> Iterator[RigTest]:
+    """Read each file while the previous one is processed; at most these two are in memory."""
+    with ThreadPoolExecutor(1) as reader:
+        pending = reader.submit(read, rig_files[0])
+        for path in rig_files[1:]:
+            test, pending = pending.result(), reader.submit(read, path)
+            yield test
+        yield pending.result()
+
+
+def _experiment(
+    prepared: Prepared, reference: Baseline, damping: str | None, name: str, outputs: str | None
+) -> Experiment:
+    from eightpost.ident.vehicle.experiment import experiment_of
+
+    rate = _si(damping, "N.s/m", "--damping") if damping else None
+    rates = {port: slope if rate is None else rate for port, slope in reference.damping.items()}
+    experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
+    experiment = replace(experiment, means=prepared.means[reference.test])
+    return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
+
+
+def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Baseline) -> None:
+    slopes = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in reference.damping.items())
+    console.print(
+        f"baseline {rig_files[reference.test].name}: dampings {slopes} N.s/m", highlight=False, soft_wrap=True
+    )
+    for note in reference.notes():
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+
+
+def _identify_show(console: Console, fit: VehicleFit) -> None:
+    from eightpost.app.show import show_verdict
+    from eightpost.ident.vehicle.verdict import (
+        damping_sentence,
+        fit_verdict,
+        friction_table,
+        residual_table,
+        trust_table,
+    )
+
+    console.print(residual_table(fit))
+    if fit.trust is not None and fit.trust.outputs:
+        console.print(trust_table(fit.trust))
+    if fit.trust is not None and fit.trust.friction:
+        console.print(friction_table(fit, fit.trust))
+    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
+    for note in fit.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    show_verdict(console, fit_verdict(fit))
+
+
+def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
+    from eightpost.ident.vehicle.common_poles import plot_stabilisation
+    from eightpost.ident.vehicle.plots import plot_fits
+
+    names = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
+    folder = output.with_name(f"{output.stem}_plots")
+    drawn = plot_fits(fit, names, folder)
+    if plots != "none" and fit.trust is not None and fit.trust.orders is not None:
+        drawn.append(folder / "stabilisation.png")
+        plot_stabilisation(fit.trust.orders, drawn[-1])
+    return drawn
+
+
+def _si(text: str, unit: str, option: str) -> float:
+    from eightpost import units
+
+    try:
+        number, given = units.quantity(text)
+        return float(units.convert(number, given, unit))
+    except InputError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error

@@ -1,0 +1,160 @@
+"""`eightpost inspect`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from eightpost.rig import DynoTest, PeakVelocityTable
+    from eightpost.signals.raw_record import RawRecord
+
+
+@click.command()
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT",
+              help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
+@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
+              help="Channel map (docs/signs_and_units.md); default: the channel names in the file.")  # fmt: skip
+@click.option("--flip", multiple=True, metavar="CHANNEL",
+              help="Reverse the sign of a channel, e.g. force; may be repeated.")  # fmt: skip
+@click.pass_context
+def inspect(
+    ctx: click.Context, path: Path, unit_words: tuple[str, ...], map_file: Path | None, flip: tuple[str, ...]
+) -> None:
+    """Show the content of a dynamometer or rig file, and everything suspicious in it.
+
+    First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
+    it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges and
+    channels that are late. A rig file is recognized by its wheelloaders (`lf.road` or `road`, in the file or in the
+    map). FILE is a .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file, or a peak-velocity table. The exit code is 0 if
+    nothing is suspicious, 1 if something is suspicious, and 2 if the file cannot be used as it is.
+
+    \b
+    Examples:
+      eightpost inspect run7.csv
+      eightpost inspect run7.mf4 --units force=lbf --flip force
+      eightpost inspect rig.csv --map rig_map.toml
+    """
+    from eightpost.app.show import is_rig, show_rig_test
+    from eightpost.rig import read_dyno_tests, split_runs
+    from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
+    from eightpost.rig.post import read_rig_test
+    from eightpost.signals import ChannelMap, read_records
+
+    console = Console(soft_wrap=True, highlight=False)
+    records = read_records(path)
+    for record in records:
+        show_record(console, record)
+    units = dict(_pair(word) for word in unit_words)
+    channel_map = ChannelMap.read(map_file) if map_file else None
+    if is_rig(records[0], channel_map):
+        rig_test = read_rig_test(path, channel_map=channel_map, units=units, flip=flip)
+        ctx.exit(int(show_rig_test(console, rig_test)))
+    if is_peak_velocity(records[0]):
+        for table in read_peak_velocity(path, units=units):
+            show_table(console, table)
+        return
+    tests = read_dyno_tests(path, channel_map=channel_map, units=units, flip=flip)
+    runs = [run for test in tests for run in split_runs(test)]
+    for test in tests:
+        show_test(console, test)
+    show_runs(console, runs)
+    ctx.exit(int(any(test.notes for test in tests)))
+
+
+def show_record(console: Console, record: RawRecord) -> None:
+    """Print the columns and the preamble of a table as they are in the file."""
+    line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
+    console.print(f"[bold]{escape(str(record.origin.path))}[/]{line}: {record.columns[0].size} samples")
+    for cells in record.preamble:
+        console.print(f"  {escape(' | '.join(cells))}", style="dim")
+    columns = [f"{name} \\[{unit}]" if unit else f"{name} (no unit)" for name, unit in _named(record)]
+    console.print(f"columns: {', '.join(columns)}")
+
+
+def _named(record: RawRecord) -> list[tuple[str, str | None]]:
+    return [
+        (escape(name), escape(unit) if unit else None) for name, unit in zip(record.names, record.units, strict=True)
+    ]
+
+
+def show_test(console: Console, test: DynoTest) -> None:
+    """Print the channels of a test with their ranges, its conditions and its notes."""
+    series = test.series
+    console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
+    table = Table("channel", "unit", "minimum", "maximum", "mean")
+    for name, unit, values in zip(series.names, series.units, series.values, strict=True):
+        table.add_row(name, unit, *(f"{number:.5g}" for number in (values.min(), values.max(), values.mean())))
+    console.print(table)
+    for condition in _conditions(test):
+        console.print(escape(condition))
+    for note in test.derived:
+        console.print(f"[yellow]note[/] {escape(note)}")
+    for warning in test.notes:
+        console.print(f"[red]warning[/] {escape(warning)}")
+
+
+def _conditions(test: DynoTest) -> list[str]:
+    from eightpost.rig.dyno_notes import temperature_drift
+
+    known = test.conditions
+    values = {
+        "run": known.run,
+        "date": known.date,
+        "build": known.build,
+        "clicks": known.clicks,
+        "gas pressure": f"{known.gas_pressure:.4g} Pa" if known.gas_pressure is not None else None,
+        "gas force": f"{known.gas_force:.4g} N" if known.gas_force is not None else None,
+        "temperature at the start": f"{known.temperature:.1f} K" if known.temperature is not None else None,
+    }
+    lines = [f"{name}: {value}" for name, value in values.items() if value is not None]
+    if "temperature" in test.series:
+        lines.append(f"temperature drift: {temperature_drift(test.series):+.1f} K")
+    return lines
+
+
+def show_runs(console: Console, runs: list[DynoTest]) -> None:
+    """Print the runs, and the effect of temperature over repeated runs."""
+    from eightpost.rig import temperature_effect
+    from eightpost.rig.dyno_notes import temperature_drift
+
+    table = Table("run", "from [s]", "to [s]", "stroke [m]", "peak velocity [m/s]", "peak force [N]", "drift [K]")
+    for i, run in enumerate(runs, 1):
+        series = run.series
+        stroke = f"{float(series['displacement'].max() - series['displacement'].min()):.4g}" if _has(run) else "-"
+        drift = f"{temperature_drift(series):+.1f}" if "temperature" in series else "-"
+        peaks = (f"{float(abs(series[name]).max()):.4g}" for name in ("velocity", "force"))
+        table.add_row(str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift)
+    console.print(table)
+    effect = temperature_effect(runs)
+    if effect:
+        console.print(
+            f"force changes by {100.0 * effect.per_kelvin:+.2f} %/K (standard error {100.0 * effect.error:.2f}), from "
+            f"{effect.runs} repeated runs over a range of {effect.spread:.1f} K"
+        )
+
+
+def _has(run: DynoTest) -> bool:
+    return "displacement" in run.series
+
+
+def show_table(console: Console, table: PeakVelocityTable) -> None:
+    """Print a peak-velocity table's setting and ranges."""
+    console.print(
+        f"peak-velocity table {escape(table.clicks or '')}: {len(table)} speeds, {table.speed[0]:.4g} to "
+        f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
+        f"{table.rebound.min():.4g} N"
+    )
+
+
+def _pair(word: str) -> tuple[str, str]:
+    channel, equals, unit = word.partition("=")
+    if not (channel and equals and unit):
+        raise click.BadParameter(f"{word!r}: write it as CHANNEL=UNIT", param_hint="--units")
+    return channel, unit

@@ -1,0 +1,115 @@
+"""`eightpost optimise`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
+from eightpost.files import check_output_folder
+
+if TYPE_CHECKING:
+    from cosim.study.choice.optimise import Optimum, Search
+    from cosim.study.result import StudyResult
+    from cosim.study.running.sweep import Requested
+    from cosim.study.running.workers import Workers
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+              help="Output folder for results.parquet, the page and the intermediate results.")  # fmt: skip
+@click.option("--for", "objectives", multiple=True, metavar="MEASURE",
+              help="Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the "
+              "study.")  # fmt: skip
+@click.option("--evaluations", type=click.IntRange(min=2), metavar="N", default=400, show_default=True,
+              help="Maximum number of setups to evaluate.")  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of the search."
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); default: "
+              "this machine.")  # fmt: skip
+@click.pass_context
+def optimise(
+    ctx: click.Context,
+    /,
+    study_file: Path,
+    output: Path,
+    objectives: tuple[str, ...],
+    evaluations: int,
+    seed: int,
+    workers: int | None,
+    scheduler: str | None,
+) -> None:
+    """Search for the best setups of a study whose bank is too large to run them all.
+
+    STUDY is the TOML file of `eightpost study`. Setups are evaluated in generations, each setup once. The same seed
+    gives the same search. A stopped search resumes where it stopped, also with a larger number of evaluations. Needs
+    pymoo (eightpost[optimise]). The exit code is 1 if no evaluated setup meets the constraints.
+
+    \b
+    Examples:
+      eightpost optimise examples/study.toml -o out/
+      eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
+    """
+    from cosim.study.choice.optimise import Search, objectives_in_words
+    from cosim.study.running.sweep import Requested
+    from eightpost.app.study_page import RESULTS, write_page
+
+    console = Console()
+    check_output_folder(output)
+    described = read_with_fmus(console, study_file, output)
+    for name in objectives:
+        described.measure(name)
+    requested, search = Requested(described, output), Search(objectives, evaluations, seed)
+    show_study(console, requested)
+    console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
+    with running_workers(workers, scheduler) as pool:
+        result, optimum = _search(console, requested, pool, search)
+        everything = requested.everything(requested.coupling(pool))
+    everything.save(output / RESULTS)
+    show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
+    if len(objectives) > 1:
+        console.print(front_table(result, optimum, objectives))
+    console.print(f"{escape(optimum.status)}; the study has {len(described.space)} setups", highlight=False)
+    console.print(f"table: {output / RESULTS}", highlight=False, soft_wrap=True)
+    write_page(console, everything, output)
+    ctx.exit(0 if optimum.best is not None else 1)
+
+
+def _search(console: Console, requested: Requested, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
+    from cosim.study.choice.optimise import search_study
+
+    with console.status("choosing the coupling step"):
+        coupling = requested.coupling(pool)
+    show_coupling(console, coupling, requested.study)
+    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=search.evaluations)
+        return search_study(
+            requested, pool, coupling, search, lambda tried, most: bar.update(task, completed=tried, total=most)
+        )
+
+
+def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
+    """Return a table of the Pareto front, sorted by the first measure."""
+    import numpy as np
+
+    titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
+    corners = Column(" ".join(result.study.corners), no_wrap=True)
+    table = Table("setup", corners, *titles, title="Pareto front")
+    rows = np.searchsorted(result.setups, optimum.front)
+    for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
+        values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
+        table.add_row(str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
+    return table

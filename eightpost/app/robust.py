@@ -1,0 +1,223 @@
+"""`eightpost robust`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import track
+from rich.table import Table
+
+from eightpost.errors import FileFormatError, InputError
+from eightpost.processes import usable_processors
+
+if TYPE_CHECKING:
+    from cosim.study.choice.robust import Draws, Spread, Uncertain
+    from cosim.study.choice.robust_file import Uncertainty
+    from cosim.study.result import StudyResult
+
+
+# ---- Uncertainty of a fitted shock, as uncertain parameters of its FMU ----------------------------------------------
+
+
+def uncertainty_of(path: str | Path, build: str) -> tuple[Uncertain, tuple[str, ...]]:
+    """Return the uncertainty of a fitted shock, and a sentence for each parameter that is kept constant.
+
+    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
+    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
+    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
+    force, which overstates rather than understates the effect of the band on a measure.
+
+    Args:
+        path: Shock file of `eightpost fit`.
+        build: Name of the build in the study.
+
+    Raises:
+        FileFormatError: The file is not a shock file, or not one that a fit wrote.
+    """
+    import numpy as np
+
+    from cosim.study.choice.robust import Uncertain
+    from eightpost.shock import read_shock
+    from eightpost.shock.laws import own_parameters
+
+    shock = read_shock(path)
+    fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
+    if not isinstance(fitted, dict) or not isinstance(band, dict):
+        raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
+    own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
+    free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
+    held = tuple(
+        f"{build}: {name} is kept at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free
+    )
+    scales = dict(_scales(band))
+    return Uncertain(
+        build,
+        (*free, *scales),
+        np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
+        np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
+        np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
+        np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
+    ), held
+
+
+def _why(entry: dict[str, Any]) -> str:
+    return (
+        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
+    )
+
+
+def _bound(entry: dict[str, Any], side: int) -> float:
+    bound = (entry["bounds"] or (None, None))[side]
+    return float(bound) if bound is not None else (-inf, inf)[side]
+
+
+def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
+    import numpy as np
+    from scipy.stats import norm
+
+    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
+    reach = float(norm.ppf(0.5 + 0.5 * band["level"]))
+    for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
+        if side.any() and np.any(force[side]):
+            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2))) / reach
+
+
+# ---- `eightpost robust` ---------------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("uncertain", metavar="UNCERTAIN", type=click.Path(path_type=Path))
+@click.option("--top", type=click.IntRange(min=2), metavar="N", default=20, show_default=True,
+              help="Number of leading setups to compare; the baseline is added.")  # fmt: skip
+@click.option("--rank", metavar="MEASURE",
+              help="Measure that ranks the setups, smallest first; default: the objective of the study.")  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=2), metavar="N", default=32, show_default=True,
+              help="Number of draws of the uncertain parameters.")  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of the draws."
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+def robust(
+    folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
+) -> None:
+    """Show which of a study's best setups differ by more than the stated uncertainty.
+
+    STUDY is a folder that `eightpost study` wrote. UNCERTAIN is a TOML file that states what is not known exactly:
+    fitted shocks, parameters, other vehicles, and the difference between two runs on the rig (docs/study_choice.md).
+    Every setup is run with every draw, so that errors common to all setups cancel. Setups that differ by less than two
+    standard deviations are a tie. The page of the study is rewritten and shows the confidence intervals.
+
+    \b
+    Example:
+      eightpost robust out/ uncertain.toml --top 20
+    """
+    from cosim.study.choice.robust import OBJECTIVE, leading, robust_verdict, spreads_of
+    from cosim.study.choice.robust_file import read_uncertainty, write_spreads
+    from cosim.study.result import StudyResult
+    from eightpost.app.show import show_verdict
+    from eightpost.app.study_page import RESULTS, SPREADS, write_page
+
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    known = read_uncertainty(uncertain, result)
+    plan = _plan(console, known, draws, seed)
+    setups = leading(result, top, rank).tolist()
+    if not plan.any and not any(known.run_to_run.values()):
+        raise InputError(f"{uncertain}: no uncertainty is stated; add fits, uncertain, vehicles or run_to_run")
+    spreads = spreads_of(
+        result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs
+    )
+    kept = tuple(spread.only(setups) for spread in spreads)
+    first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
+    shown = next(spread for spread in kept if spread.measure == first)
+    console.print(spread_table(shown, result))
+    show_choice(console, shown, result)
+    show_verdict(console, robust_verdict(shown, len(result)))
+    write_spreads(kept, folder / SPREADS, digest=result.provenance.digest)
+    console.print(f"wrote {folder / SPREADS}", highlight=False, soft_wrap=True)
+    write_page(console, result, folder)
+
+
+def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
+    """Add the uncertainty of the fits to that of the file, and print all distributions."""
+    from cosim.study.choice.robust import Draws
+
+    parts = list(known.parts)
+    for build, path in known.fits.items():
+        part, held = uncertainty_of(path, build)
+        parts.append(part)
+        for note in held:
+            console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    for part in parts:
+        spread = zip(part.names, part.values, part.covariance.diagonal() ** 0.5, strict=True)
+        text = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)
+        console.print(f"{escape(part.part)}: {text}", highlight=False, soft_wrap=True)
+    for vehicle in known.vehicles:
+        console.print(f"alternative vehicle: {vehicle}", highlight=False, soft_wrap=True)
+    return Draws(tuple(parts), draws, seed, known.vehicles)
+
+
+def _run(
+    console: Console, result: StudyResult, folder: Path, plan: Draws, setups: list[int], workers: int | None
+) -> tuple[StudyResult, ...]:
+    from cosim.study.choice.robust import run_draws
+    from cosim.study.running.workers import ProcessWorkers
+
+    if not plan.any:
+        return ()
+    pool = ProcessWorkers(workers or usable_processors())
+    try:
+        drawn = run_draws(result, folder, pool, plan, setups)
+        return tuple(track(drawn, "draws", total=plan.count, console=console, transient=True))
+    finally:
+        pool.close()
+
+
+def spread_table(spread: Spread, result: StudyResult) -> Table:
+    """Return a table of setups in groups of ties, best first: no member differs significantly from the first."""
+    from cosim.study.choice.robust import REACH
+
+    unit, factor = _shown(spread.measure, result)
+    table = Table("group", "setup", *result.study.corners, escape(f"{spread.measure} [{unit}]"), f"± {REACH:g} sigma",
+                  "difference from the group's first", f"± {REACH:g} sigma")  # fmt: skip
+    for number, group in enumerate(spread.groups(), start=1):
+        difference, deviation = spread.difference(int(group[0]))
+        for row in group.tolist():
+            setup = result.study.space.setup(int(spread.setups[row]))
+            numbers = (spread.values[row], REACH * spread.deviation[row], difference[row], REACH * deviation[row])
+            cells = [f"{factor * number:.4g}" for number in numbers]
+            table.add_row(str(number), str(setup.index), *setup.builds.values(), *cells)
+        table.add_section()
+    return table
+
+
+def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:
+    """Print the best setup, and whether it is better than the baseline by more than the stated uncertainty."""
+    group = spread.groups()[0]
+    best = result.study.space.setup(int(spread.setups[group[0]]))
+    console.print(f"best setup of the first group: {best.index} ({best})", highlight=False, soft_wrap=True)
+    baseline = result.study.baseline_setup
+    rows = [] if baseline is None else [row for row, n in enumerate(spread.setups.tolist()) if n == baseline.index]
+    for row in rows:
+        relation = "better than" if spread.worse_than(int(group[0]))[row] else "a tie with"
+        console.print(f"it is {relation} the baseline, within the stated uncertainty", highlight=False)
+
+
+def _shown(measure: str, result: StudyResult) -> tuple[str, float]:
+    """Return the display unit of a measure, and the factor from SI to it."""
+    from cosim.study.choice.robust import OBJECTIVE
+    from eightpost import units
+
+    if measure == OBJECTIVE:
+        return "1", 1.0
+    unit = result.display(measure)
+    return unit, units.conversion(result.unit(measure), unit)[0]

@@ -1,0 +1,86 @@
+"""`eightpost select`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from cosim.study.choice.selection import Selection
+    from cosim.study.result import StudyResult
+
+TOTAL, POOL = 20, 0.02
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
+              help="Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the "
+              "measures of the objective; without an objective, all.")  # fmt: skip
+@click.option("-n", "--total", type=click.IntRange(min=2), metavar="N", default=TOTAL, show_default=True,
+              help="Total number of setups, if no COUNT is given.")  # fmt: skip
+@click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
+              help="Share of the setups at each end of a ranking to choose from, 0 to 1.")  # fmt: skip
+def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> None:
+    """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank.
+
+    STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line for each run; the runs of the
+    baseline come last. Save the rig records in the same folder, under the names in the column `file`; then `eightpost
+    compare --measured` reads them. The page of the study is rewritten and shows the selection.
+
+    \b
+    Examples:
+      eightpost select out/
+      eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
+    """
+    from cosim.study.choice.selection import BASELINE_RUNS, write_selection
+    from cosim.study.choice.selection import select as choose
+    from cosim.study.result import StudyResult
+    from eightpost.app.study_page import RESULTS, SELECTION, write_page
+
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    names, share = _measures_and_counts(measures)
+    selection = choose(result, names, total=total, share=share, pool=pool)
+    console.print(selection_table(selection, result))
+    if marked := sum(bool(selected.marks) for selected in selection.chosen):
+        console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
+    console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
+    write_selection(selection, result, folder / SELECTION)
+    repeats = f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
+    console.print(
+        f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
+    )
+    write_page(console, result, folder)
+
+
+def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
+    """Return the measures, and the number of setups of each end by measure if counts are given."""
+    counted = {name: count for name, equal, count in (m.rpartition("=") for m in measures) if equal}
+    if not counted:
+        return measures, None
+    if len(counted) < len(measures) or not all(count.isdecimal() and int(count) for count in counted.values()):
+        raise InputError("give every --measure a count, e.g. 'total tire force, RMS=4', or omit all counts")
+    return tuple(counted), {name: int(count) for name, count in counted.items()}
+
+
+def selection_table(selection: Selection, result: StudyResult) -> Table:
+    """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
+    from eightpost import units
+
+    table = Table("", "measure", "", *(Column(corner, no_wrap=True) for corner in result.study.corners), "predicted",
+                  Column("rank", justify="right"))  # fmt: skip
+    for number, selected in enumerate(selection.chosen, start=1):
+        name = selected.measure
+        value = units.convert(selected.value, result.unit(name), result.display(name))
+        shown = f"{value:.4g} {result.display(name)}{'*' if selected.marks else ''}"
+        builds = selected.setup.builds.values()
+        table.add_row(str(number), escape(name), selected.end, *builds, shown, str(selected.rank))
+    return table

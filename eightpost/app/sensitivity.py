@@ -1,0 +1,61 @@
+"""`eightpost sensitivity`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from cosim.study.choice.sensitivity import Sensitivity
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
+              help="Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the "
+              "study.")  # fmt: skip
+def sensitivity(folder: Path, output: Path | None) -> None:
+    """Show which corner matters for which measure of a study: main effects and first-order interactions.
+
+    STUDY is a folder that `eightpost study` wrote. The table shows shares of each measure's variance over all setups.
+    The shares are exact if every setup was run; if setups are missing, they are fitted by least squares.
+
+    \b
+    Example:
+      eightpost sensitivity out/
+    """
+    from cosim.study.choice.sensitivity import sensitivities_of, write_terms
+    from cosim.study.result import StudyResult
+    from eightpost.app.study_page import RESULTS
+
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    results = sensitivities_of(result)
+    console.print(f"{escape(result.study.name)}: {len(result)} setups, {results[0].method}", highlight=False)
+    console.print(share_table(results))
+    path = output or folder / "sensitivity.parquet"
+    write_terms(results, result.provenance.measure_units, path)
+    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def share_table(results: Sequence[Sensitivity]) -> Table:
+    """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
+    names = [factor.name for factor in results[0].factors]
+    table = Table("% of the variance", *names, "all interactions", "largest", "rest")
+    for one in results:
+        pairs = {pair: one.share(*pair) for pair in one.pairs}
+        largest = max(pairs, key=lambda pair: pairs[pair], default=None)
+        strongest = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
+        shares = [_percent(one.share(name)) for name in names]
+        table.add_row(escape(one.measure), *shares, _percent(sum(pairs.values())), strongest, _percent(one.rest_share))
+    return table
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f}"

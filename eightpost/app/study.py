@@ -1,0 +1,257 @@
+"""`eightpost study`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+from eightpost.app.build import build_with_progress
+from eightpost.app.rig import si
+from eightpost.errors import InputError
+from eightpost.files import check_output_folder
+from eightpost.processes import usable_processors
+
+if TYPE_CHECKING:
+    from cosim.study.result import StudyResult
+    from cosim.study.running.evaluator import Coupling
+    from cosim.study.running.sweep import Sweep
+    from cosim.study.running.workers import Workers
+    from cosim.study.study import Study
+
+#: Time after which a silent worker is ended [s].
+PATIENCE = 300.0
+
+#: Number of failed setups that are listed individually, and of measures in the ranking.
+_NAMED, _SHOWN = 5, 3
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+              help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); default: "
+              "this machine.")  # fmt: skip
+@click.option("--patience", default=f"{PATIENCE:g} s", show_default=True, metavar="TIME",
+              help="Time after which a worker that is not responding is ended and its setup marked as "
+              "failed.")  # fmt: skip
+@click.option("--rank", metavar="MEASURE",
+              help="Measure that ranks the setups, smallest first; default: the objective of the study.")  # fmt: skip
+@click.option("--top", type=click.IntRange(min=1), metavar="N", default=10, show_default=True,
+              help="Number of rows of the printed ranking.")  # fmt: skip
+@click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
+              help="Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be "
+              "repeated.")  # fmt: skip
+@click.pass_context
+def study(
+    ctx: click.Context,
+    study_file: Path,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    patience: str,
+    rank: str | None,
+    top: int,
+    traced: tuple[int, ...],
+) -> None:
+    """Run every setup of shocks that a study allows, and rank them.
+
+    STUDY is a TOML file with a vehicle, a bank of shocks, the builds allowed at each corner, drive files, measures,
+    objective and constraints; examples/study.toml is an example with comments. FMUs of shock files and vehicle files
+    are built first.
+
+    A study that was stopped, by Ctrl-C or otherwise, resumes where it stopped when it is started again with the same
+    folder. The exit code is 1 if the study was stopped or setups failed, and 2 if the study cannot be run as it is.
+
+    \b
+    Examples:
+      eightpost study examples/study.toml -o out/
+      eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
+      eightpost study examples/study.toml -o out/ --trace 1200
+    """
+    from cosim.study.running.evaluator import traces
+    from cosim.study.running.sweep import Sweep
+    from cosim.study.verdict import study_verdict
+    from eightpost.app.study_page import write_page
+    from eightpost.signals import write_series
+
+    console, longest = Console(), si(patience, "s", "--patience")
+    check_output_folder(output)
+    described = read_with_fmus(console, study_file, output)
+    if rank is not None:
+        described.measure(rank)
+    for index in traced:
+        described.space.setup(index)
+    sweep = Sweep(described, output)
+    show_study(console, sweep)
+    with running_workers(workers, scheduler, patience=longest) as pool:
+        result = run_with_workers(console, sweep, pool)
+    show_result(console, result, rank=rank, top=top)
+    for index, series in traces(result, traced).items():
+        write_series(series, output / "traces" / f"{index}.parquet")
+        console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
+    console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
+    write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
+    ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result).is_acceptable else 1)
+
+
+def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
+    """Read a study; build the FMUs of its shock and vehicle files first."""
+    from cosim.study.study_file import read_study, source_files
+
+    sources = source_files(path)
+    folder = output / "fmus"
+    if missing := [source for source in sources if not source.is_file()]:
+        raise InputError(f"{path}: the file {missing[0]} does not exist")
+    built = build_with_progress(console, sources, folder) if sources else []
+    fmus = {Path(item.source): item.path for item in built}
+    if built:
+        console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
+    return read_study(path, lambda source: fmus.get(source, source))
+
+
+@contextmanager
+def running_workers(count: int | None, scheduler: str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
+    """Yield the requested workers, and close them afterwards."""
+    from cosim.study.running.workers import ProcessWorkers
+
+    if scheduler is not None:
+        from cosim.study.running.dask_workers import DaskWorkers
+
+        pool: Workers = DaskWorkers(scheduler)
+    else:
+        pool = ProcessWorkers(count or usable_processors(), patience=patience)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+def show_study(console: Console, sweep: Sweep) -> None:
+    """Print the settings of a study."""
+    read = sweep.study
+    total = len(read.space)
+    console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {sweep.left} to be run", highlight=False)
+    console.print(f"vehicle {read.vehicle.fmu}; means {_trust(read)}", highlight=False, soft_wrap=True)
+    console.print(f"bank of {len(read.bank)}: {escape(', '.join(read.bank))}", highlight=False, soft_wrap=True)
+    for corner, builds in read.corners.items():
+        if set(builds) != set(read.bank):
+            console.print(f"{corner} allows {escape(', '.join(builds))}", highlight=False, soft_wrap=True)
+    for group in read.alike:
+        console.print(f"alike: {', '.join(group)}", highlight=False)
+    for drive in read.drives:
+        console.print(
+            f"drive {escape(drive.name)}: {drive.file}, {drive.start:g} to {drive.start + drive.stop:g} s; the first "
+            f"{read.settling:g} s are left out of every measure",
+            highlight=False,
+            soft_wrap=True,
+        )
+    console.print(f"{len(read.measures)} measures; RMS values are about the mean", highlight=False)
+
+
+def _trust(read: Study) -> str:
+    return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that depend on them are left out"
+
+
+def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
+    """Choose the coupling and run a study with a progress bar."""
+    with console.status("choosing the coupling step"):
+        coupling = sweep.coupling(workers)
+    show_coupling(console, coupling, sweep.study)
+    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=len(sweep.study.space))
+        return sweep.run(workers, coupling, lambda done, total: bar.update(task, completed=done, total=total))
+
+
+def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
+    """Print how the runs are coupled, and a note if the coupling error exceeds the accuracy."""
+    for note in coupling.notes:
+        console.print(escape(note), highlight=False, soft_wrap=True)
+    if coupling.stated_error > read.accuracy:
+        console.print(
+            f"[yellow]note[/] the coupling error of {coupling.stated_error:.2g} % exceeds the requested accuracy of "
+            f"{read.accuracy:g} %",
+            highlight=False,
+        )
+
+
+def show_result(console: Console, result: StudyResult, *, rank: str | None = None, top: int = 10) -> None:
+    """Print the ranking, and the setups that failed or have a mark."""
+    import numpy as np
+
+    from cosim.study.verdict import study_verdict
+    from eightpost.app.show import show_verdict
+
+    rows = result.ranking(rank)
+    console.print(_ranking(result, rows[:top].tolist(), rank))
+    infeasible = int(result.done.sum()) - rows.size
+    if infeasible:
+        console.print(f"{infeasible} setups violate a constraint and are not ranked", highlight=False)
+    _show_failed(console, result)
+    _show_marks(console, result)
+    seconds = float(np.sum(result.table["seconds"].to_numpy()))
+    errors = result.table["coupling_error_percent"].drop_null().to_numpy()
+    worst = f"; coupling error up to {float(errors.max()):.2g} %" if errors.size else ""
+    console.print(f"{len(result)} setups, {seconds:.1f} s of worker time{worst}", highlight=False)
+    if result.partial:
+        console.print("[yellow]partial[/]: run it again with the same folder to resume", highlight=False)
+    show_verdict(console, study_verdict(result))
+
+
+def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
+    """Return the table of the ranking, with the baseline in the last row."""
+    shown = [rank] if rank else _ranking_measures(result)
+    objective = result.objective if rank is None else None
+    titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
+    corners = Column(" ".join(result.study.corners), no_wrap=True)
+    table = Table("", "setup", corners, *(["objective"] if objective is not None else []), *titles)
+    baseline = result.baseline_row
+    places = [(str(place), row) for place, row in enumerate(rows, start=1)]
+    places += [("base", baseline)] if baseline is not None and result.done[baseline] else []
+    for place, row in places:
+        values = [] if objective is None else [f"{objective[row]:.4g}"]
+        values += [f"{result.shown(name)[row]:.4g}" for name in shown]
+        table.add_row(place, str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
+    return table
+
+
+def _ranking_measures(result: StudyResult) -> list[str]:
+    """Return the measures of the objective and the constraints; without any, the first measures."""
+    read = result.study
+    named = [*(term.measure for term in read.objective), *(one.measure for one in read.constraints)]
+    return list(dict.fromkeys(named or [measure.name for measure in read.measures]))[:_SHOWN]
+
+
+def _show_failed(console: Console, result: StudyResult) -> None:
+    import numpy as np
+
+    failed = np.flatnonzero(~result.done)
+    for row in failed[:_NAMED]:
+        message = result.table["message"][int(row)].as_py()
+        console.print(f"[red]failed[/] {result.setup(int(row))}: {escape(message)}", highlight=False, soft_wrap=True)
+    if failed.size > _NAMED:
+        console.print(f"[red]failed[/] {failed.size - _NAMED} more; see the column message of the table")
+
+
+def _show_marks(console: Console, result: StudyResult) -> None:
+    """Print how many setups have each kind of mark."""
+    kinds = Counter[str]()
+    for marks in result.table["marks"].to_pylist():
+        present = {
+            kind for kind in ("beyond its fitted velocities", "tire off the ground", "coupling") if kind in marks
+        }
+        kinds.update(present)
+    for kind, count in kinds.items():
+        console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)

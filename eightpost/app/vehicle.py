@@ -1,0 +1,124 @@
+"""`eightpost vehicle`: modes, frequency responses and parameter studies of a vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from eightpost.errors import InputError
+from eightpost.files import check_output_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from eightpost.ident.response import FrequencyResponse
+    from eightpost.vehicle import Mode, Vehicle
+
+#: Number of frequencies in a response file and in a picture.
+_POINTS = 800
+
+#: Outputs that are drawn by default: the key outputs of the dissertation.
+_KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
+
+
+@click.command()
+@click.argument("path", metavar="CAR", type=click.Path(path_type=Path))
+@click.option("--vary", "parameter", metavar="PARAMETER",
+              help="Parameter to vary at all four corners alike, e.g. damping; default: none.")  # fmt: skip
+@click.option("--factors", default="0.5,1,2,3", show_default=True, metavar="FACTORS",
+              help="Factors that the parameter is multiplied by, separated by commas.")  # fmt: skip
+@click.option("--output", "names", metavar="CHANNEL", multiple=True,
+              help="Output to draw, e.g. lf.tire_force; may be repeated. Default: shock velocities, tire forces and "
+              "ride heights.")  # fmt: skip
+@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency [Hz].")
+@click.option("-o", "folder", default="vehicle", show_default=True, type=click.Path(path_type=Path),
+              help="Output folder.")  # fmt: skip
+def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:
+    """Show modes and frequency responses of a vehicle, and the effect of a parameter on them.
+
+    CAR is a vehicle file: parameters (.toml), or an identified model (.json), which has no parameters to vary. The
+    vehicle includes its linear dampers. The command writes a picture for each output, and the responses as
+    response.npz.
+
+    \b
+    Example:
+      eightpost vehicle car.toml --vary damping --factors 0.5,1,2,3 -o study
+    """
+    import numpy as np
+
+    from eightpost.ident.response import response_of, write_response
+    from eightpost.ident.vehicle.plots import plot_magnitudes
+    from eightpost.vehicle import read_vehicle
+
+    if not 0.0 < high < 1e4:
+        raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
+    check_output_folder(folder)
+    car = read_vehicle(path)
+    frequency = np.linspace(high / _POINTS, high, _POINTS)
+    console = Console()
+    console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)
+    modes, responses = _studied(car, parameter, _numbers(factors), frequency)
+    console.print(_mode_table(modes))
+    chosen = _outputs(next(iter(responses.values())), names)
+    for name in chosen:
+        target = folder / f"{name}.png"
+        plot_magnitudes(responses, name, target)
+        console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    own = response_of(car.with_damper(), frequency)
+    write_response(folder / "response.npz", own)
+    console.print(f"wrote {folder / 'response.npz'}", highlight=False, soft_wrap=True)
+
+
+def _studied(
+    car: Vehicle,
+    parameter: str | None,
+    factors: Sequence[float],
+    frequency: np.ndarray[tuple[int], np.dtype[np.float64]],
+) -> tuple[dict[str, tuple[Mode, ...]], dict[str, FrequencyResponse]]:
+    """Return modes and frequency responses by label."""
+    from eightpost.ident.response import response_of
+    from eightpost.ident.vehicle.parameter_study import vary
+    from eightpost.vehicle.vehicles import IdentifiedVehicle
+
+    if parameter is None:
+        model = car.with_damper()
+        return {"as given": model.modes()}, {"as given": response_of(model, frequency)}
+    if isinstance(car, IdentifiedVehicle):
+        raise InputError(f"{car.name} is an identified model, which has no {parameter} to vary; give a .toml vehicle")
+    variants = vary(car, parameter, factors, frequency)
+    labels = [f"{parameter} x {variant.factor:g}" for variant in variants]
+    modes = {label: variant.modes for label, variant in zip(labels, variants, strict=True)}
+    return modes, {label: variant.response for label, variant in zip(labels, variants, strict=True)}
+
+
+def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
+    """Return a table with frequency and damping ratio of every mode, a column for each variant."""
+    table = Table("mode")
+    for label in modes:
+        table.add_column(label, no_wrap=True)
+    for number in range(max(len(variant) for variant in modes.values())):
+        cells = (_mode_text(variant[number]) if number < len(variant) else "" for variant in modes.values())
+        table.add_row(str(number + 1), *cells)
+    return table
+
+
+def _mode_text(mode: Mode) -> str:
+    return f"{mode.frequency_hz:.3f} Hz {100.0 * mode.damping_ratio:.2f} %"
+
+
+def _outputs(response: FrequencyResponse, names: Sequence[str]) -> list[str]:
+    if not names:
+        return [name for name in response.output_names if name.endswith(_KEY_OUTPUTS)]
+    return list(response.select(outputs=names).output_names)
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return list(dict.fromkeys(float(part) for part in text.split(",")))
+    except ValueError:
+        raise InputError(f"--factors {text!r}: give numbers separated by commas, e.g. 0.5,1,2") from None
