@@ -87,7 +87,7 @@ def _maxwell(random: Random, port: Port) -> DrawnShock:
         curve, nose = draw_curve(random, falls=False)
         stiffness = log_uniform(random, 1e5, 1e7)
         least = min(port.compression_scale, port.rebound_scale) * _least_slope(curve)
-        if least > 0.0 and stiffness / least < _FASTEST:
+        if least > 0.0 and stiffness / least < _FASTEST and curve.falls_at() is None:
             return DrawnShock("maxwell", curve, port, {"series_stiffness": stiffness}, nose, False)
 
 

@@ -208,26 +208,16 @@ def velocity_under(force: float, guess: float, guess_force: float, valve: Valve)
     before, before_miss = guess, guess_force - force
     if before_miss == 0.0:
         return guess
-    # The bounds are used once there is one on each side.
-    low, high, bounds = guess, guess, 0
-    slope = (valve_force(valve, guess + _FIRST) - guess_force) / _FIRST
-    change = -before_miss / slope if slope > 0.0 else copysign(STRAIGHT, -before_miss)
-    here = guess + change
+    low, high = (-inf, guess) if before_miss > 0.0 else (guess, inf)
+    here = guess - copysign(_FIRST, before_miss)
     for _ in range(_MOST_TRIES):
         miss = valve_force(valve, here) - force
         if abs(miss) <= _FOUND * abs(force) or miss == before_miss or here == before:
             return here
-        if (miss > 0.0) != (before_miss > 0.0) and bounds == 0:
-            low, high, bounds = min(here, before), max(here, before), 1
-        elif bounds == 1 and miss > 0.0:
-            high = here
-        elif bounds == 1:
-            low = here
+        low, high = (low, min(high, here)) if miss > 0.0 else (max(low, here), high)
         there = here - miss * (here - before) / (miss - before_miss)
-        if bounds == 1 and not low < there < high:
-            there = 0.5 * (low + high)
-        elif bounds == 0 and not (there - here) * miss < 0.0:
-            there = here + copysign(2.0 * abs(here - before), -miss)
+        if not low < there < high:
+            there = 0.5 * (low + high) if high - low < inf else here + 2.0 * (here - before)
         before, before_miss, here = here, miss, there
     return here
 

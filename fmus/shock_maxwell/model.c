@@ -31,32 +31,25 @@ static double smaller(double a, double b)
 /* w with f(w) = force, from a guess with its force: secants inside a bracket. */
 static double velocity_under(const Parameters *p, double force, double guess, double guess_force)
 {
-    double before = guess, before_miss = guess_force - force, low = guess, high = guess;
-    int bounded = 0;
+    double before = guess, before_miss = guess_force - force;
     if (before_miss == 0.0) {
         return guess;
     }
-    const double slope = (valve_force(p, guess + FIRST) - guess_force) / FIRST;
-    double here = guess + (slope > 0.0 ? -before_miss / slope : signed_like(CHORD, -before_miss));
+    double low = before_miss > 0.0 ? -NO_LIMIT : guess, high = before_miss > 0.0 ? guess : NO_LIMIT;
+    double here = guess - signed_like(FIRST, before_miss);
     for (int tries = 0; tries < MOST_TRIES; tries++) {
         const double miss = valve_force(p, here) - force;
         if (size_of(miss) <= FOUND * size_of(force) || miss == before_miss || here == before) {
             return here;
         }
-        if ((miss > 0.0) != (before_miss > 0.0) && !bounded) {
-            low = here < before ? here : before;
-            high = larger(here, before);
-            bounded = 1;
-        } else if (bounded && miss > 0.0) {
-            high = here;
-        } else if (bounded) {
-            low = here;
+        if (miss > 0.0) {
+            high = smaller(high, here);
+        } else {
+            low = larger(low, here);
         }
         double there = here - miss * (here - before) / (miss - before_miss);
-        if (bounded && !(low < there && there < high)) {
-            there = 0.5 * (low + high);
-        } else if (!bounded && !((there - here) * miss < 0.0)) {
-            there = here + signed_like(2.0 * size_of(here - before), -miss);
+        if (!(low < there && there < high)) {
+            there = high - low < NO_LIMIT ? 0.5 * (low + high) : here + 2.0 * (here - before);
         }
         before = here;
         before_miss = miss;

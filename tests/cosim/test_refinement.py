@@ -257,6 +257,21 @@ def test_a_step_at_which_the_coupling_diverges_is_told_and_halved(make: Any) -> 
     assert result.step < 1e-3
 
 
+def test_gauss_seidel_is_replaced_only_after_two_runs_that_were_not_stable(parts: Any) -> None:
+    """Runs that are stable never lead to another scheme, however many are needed for the tolerance."""
+
+    def ran(damping: float, tolerance: float) -> Result:
+        system = System(parts(damping), [Bond.between("car", "shock", displacement=False)])
+        scenario = Scenario(0.4, record_step=0.01)
+        return run(system, scenario, algorithm=Automatic(tolerance=tolerance), engine="python")
+
+    stable = ran(60.0, 5e-4)
+    assert stable.scheme == "gauss-seidel"
+    assert stable.step < 0.002 / 4
+    assert "implicit" not in " ".join(stable.notes)
+    assert ran(8000.0, 1.0).scheme == "implicit"
+
+
 def test_a_run_at_a_given_step_is_compared_unless_that_is_declined(make: Any) -> None:
     scenario = Scenario(0.4)
     alone, compared = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import shutil
 import subprocess
@@ -81,6 +82,19 @@ def compiler(headers: Path) -> Callable[..., Path]:
         return output
 
     return run
+
+
+@pytest.fixture(scope="session")
+def elementary(compiler: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """Return the elementary functions of the C core as a shared library."""
+    source = Path(__file__).resolve().parents[2] / "fmus" / "common" / "elementary.c"
+    path = tmp_path_factory.mktemp("elementary") / "elementary.so"
+    library = ctypes.CDLL(str(compiler(source.parent, ["-O1", "-fPIC", "-shared", str(source)], path)))
+    for name in ("exponential", "exponential_minus_1", "hyperbolic_tangent"):
+        getattr(library, name).argtypes, getattr(library, name).restype = [ctypes.c_double], ctypes.c_double
+    pointer = ctypes.POINTER(ctypes.c_double)
+    library.sine_and_cosine.argtypes, library.sine_and_cosine.restype = [ctypes.c_double, pointer, pointer], None
+    return library
 
 
 @pytest.fixture(scope="session")

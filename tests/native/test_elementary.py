@@ -11,18 +11,10 @@ ROOT = Path(__file__).resolve().parents[2]
 EPSILON = np.finfo(float).eps
 
 
-@pytest.fixture(scope="module")
-def library(compiler, tmp_path_factory):
+@pytest.fixture
+def library(elementary):
     """Return the functions as a shared library."""
-    folder = tmp_path_factory.mktemp("elementary")
-    source = ROOT / "fmus" / "common" / "elementary.c"
-    path = compiler(source.parent, ["-O1", "-fPIC", "-shared", str(source)], folder / "elementary.so")
-    loaded = ctypes.CDLL(str(path))
-    for name in ("exponential", "exponential_minus_1", "hyperbolic_tangent"):
-        getattr(loaded, name).argtypes, getattr(loaded, name).restype = [ctypes.c_double], ctypes.c_double
-    pointer = ctypes.POINTER(ctypes.c_double)
-    loaded.sine_and_cosine.argtypes, loaded.sine_and_cosine.restype = [ctypes.c_double, pointer, pointer], None
-    return loaded
+    return elementary
 
 
 def sine_and_cosine(library, x):

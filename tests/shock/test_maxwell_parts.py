@@ -1,13 +1,16 @@
 """The functions of Maxwell's step: each is correct and needs few evaluations of the curve."""
 
+import re
 from math import copysign, exp, inf
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost.shock import Maxwell, Port, maxwell
+from eightpost.shock import Maxwell, Port, law, maxwell
+from eightpost.shock import curve as shock_curve
 from eightpost.shock.law import Piece
 from eightpost.shock.maxwell import (
     bow_of_curve,
@@ -201,3 +204,48 @@ def test_a_chord_takes_few_evaluations(evaluations):
         counts.append(len(evaluations))
     assert np.mean(counts) < 2.6
     assert max(counts) <= 10
+
+
+def test_at_rest_the_force_is_kept_to_the_last_bit_and_the_curve_is_evaluated_only_to_find_the_velocity(evaluations):
+    force = LAW.static_force(0.2)
+    for step in (1e-6, 1e-3, 1.0):
+        assert LAW.advance_piece(force, Piece(0.2, 0.2, force, force, step)) == force
+    assert evaluations == []
+
+
+C_CONSTANTS = {
+    "CHORD": law.STRAIGHT,
+    "SHORTEST": maxwell._SHORTEST,
+    "FIRST": maxwell._FIRST,
+    "SETTLED": maxwell._SETTLED,
+    "AT_REST": maxwell._AT_REST,
+    "FOUND": maxwell._FOUND,
+    "AGREEMENT": maxwell._AGREEMENT,
+    "LEAST_BEND": maxwell._LEAST_BEND,
+    "NEAR": maxwell._NEAR,
+    "FORCE_ROUNDING": maxwell._ROUNDING,
+    "MOST_PARTS": maxwell._MOST_PARTS,
+    "MOST_CORRECTIONS": maxwell._MOST_CORRECTIONS,
+    "MOST_TRIES": maxwell._MOST_TRIES,
+    "LOOKS": shock_curve.LOOKS,
+    "TRANSITION_LOOKS": shock_curve.TRANSITION_LOOKS,
+}
+
+
+def test_the_constants_of_the_c_law_are_those_of_the_python_law():
+    source = (Path(__file__).resolve().parents[2] / "fmus" / "shock_maxwell" / "model.c").read_text(encoding="utf-8")
+    listed = {name: float(value) for name, value in re.findall(r"\b([A-Z][A-Z_]+) = ([0-9.e-]+)[,; ]", source)}
+    assert listed == C_CONSTANTS
+
+
+def test_a_curve_is_checked_at_every_256th_of_a_side_and_every_12th_of_its_transition(monkeypatch):
+    seen, force = [], shock_curve.curve_force
+    monkeypatch.setattr(shock_curve, "curve_force", lambda numbers, v: seen.append(v) or force(numbers, v))
+    checked = curve()
+    assert checked.falls_at() is None
+    middle, width = checked.transition_speed, checked.transition_width
+    expected = []
+    for side, speed in ((1.0, checked.compression_speed), (-1.0, checked.rebound_speed)):
+        expected += (side * np.linspace(0.0, speed, 257)).tolist()
+        expected += (side * np.linspace(middle - 0.5 * width, middle + 0.5 * width, 13)).tolist()
+    assert seen == pytest.approx(expected, rel=1e-12, abs=1e-15)

@@ -195,7 +195,8 @@ def test_an_invalid_measure_is_refused(arguments, message):
 def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
     with pytest.raises(InputError, match="smaller record_step"):
         Measure("m", ("x",), band=(1.0, 300.0)).of(two_tones)
-    with pytest.raises(InputError, match="fewer than two samples"):
+    span = f"{two_tones.time[0]:g} to {two_tones.time[-1]:g} s"
+    with pytest.raises(InputError, match=f"fewer than two samples from 30 to 40 s; the run is {span}$"):
         Measure("m", ("x",), section=(30.0, 40.0)).of(two_tones)
     with pytest.raises(MissingChannelError, match="no such channel"):
         Measure("m", ("y",)).of(two_tones)
