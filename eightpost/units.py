@@ -118,6 +118,24 @@ SI_UNITS = (
     "1",
 )
 
+#: US customary unit of display for each SI unit that has one.
+US_CUSTOMARY = {
+    "Pa": "psi",
+    "K": "degF",
+    "m": "in",
+    "m/s": "in/s",
+    "m/s2": "g",
+    "N": "lbf",
+    "N.m": "lbf.in",
+    "N/m": "lbf/in",
+    "N.s/m": "lbf.s/in",
+    "N.m/rad": "lbf.in/deg",
+    "kg": "lbm",
+    "kg.m2": "lbm.in2",
+    "rad": "deg",
+    "J": "in.lbf",
+}
+
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 
 #: Maximum length of a unit, and powers that would take pint very long or overflow: a power of a number, or an exponent
@@ -212,6 +230,15 @@ def convert(values: Values, source: str, target: str) -> Values:
     """
     factor, offset = conversion(source, target)
     return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
+
+
+def us_customary(unit: str) -> str:
+    """Return the US customary unit in which an SI unit is shown; the unit itself if it has none.
+
+    >>> us_customary("m/s"), us_customary("s")
+    ('in/s', 's')
+    """
+    return US_CUSTOMARY.get(unit, unit)
 
 
 def si_unit(unit: str) -> str:

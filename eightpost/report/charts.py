@@ -1,0 +1,206 @@
+"""Interactive plots: panels with lines and marks, as plotly's JSON in SI, which a page's script converts and draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eightpost.array_types import Array
+
+#: Width of every figure [px]: that of a landscape A4 page within its margins, so that print and screen look the same.
+WIDTH = 1000
+
+#: Okabe and Ito's colours, which colour-blind readers can distinguish, without the yellow, which is too light on white.
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f")
+
+#: Colour of measured lines, which are wider than the others.
+MEASURED = "#9aa4b1"
+
+#: Space for axis labels next to a panel and above it [px].
+_LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 58, 44
+
+_AXIS = {"gridcolor": "#e6e9ee", "zerolinecolor": "#c3cad3", "linecolor": "#b9c1cb", "ticks": "outside", "ticklen": 3,
+         "tickcolor": "#b9c1cb", "tickfont": {"size": 10}, "automargin": False}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis of a panel.
+
+    Attributes:
+        title: Name of the quantity on the axis.
+        unit: SI unit; empty for a plain number. The page appends the unit to the title.
+        kind: `linear` or `log`.
+        span: Fixed range in plotly's terms, for axes without unit; None: the range follows the data.
+    """
+
+    title: str
+    unit: str = ""
+    kind: str = "linear"
+    span: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A panel of a figure.
+
+    Attributes:
+        x: Horizontal axis.
+        y: Vertical axis.
+        column: Start and end as shares of the figure's width [1].
+        row: Start and end as shares of the figure's height [1], from below.
+        title: Heading above the panel.
+    """
+
+    x: Axis
+    y: Axis
+    column: tuple[float, float]
+    row: tuple[float, float]
+    title: str = ""
+
+
+@dataclass
+class Figure:
+    """A figure under construction.
+
+    Args:
+        caption: Text below the figure.
+        height: Height [px].
+        panels: Panels with their axes and positions.
+    """
+
+    caption: str
+    height: int
+    panels: Sequence[Panel]
+    _traces: list[dict[str, Any]] = field(default_factory=list)
+    _shapes: list[dict[str, Any]] = field(default_factory=list)
+    _named: set[str] = field(default_factory=set)
+
+    def line(self, panel: int, x: Array, y: Array, *, name: str, color: str, dash: str = "solid") -> None:
+        """Draw a line in a panel, counted from 0; a name is in the legend once. Measured lines are wider."""
+        width = 4.0 if color == MEASURED else 1.4
+        self._add(panel, x, y, name, mode="lines", line={"color": color, "width": width, "dash": dash})
+
+    def dots(self, panel: int, x: Array, y: Array, *, name: str, color: str = MEASURED, size: float = 2.5) -> None:
+        """Draw dots in a panel."""
+        self._add(panel, x, y, name, mode="markers", marker={"color": color, "size": size})
+
+    def marks(
+        self, panel: int, x: Array, y: Array, *, name: str, color: str, symbol: str = "circle", dash: str = "solid"
+    ) -> None:
+        """Draw marks joined by a line."""
+        marker, line = {"color": color, "size": 8, "symbol": symbol}, {"color": color, "width": 1.5, "dash": dash}
+        self._add(panel, x, y, name, mode="lines+markers", marker=marker, line=line)
+
+    def bubbles(self, panel: int, x: Array, y: Array, values: Array, *, unit: str, greatest: float) -> None:
+        """Draw a disc for each value, with area and colour by the value, and the value written above it."""
+        sizes = 10.0 + 26.0 * np.sqrt(np.abs(values) / greatest)
+        marker = {"color": _numbers(values), "size": _numbers(sizes), "colorscale": "YlOrRd", "reversescale": True,
+                  "cmin": 0.0, "cmax": greatest, "opacity": 0.9,
+                  "line": {"color": "#5b6675", "width": 0.8}}  # fmt: skip
+        self._add(panel, x, y, "", mode="markers+text", marker=marker, textposition="top center", textfont={"size": 10})
+        self._traces[-1] |= {
+            "meta": {"unit": unit, "values": _numbers(values)},
+            "showlegend": False,
+            "cliponaxis": False,
+        }
+
+    def band(self, panel: int, start: float, stop: float) -> None:
+        """Shade a span of a panel's horizontal axis, whose unit must be the same in both unit systems."""
+        x, y = _axes(panel)
+        self._shapes.append({"type": "rect", "xref": x, "yref": f"{y} domain", "x0": start, "x1": stop, "y0": 0,
+                             "y1": 1, "fillcolor": "#eceff3", "line": {"width": 0}, "layer": "below"})  # fmt: skip
+
+    def level(self, panel: int, value: float) -> None:
+        """Draw a dotted horizontal line at a value of an axis without unit."""
+        x, y = _axes(panel)
+        self._shapes.append({"type": "line", "xref": f"{x} domain", "yref": y, "x0": 0, "x1": 1, "y0": value,
+                             "y1": value, "line": {"color": "#5b6675", "width": 1, "dash": "dot"}})  # fmt: skip
+
+    @property
+    def units(self) -> set[str]:
+        """SI units of its axes and marks."""
+        axes = {axis.unit for panel in self.panels for axis in (panel.x, panel.y)}
+        return (axes | {trace["meta"]["unit"] for trace in self._traces if "meta" in trace}) - {""}
+
+    def content(self) -> dict[str, Any]:
+        """Return the content that the page's script draws."""
+        layout: dict[str, Any] = {
+            "width": WIDTH,
+            "height": self.height,
+            "margin": {"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+            "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top", "font": {"size": 12}},
+            "shapes": self._shapes,
+            "annotations": [],
+        }
+        units: dict[str, str] = {}
+        for k, panel in enumerate(self.panels):
+            x, y = _axes(k)
+            layout[_layout_name(x)] = _axis(panel.x, panel.column, y)
+            layout[_layout_name(y)] = _axis(panel.y, panel.row, x)
+            units |= {x: panel.x.unit, y: panel.y.unit}
+            if panel.title:
+                layout["annotations"].append(_heading(panel))
+        return {"data": self._traces, "layout": layout, "units": units}
+
+    def _add(self, panel: int, x: Array, y: Array, name: str, **style: Any) -> None:
+        x_axis, y_axis = _axes(panel)
+        first = bool(name) and name not in self._named
+        trace = {"type": "scatter", "x": _numbers(x), "y": _numbers(y), "xaxis": x_axis, "yaxis": y_axis,
+                 "name": name, "legendgroup": name, "showlegend": first, "hoverinfo": "x+y+name"}  # fmt: skip
+        self._named.add(name)
+        self._traces.append(trace | style)
+
+
+def grid(
+    count: int, columns: int, *, gap: tuple[float, float]
+) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return column and row [1] of each panel of a grid, row by row from above.
+
+    Args:
+        count: Number of panels.
+        columns: Number of panels in a row.
+        gap: Gaps between columns and between rows [1].
+    """
+    rows = -(-count // columns)
+    width, height = (1.0 - gap[0] * (columns - 1)) / columns, (1.0 - gap[1] * (rows - 1)) / rows
+    places = []
+    for k in range(count):
+        left, below = (k % columns) * (width + gap[0]), (rows - 1 - k // columns) * (height + gap[1])
+        places.append(((left, left + width), (below, below + height)))
+    return places
+
+
+def _axes(panel: int) -> tuple[str, str]:
+    number = "" if panel == 0 else str(panel + 1)
+    return f"x{number}", f"y{number}"
+
+
+def _layout_name(axis: str) -> str:
+    return f"{axis[0]}axis{axis[1:]}"
+
+
+def _axis(axis: Axis, domain: tuple[float, float], anchor: str) -> dict[str, Any]:
+    entry: dict[str, Any] = dict(_AXIS) | {"domain": list(domain), "anchor": anchor, "type": axis.kind}
+    entry["title"] = {"text": axis.title, "font": {"size": 11}, "standoff": 4}
+    if axis.span:
+        entry["range"] = list(axis.span)
+    return entry
+
+
+def _heading(panel: Panel) -> dict[str, Any]:
+    return {"text": panel.title, "xref": "paper", "yref": "paper", "x": sum(panel.column) / 2.0, "y": panel.row[1],
+            "xanchor": "center", "yanchor": "bottom", "showarrow": False,
+            "font": {"size": 11, "color": "#1c2430"}}  # fmt: skip
+
+
+def _numbers(values: Array) -> list[float]:
+    """Return values rounded to six digits of the largest, finer than a screen's resolution."""
+    array = np.asarray(values, dtype=np.float64)
+    top = float(np.abs(array).max(initial=0.0))
+    digits = 5 - int(np.floor(np.log10(top))) if top > 0.0 else 0
+    rounded: list[float] = np.round(array, digits).tolist()
+    return rounded

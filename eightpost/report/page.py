@@ -1,0 +1,154 @@
+"""HTML pages in one file that needs no network: style, scripts, data and the plotting library are part of it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from eightpost import __version__
+from eightpost.files import atomic_path
+from eightpost.report import numbers, tables
+from eightpost.report.charts import Figure
+from eightpost.report.numbers import Display
+from eightpost.report.tables import ResultTable
+from eightpost.verdict import Verdict
+
+# ---- The page shell -------------------------------------------------------------------------------------------------
+
+_KIT = "eightpost.report"
+
+_FILTERS = {
+    "figure": numbers.figure,
+    "fixed": numbers.fixed,
+    "percent": numbers.percent,
+    "listed": numbers.listed,
+    "cell": tables.cell_html,
+    "unit": tables.unit_html,
+    "caption": tables.caption_html,
+}
+
+
+def page(package: str, scripts: Sequence[str], /, name: str = "page", **context: Any) -> str:
+    """Return the HTML of a package's template, which extends the kit's shell.html. All values are escaped.
+
+    Args:
+        package: Package with the files of the page.
+        scripts: Script files of the package in the order of their dependencies; they follow the kit's shell.js.
+        name: Path of the template and of its style, which follows the kit's shell.css, without the suffix.
+        context: Values of the template: at least `title`, `verdict`, `places` (identifier and heading of each section)
+            and `data` (identifier and text of each script element with data). An undefined name is an error.
+    """
+    loaders = [jinja2.PackageLoader(package, "."), jinja2.PackageLoader(_KIT, "templates")]
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(loaders),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= _FILTERS
+    own = [_file(package, script) for script in scripts]
+    return environment.get_template(f"{name}.html").render(
+        {
+            "style": _file(_KIT, "templates/shell.css") + _file(package, f"{name}.css"),
+            "script": Markup("\n").join([_file(_KIT, "templates/shell.js"), *own]),
+            "plotly": _plotly(),
+            "version": __version__,
+            "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        }
+        | context
+    )
+
+
+def write_page(path: str | Path, content: str) -> Path:
+    """Write a page; an existing file is replaced only when the new one is complete. Return the path."""
+    path = Path(path)
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+    return path
+
+
+def compressed(content: bytes) -> str:
+    """Return bytes compressed with gzip and encoded in base64, whose characters cannot end a script element."""
+    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode("ascii")
+
+
+@cache
+def _plotly() -> str:
+    return compressed(get_plotlyjs().encode())
+
+
+def _file(package: str, name: str) -> Markup:
+    """Return a file of a package unchanged, for a style or a script element."""
+    return Markup(files(package).joinpath(name).read_text(encoding="utf-8"))
+
+
+# ---- A printable document of texts, tables and figures --------------------------------------------------------------
+
+#: Content of a section: a paragraph, HTML (Markup), a list of texts, a table, or a figure.
+Block = str | tuple[str, ...] | ResultTable | Figure
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of a document.
+
+    Attributes:
+        name: Identifier of the section on the page.
+        heading: Heading of the section, which is also its link at the top of the page.
+        blocks: Contents in their order.
+    """
+
+    name: str
+    heading: str
+    blocks: Sequence[Block]
+
+
+def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead: str = "") -> str:
+    """Return the HTML of a document; all texts are escaped, except for Markup.
+
+    Args:
+        title: Heading of the page.
+        verdict: Verdict at its top.
+        sections: Sections in their order.
+        lead: Text below the verdict; default none.
+    """
+    figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
+    shown = {unit: Display.of(unit) for figure in figures for unit in figure.units}
+    content = {
+        "figures": [figure.content() for figure in figures],
+        "units": {unit: [scale.factor, scale.unit] for unit, scale in shown.items()},
+    }
+    return page(
+        _KIT,
+        ["templates/document.js"],
+        name="templates/document",
+        title=title,
+        verdict=verdict,
+        lead=lead,
+        places=[(section.name, section.heading) for section in sections],
+        sections=sections,
+        data={"figures": compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode())},
+    )
+
+
+def soft(text: str) -> Markup:
+    """Return a paragraph in a soft colour."""
+    return Markup('<p class="soft">{}</p>').format(text)
+
+
+def digest(*texts: str) -> Markup:
+    """Return digests in small letters, one below the other."""
+    return Markup("<br>").join(Markup('<span class="digest">{}</span>').format(text) for text in texts)

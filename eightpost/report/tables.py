@@ -1,0 +1,87 @@
+"""Tables of results: texts and amounts in SI, shown in US customary and in SI units."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from markupsafe import Markup, escape
+
+from eightpost.report.numbers import Display, plain
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """A value with its SI unit (`1` and `%` for plain numbers) and the number of significant digits to show."""
+
+    value: float
+    unit: str
+    digits: int = 3
+
+
+#: Content of a cell; Markup is HTML, which a terminal cannot show.
+Cell = Amount | str
+
+#: Text of a cell without a value.
+NONE = "–"
+
+
+@dataclass(frozen=True, slots=True)
+class ResultTable:
+    """A table.
+
+    Attributes:
+        title: Heading of the table; may be empty.
+        heads: Column headers: text, and the SI unit of the amounts below or an empty text. The texts below the header
+            `unit` are SI units.
+        rows: Rows with a cell for each column.
+    """
+
+    title: str
+    heads: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Whether each column contains amounts."""
+        return tuple(any(isinstance(row[k], Amount) for row in self.rows) for k in range(len(self.heads)))
+
+    @property
+    def us_headings(self) -> tuple[str, ...]:
+        """Headers with their US customary units."""
+        return tuple(f"{text}, {Display.of(unit).unit}" if unit else text for text, unit in self.heads)
+
+
+def text_table(headings: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> ResultTable:
+    """Return a table of texts without a title."""
+    return ResultTable("", tuple((heading, "") for heading in headings), rows)
+
+
+def cell_text(table: ResultTable, column: int, cell: Cell) -> str:
+    """Return the text of a cell in US customary units."""
+    if isinstance(cell, Amount):
+        return plain(Display.of(cell.unit).factor * cell.value, cell.digits)
+    return Display.of(cell).unit if table.heads[column][0] == "unit" else cell
+
+
+def cell_html(cell: Cell) -> Markup:
+    """Return the HTML of a cell: a text, or an amount in both unit systems."""
+    if not isinstance(cell, Amount):
+        return escape(cell)
+    shown = (plain(value, cell.digits) for value in (Display.of(cell.unit).factor * cell.value, cell.value))
+    return in_both_units(*(text.replace("-", "−") for text in shown))
+
+
+def unit_html(si: str) -> Markup:
+    """Return a unit in both systems."""
+    return in_both_units(Display.of(si).unit, si)
+
+
+def caption_html(text: str) -> Markup:
+    """Return the HTML of a text, with each SI unit in braces, such as {N}, shown in both systems."""
+    return Markup(re.sub(r"\{([^{}]+)\}", lambda found: unit_html(found[1]), str(escape(text))))
+
+
+def in_both_units(us: str, si: str) -> Markup:
+    """Return HTML of which a page shows one of two texts, according to the reader's choice of units."""
+    return escape(si) if us == si else Markup('<span class="us">{}</span><span class="si">{}</span>').format(us, si)
