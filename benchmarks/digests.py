@@ -72,7 +72,7 @@ def _run_commands(folder: Path) -> None:
     for car, recipe in (("seven_dof", "boggs"), ("eight_post", "common-poles")):
         _command(folder, "rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
         records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))
-        _command(folder, "identify", *records, "--recipe", recipe, "--plots", "none", "-o", f"cars/{car}.json")
+        _command(folder, "identify", *records, "--recipe", recipe, "--plot", "none", "-o", f"cars/{car}.json")
 
 
 def _command(folder: Path, *arguments: str) -> None:

@@ -95,7 +95,7 @@ def _identify(folder: Path, duration: str) -> None:
         _call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
               "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
     if not car.exists():
-        _call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plots", "none", may_fail=True)
+        _call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
 
 def _predict(folder: Path) -> None:

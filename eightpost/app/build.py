@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
+from eightpost.app.progress import bar
 from eightpost.errors import FmuError
 from eightpost.verdict import Verdict
 
@@ -51,10 +51,8 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
             f"{fmu_identifier(path.stem)}.fmu"
         )
     assembly = assembly_of(read_case(source), path.stem)
-    columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        return assemble(assembly, path, progress=lambda done, total: bar.update(task, completed=done, total=total))
+    with bar(console, "compiling") as advance:
+        return assemble(assembly, path, progress=advance)
 
 
 def assembly_of(case: Case, identifier: str) -> Assembly:
@@ -172,15 +170,13 @@ def build_with_progress(
     from builder.build import build as build_fmus
     from builder.documents import Disclosure
 
-    columns = (TextColumn("compiling"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
+    with bar(console, "compiling") as advance:
         return build_fmus(
             sources,
             output,
             target=target,
             disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            progress=advance,
         )
 
 

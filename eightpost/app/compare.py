@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from eightpost.app.options import Verb, map_option
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
 from eightpost.verdict import Verdict
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison, Measured, MeasuredRun
     from cosim.study.measures import Measure
     from cosim.study.result import StudyResult
-    from eightpost.signals import TimeSeries
+    from eightpost.signals import ChannelMap, TimeSeries
 
 
 # ---- Comparison of measured setups with a study's prediction, for `eightpost compare --measured` --------------------
@@ -40,7 +41,7 @@ class ComparisonRequest:
     measures: tuple[str, ...]
     rank: float
     level: float | None
-    channel_map: Path | None
+    channel_map: ChannelMap | None
 
 
 def compare_study(
@@ -56,17 +57,15 @@ def compare_study(
     from eightpost.app.show import show_verdict
     from eightpost.app.study_page import RESULTS, SELECTION
     from eightpost.rig.post import read_rig_test
-    from eightpost.signals import ChannelMap
 
     result = StudyResult.load(folder / RESULTS)
     for name in request.measures:
         result.study.measure(name)
     path = measured / SELECTION if measured.is_dir() else measured
     runs = _present(console, read_run_list(path, result.study), path)
-    mapping = ChannelMap.read(request.channel_map) if request.channel_map else None
 
     def read(file: Path) -> TimeSeries:
-        return read_rig_test(file, channel_map=mapping).series
+        return read_rig_test(file, channel_map=request.channel_map).series
 
     rig = measured_runs(runs, result.study, read)
     for name, channels in rig.missing.items():
@@ -169,7 +168,7 @@ def _write(
 # ---- `eightpost compare` --------------------------------------------------------------------------------------------
 
 
-@click.command()
+@click.command(cls=Verb, renamed={"--channel-map": "--map"})
 @click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
               help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
@@ -182,8 +181,7 @@ def _write(
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
               "a mean.")  # fmt: skip
-@click.option("--channel-map", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map of the rig files for --measured; default: the channel names in the files.")  # fmt: skip
+@map_option("docs/rig_data.md", "rig files of --measured")
 @click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True,
               help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
 @click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
@@ -240,7 +238,7 @@ def _compare_with_rig(
     output: Path | None,
     *,
     measures: tuple[str, ...],
-    channel_map: Path | None,
+    channel_map: ChannelMap | None,
     rank: float,
     level: float | None,
 ) -> Verdict:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import __version__
+from eightpost.app.options import Quantity, seed_option
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import check_output_folder
 
@@ -39,32 +40,31 @@ class _Specimen:
 @click.option("--build", metavar="COMPRESSION/REBOUND",
               help="Shim codes of Table 7.2 for a shock on a linear piston, as in Table 7.3, e.g. C/B. Default: the "
               "shock of --configuration.")  # fmt: skip
-@click.option("--gas", "gas_text", metavar="PRESSURE",
+@click.option("--gas", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gauge gas pressure of a --build; default '150 psi'.")  # fmt: skip
 @click.option("--clicks", type=int, metavar="0..28",
               help="Rebound bleed of a --build in clicks from fully open, 0 to 28: more clicks close it. Default "
               "1.")  # fmt: skip
 @click.option("--test", "test_name", type=click.Choice(TESTS), default="random", show_default=True,
               help="Motion of the dynamometer. all: every test of 3.2.3, each in a file of its own.")  # fmt: skip
-@click.option("--amplitude", metavar="LENGTH",
+@click.option("--amplitude", type=Quantity("m"), metavar="LENGTH",
               help="Amplitude of the sine, e.g. '1 in'; no default: --test sine needs it.")  # fmt: skip
-@click.option("--speed", metavar="SPEED",
+@click.option("--speed", type=Quantity("m/s"), metavar="SPEED",
               help="Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.")  # fmt: skip
-@click.option("--duration", metavar="TIME",
+@click.option("--duration", type=Quantity("s"), metavar="TIME",
               help="Length of the random test; default '30 s'. The signal repeats every 10 s.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", default=1, show_default=True,
-              help="Seed of the random phases and of the sensor noise.")  # fmt: skip
+@seed_option(1, "Seed of the random phases and of the sensor noise.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
               help="Output file (.csv or .parquet); with --test all, the output folder.")  # fmt: skip
 def dyno(  # one parameter per option
     number: int | None,
     build: str | None,
-    gas_text: str | None,
+    gas: float | None,
     clicks: int | None,
     test_name: str,
-    amplitude: str | None,
-    speed: str | None,
-    duration: str | None,
+    amplitude: float | None,
+    speed: float | None,
+    duration: float | None,
     seed: int,
     output: Path,
 ) -> None:
@@ -85,7 +85,7 @@ def dyno(  # one parameter per option
 
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
-    specimen = _specimen(number, build, gas_text, clicks)
+    specimen = _specimen(number, build, gas, clicks)
     console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
     if test_name == "all":
         check_output_folder(output)
@@ -97,27 +97,27 @@ def dyno(  # one parameter per option
     _run(console, specimen, drivefile, test_name, seed, output)
 
 
-def _check_options(test_name: str, *, amplitude: str | None, speed: str | None, duration: str | None) -> None:
+def _check_options(test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None) -> None:
     """Refuse options that do not apply to the test, and a sine without amplitude and speed."""
-    if test_name == "sine" and not (amplitude and speed):
+    if test_name == "sine" and (amplitude is None or speed is None):
         raise InputError(
             "--test sine needs --amplitude '1 in' and --speed '10 in/s'; --test all runs the sines of Table 3.3"
         )
-    if test_name != "sine" and (amplitude or speed):
+    if test_name != "sine" and (amplitude is not None or speed is not None):
         raise InputError(f"--amplitude and --speed are options of --test sine; omit them with --test {test_name}")
-    if test_name != "random" and duration:
+    if test_name != "random" and duration is not None:
         raise InputError(f"--duration is an option of --test random; omit it with --test {test_name}")
 
 
-def _specimen(number: int | None, build: str | None, gas_text: str | None, clicks: int | None) -> _Specimen:
+def _specimen(number: int | None, build: str | None, gas: float | None, clicks: int | None) -> _Specimen:
     from eightpost import units
     from eightpost.rig import shim_build
 
     if (number is None) == (build is None):
         raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     if number is not None:
-        return _configured(number, gas_text, clicks)
-    gas = _si(gas_text or "150 psi", "Pa", "--gas")
+        return _configured(number, gas, clicks)
+    gas = units.convert(150.0, "psi", "Pa") if gas is None else gas
     clicks = 1 if clicks is None else clicks
     damper = shim_build(str(build), clicks=clicks, gas_pressure=gas)
     nominal = units.convert(damper.nominal_damping(), "N.s/m", "lbf.s/in")
@@ -125,12 +125,12 @@ def _specimen(number: int | None, build: str | None, gas_text: str | None, click
     return _Specimen(damper, f"{title}; nominal damping {nominal:.1f} lbf/(in/s)")
 
 
-def _configured(number: int, gas_text: str | None, clicks: int | None) -> _Specimen:
+def _configured(number: int, gas: float | None, clicks: int | None) -> _Specimen:
     from eightpost import units
     from eightpost.rig import CONFIGURATIONS, configuration
     from eightpost.rig.damper import SHIMS_OF_BUILD
 
-    if gas_text is not None or clicks is not None:
+    if gas is not None or clicks is not None:
         raise InputError("omit --gas and --clicks: Table 3.1 sets them for a --configuration")
     damper, setting = configuration(number), CONFIGURATIONS[number]
     shims = SHIMS_OF_BUILD[setting.build]
@@ -143,15 +143,15 @@ def _configured(number: int, gas_text: str | None, clicks: int | None) -> _Speci
 
 
 def _drivefile(
-    test_name: str, *, amplitude: str | None, speed: str | None, duration: str | None, seed: int
+    test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None, seed: int
 ) -> Drivefile:
     from eightpost.rig import bump, random_multisine, sine_test, static_steps
     from eightpost.rig.dynamometer import RANDOM_DURATION
 
-    if test_name == "sine":
-        return sine_test(_si(str(amplitude), "m", "--amplitude"), _si(str(speed), "m/s", "--speed")).drivefile
+    if amplitude is not None and speed is not None:
+        return sine_test(amplitude, speed).drivefile
     if test_name == "random":
-        seconds = _si(duration, "s", "--duration") if duration else RANDOM_DURATION
+        seconds = RANDOM_DURATION if duration is None else duration
         if not 0.5 <= seconds <= 600.0:
             raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
         return random_multisine(seed, duration=seconds)
@@ -199,13 +199,3 @@ def _write(series: TimeSeries, path: Path, note: str) -> None:
         write_parquet(series, path, note=note)
     else:
         write_csv(series, path, units=_CSV_UNITS, decimals=_CSV_DECIMALS, preamble=(note,))
-
-
-def _si(text: str, unit: str, option: str) -> float:
-    from eightpost import units
-
-    number, given = units.quantity(text)
-    try:
-        return units.convert(number, given, unit)
-    except InputError as error:
-        raise InputError(f"{option} {text!r}: {error}") from error

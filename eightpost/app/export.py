@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost.app.options import Quantity
 from eightpost.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
@@ -21,10 +22,10 @@ if TYPE_CHECKING:
 @click.option("--ports", type=click.Choice(["difference", "whole"]), default="difference", show_default=True,
               help="Meaning of a vehicle's shock inputs. difference: the force of the shock minus the force of the "
               "baseline damper. whole: the whole force of the shock.")  # fmt: skip
-@click.option("--high", default=25.0, show_default=True, metavar="HZ",
-              help="Highest frequency of a vehicle's response [Hz].")  # fmt: skip
-@click.option("--step", default=0.05, show_default=True, metavar="HZ",
-              help="Distance between the frequencies of a vehicle's response [Hz].")  # fmt: skip
+@click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",
+              help="Highest frequency of a vehicle's response.")  # fmt: skip
+@click.option("--step", type=Quantity("Hz", bare=True), default="0.05 Hz", show_default=True, metavar="FREQUENCY",
+              help="Distance between the frequencies of a vehicle's response.")  # fmt: skip
 @click.option("-o", "output", required=True, type=click.Path(path_type=Path), help="Output file: .mat, .uff or .unv.")
 def export(source: Path, ports: str, high: float, step: float, output: Path) -> None:
     """Export models and frequency responses for other tools.
@@ -36,7 +37,7 @@ def export(source: Path, ports: str, high: float, step: float, output: Path) -> 
     \b
     Examples:
       eightpost export vehicle.json -o car.mat
-      eightpost export vehicle.json -o car.uff --high 20 --step 0.05
+      eightpost export vehicle.json -o car.uff --high '20 Hz' --step '0.05 Hz'
       eightpost export response.npz -o response.mat
     """
     from eightpost.ident.response import read_response

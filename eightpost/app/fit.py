@@ -12,6 +12,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import UNITS, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.shock import LAWS
 from eightpost.verdict import Verdict
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.shock import Shock
+    from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
 SHAPES = ("auto", "free", "monotone", "passive")
@@ -139,19 +141,16 @@ def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
               help="Gas force in the force channel. estimate: it is fitted and kept in the shock. included: it is "
               "fitted and left out of the shock, because the static load of the car already counts it. subtracted: "
               "the dynamometer already subtracted it, so it is not fitted.")  # fmt: skip
-@click.option("--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT",
-              help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
-@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map (docs/signs_and_units.md); default: the channel names in the file.")  # fmt: skip
-@click.option("--flip", multiple=True, metavar="CHANNEL",
-              help="Reverse the sign of a channel, e.g. force; may be repeated.")  # fmt: skip
+@UNITS
+@map_option("docs/signs_and_units.md", "file")
+@flip_option("force")
 @click.option("--split", is_flag=True,
               help="Split each record at its pauses and where a sine changes, and fit the parts as runs.")  # fmt: skip
-@click.option("--segment", nargs=2, type=float, metavar="START STOP",
-              help="Start and end of the part of the record to fit [s]; default 1 10.")  # fmt: skip
-@click.option("--cutoff", type=float, metavar="HZ",
-              help="Cut-off frequency of the low-pass on model and data [Hz]; default 50.")  # fmt: skip
-@click.option("--transition-speed", metavar="SPEED",
+@click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
+              help="Start and end of the part of the record to fit; default '1 s' '10 s'.")  # fmt: skip
+@click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
+              help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
+@click.option("--transition-speed", type=Quantity("m/s"), metavar="SPEED",
               help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow "
               "record.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
@@ -159,7 +158,7 @@ def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
 @click.option("--clicks", metavar="TEXT",
               help="Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those "
               "in the file.")  # fmt: skip
-@click.option("--gas-pressure", metavar="PRESSURE",
+@click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path),
               help="Force-velocity picture; default: the output file with the suffix .png.")  # fmt: skip
@@ -174,17 +173,17 @@ def fit(  # one parameter per option
     order: str,
     robust: Robust,
     gas: GasTreatment,
-    unit_words: tuple[str, ...],
-    map_file: Path | None,
+    units: tuple[tuple[str, str], ...],
+    channel_map: ChannelMap | None,
     flip: tuple[str, ...],
     split: bool,
     segment: tuple[float, float] | None,
     cutoff: float | None,
-    transition_speed: str | None,
+    transition_speed: float | None,
     name: str | None,
     build: str | None,
     clicks: str | None,
-    gas_pressure: str | None,
+    gas_pressure: float | None,
     plot: Path | None,
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs of one build together.
@@ -205,17 +204,15 @@ def fit(  # one parameter per option
     from eightpost.ident import fit_shock, plot_force_velocity
     from eightpost.rig import DynoConditions, read_dyno_tests, split_runs
     from eightpost.shock import write_shock
-    from eightpost.signals import ChannelMap
 
     console = Console()
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
-    given = dict(_pair(word) for word in unit_words)
+    given = dict(units)
     if tables := peak_tables(dyno_files, given):
         refuse_dynamics(ctx, law)
         verdict = fit_peak_tables(console, tables, output, name=name, build=build)
         ctx.exit(0 if verdict.is_acceptable else 1)
-    channel_map = ChannelMap.read(map_file) if map_file else None
     tests = [
         test
         for dyno_file in dyno_files
@@ -224,7 +221,7 @@ def fit(  # one parameter per option
             channel_map=channel_map,
             units=given,
             flip=flip,
-            conditions=DynoConditions(build, clicks, _si(gas_pressure, "Pa")),
+            conditions=DynoConditions(build, clicks, gas_pressure),
             cutoff=cutoff,
         )
     ]
@@ -245,7 +242,7 @@ def fit(  # one parameter per option
         name=name,
         segment=segment,
         cutoff=cutoff,
-        transition_speed=_si(transition_speed, "m/s"),
+        transition_speed=transition_speed,
     )
     show_fit(console, shock_fit)
     plot = plot or output.with_suffix(".png")
@@ -294,19 +291,3 @@ def _order(word: str) -> int | None:
     if not word.isdigit():
         raise click.BadParameter(f"{word!r}: write auto, or a number from 1 to 15", param_hint="--order")
     return int(word)
-
-
-def _pair(word: str) -> tuple[str, str]:
-    channel, equals, unit = word.partition("=")
-    if not (channel and equals and unit):
-        raise click.BadParameter(f"{word!r}: write it as CHANNEL=UNIT", param_hint="--units")
-    return channel, unit
-
-
-def _si(text: str | None, unit: str) -> float | None:
-    from eightpost import units
-
-    if text is None:
-        return None
-    number, given = units.quantity(text)
-    return units.convert(number, given, unit)

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Literal
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from eightpost.app.options import Quantity, Verb, flip_option, map_option
+from eightpost.app.progress import each
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,11 +99,11 @@ def _spring_table(rating: StaticRating) -> Table:
 
 Plots = Literal["none", "main", "all"]
 
-#: Channels that `--plots main` draws: shock velocities, and the outputs that setups are judged by.
+#: Channels that `--plot main` draws: shock velocities, and the outputs that setups are judged by.
 _MAIN = ("velocity", "tire_force", "ride_height")
 
 
-@click.command()
+@click.command(cls=Verb, renamed={"--plots": "--plot"})
 @click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.json"),
               show_default=True,
@@ -112,12 +113,12 @@ _MAIN = ("velocity", "tire_force", "ride_height")
               help="Identification method: docs/common_poles.md, docs/identification.md.")  # fmt: skip
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
               help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
-@click.option("--damping", metavar="RATE",
+@click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",
               help="Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each "
               "baseline shock.")  # fmt: skip
-@click.option("--rate", default="125 Hz", show_default=True, metavar="FREQUENCY",
+@click.option("--rate", type=Quantity("Hz"), default="125 Hz", show_default=True, metavar="FREQUENCY",
               help="Sampling rate to which the records are decimated.")  # fmt: skip
-@click.option("--settling", default="0 s", show_default=True, metavar="TIME",
+@click.option("--settling", type=Quantity("s"), default="0 s", show_default=True, metavar="TIME",
               help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
 @click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
               help="File with rate, settling, delays and geometry (docs/rig_data.md), which replaces --rate and "
@@ -128,11 +129,9 @@ _MAIN = ("velocity", "tire_force", "ride_height")
 @click.option("--output-channels", metavar="NAMES",
               help="Outputs of the model, separated by commas; default: all possible outputs.")  # fmt: skip
 @click.option("--name", help="Name of the vehicle; default: the name of the output file.")
-@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map (docs/rig.md); default: the channel names in the files.")  # fmt: skip
-@click.option("--flip", multiple=True, metavar="CHANNEL",
-              help="Reverse the sign of a channel, e.g. lf.force; may be repeated.")  # fmt: skip
-@click.option("--plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
+@map_option("docs/rig.md")
+@flip_option("lf.force")
+@click.option("--plot", "plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
               help="Outputs to draw. main: shock velocities, tire forces and ride heights.")  # fmt: skip
 @click.pass_context
 def identify(  # one parameter per option
@@ -141,14 +140,14 @@ def identify(  # one parameter per option
     output: Path,
     recipe_name: str,
     baseline: Path | None,
-    damping: str | None,
-    rate: str,
-    settling: str,
+    damping: float | None,
+    rate: float,
+    settling: float,
     preparation: Path | None,
     static_files: tuple[Path, ...],
     output_channels: str | None,
     name: str | None,
-    map_file: Path | None,
+    channel_map: ChannelMap | None,
     flip: tuple[str, ...],
     plots: Plots,
 ) -> None:
@@ -170,11 +169,9 @@ def identify(  # one parameter per option
     from eightpost.ident.vehicle.recipes import recipe
     from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
-    from eightpost.signals import ChannelMap
 
     console = Console()
     _check(output, rig_files, baseline)
-    channel_map = ChannelMap.read(map_file) if map_file else None
     how = read_preparation(preparation) if preparation else _preparation(rate, settling)
     prepared = prepare(_read(console, rig_files, channel_map, flip), how)
     for line in prepared.summary():
@@ -205,10 +202,10 @@ def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> 
         )
 
 
-def _preparation(rate: str, settling: str) -> Preparation:
+def _preparation(rate: float, settling: float) -> Preparation:
     from eightpost.ident.preparation import Decimation, Preparation
 
-    return Preparation(Decimation(_si(rate, "Hz", "--rate")), settling=_si(settling, "s", "--settling"))
+    return Preparation(Decimation(rate), settling=settling)
 
 
 def _read(
@@ -216,12 +213,8 @@ def _read(
 ) -> Iterator[RigTest]:
     from eightpost.rig.post import read_rig_test
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("reading", total=len(rig_files))
-        for test in _one_ahead(lambda path: read_rig_test(path, channel_map=channel_map, flip=flip), rig_files):
-            yield test
-            progress.advance(task)
+    tests = _one_ahead(lambda path: read_rig_test(path, channel_map=channel_map, flip=flip), rig_files)
+    return each(console, tests, "reading", len(rig_files))
 
 
 def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> Iterator[RigTest]:
@@ -235,12 +228,11 @@ def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> It
 
 
 def _experiment(
-    prepared: Prepared, reference: Baseline, damping: str | None, name: str, outputs: str | None
+    prepared: Prepared, reference: Baseline, damping: float | None, name: str, outputs: str | None
 ) -> Experiment:
     from eightpost.ident.vehicle.experiment import experiment_of
 
-    rate = _si(damping, "N.s/m", "--damping") if damping else None
-    rates = {port: slope if rate is None else rate for port, slope in reference.damping.items()}
+    rates = {port: slope if damping is None else damping for port, slope in reference.damping.items()}
     experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
     experiment = replace(experiment, means=prepared.means[reference.test])
     return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
@@ -287,13 +279,3 @@ def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
         drawn.append(folder / "stabilisation.png")
         plot_stabilisation(fit.trust.orders, drawn[-1])
     return drawn
-
-
-def _si(text: str, unit: str, option: str) -> float:
-    from eightpost import units
-
-    try:
-        number, given = units.quantity(text)
-        return float(units.convert(number, given, unit))
-    except InputError as error:
-        raise InputError(f"{option} {text!r}: {error}") from error

@@ -10,22 +10,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from eightpost.app.options import UNITS, flip_option, map_option
+
 if TYPE_CHECKING:
     from eightpost.rig import DynoTest, PeakVelocityTable
+    from eightpost.signals import ChannelMap
     from eightpost.signals.raw_record import RawRecord
 
 
 @click.command()
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--units", "unit_words", multiple=True, metavar="CHANNEL=UNIT",
-              help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
-@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map (docs/signs_and_units.md); default: the channel names in the file.")  # fmt: skip
-@click.option("--flip", multiple=True, metavar="CHANNEL",
-              help="Reverse the sign of a channel, e.g. force; may be repeated.")  # fmt: skip
+@UNITS
+@map_option("docs/signs_and_units.md", "file")
+@flip_option("force")
 @click.pass_context
 def inspect(
-    ctx: click.Context, path: Path, unit_words: tuple[str, ...], map_file: Path | None, flip: tuple[str, ...]
+    ctx: click.Context,
+    path: Path,
+    units: tuple[tuple[str, str], ...],
+    channel_map: ChannelMap | None,
+    flip: tuple[str, ...],
 ) -> None:
     """Show the content of a dynamometer or rig file, and everything suspicious in it.
 
@@ -45,22 +49,20 @@ def inspect(
     from eightpost.rig import read_dyno_tests, split_runs
     from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
     from eightpost.rig.post import read_rig_test
-    from eightpost.signals import ChannelMap, read_records
+    from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
     records = read_records(path)
     for record in records:
         show_record(console, record)
-    units = dict(_pair(word) for word in unit_words)
-    channel_map = ChannelMap.read(map_file) if map_file else None
     if is_rig(records[0], channel_map):
-        rig_test = read_rig_test(path, channel_map=channel_map, units=units, flip=flip)
+        rig_test = read_rig_test(path, channel_map=channel_map, units=dict(units), flip=flip)
         ctx.exit(int(show_rig_test(console, rig_test)))
     if is_peak_velocity(records[0]):
-        for table in read_peak_velocity(path, units=units):
+        for table in read_peak_velocity(path, units=dict(units)):
             show_table(console, table)
         return
-    tests = read_dyno_tests(path, channel_map=channel_map, units=units, flip=flip)
+    tests = read_dyno_tests(path, channel_map=channel_map, units=dict(units), flip=flip)
     runs = [run for test in tests for run in split_runs(test)]
     for test in tests:
         show_test(console, test)
@@ -151,10 +153,3 @@ def show_table(console: Console, table: PeakVelocityTable) -> None:
         f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
         f"{table.rebound.min():.4g} N"
     )
-
-
-def _pair(word: str) -> tuple[str, str]:
-    channel, equals, unit = word.partition("=")
-    if not (channel and equals and unit):
-        raise click.BadParameter(f"{word!r}: write it as CHANNEL=UNIT", param_hint="--units")
-    return channel, unit

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from eightpost.app.options import Quantity, map_option
+from eightpost.app.progress import each
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
@@ -22,14 +23,14 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map (docs/rig_data.md); default: the channel names in the files.")  # fmt: skip
+@map_option("docs/rig_data.md")
 @click.option("--preparation", "how_file", type=click.Path(path_type=Path), metavar="TOML",
               help="File with rate, delays, geometry and other settings (docs/rig_data.md); default: decimation to "
               "125 Hz only.")  # fmt: skip
-@click.option("--width", default=0.5, show_default=True, metavar="HZ",
-              help="Width of the frequency bands in which the noise is estimated [Hz].")  # fmt: skip
-@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency to judge [Hz].")
+@click.option("--width", type=Quantity("Hz", bare=True), default="0.5 Hz", show_default=True, metavar="FREQUENCY",
+              help="Width of the frequency bands in which the noise is estimated.")  # fmt: skip
+@click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",
+              help="Highest frequency to judge.")  # fmt: skip
 @click.option("--coherence", default=0.5, show_default=True, metavar="0..1",
               help="Lower limit of a high coherence, 0 to 1.")  # fmt: skip
 @click.option("--level", default=-20.0, show_default=True, metavar="DB",
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
               help="Output folder.")  # fmt: skip
 def linearity(
     files: tuple[Path, ...],
-    map_file: Path | None,
+    channel_map: ChannelMap | None,
     how_file: Path | None,
     width: float,
     high: float,
@@ -67,11 +68,9 @@ def linearity(
     from eightpost.ident.linearity.plots import plot_conditions, plot_output, write_effects, write_paths
     from eightpost.ident.preparation import prepare, read_preparation
     from eightpost.ident.response import LocalPolynomial
-    from eightpost.signals import ChannelMap
 
     check_output_folder(folder)
     console = Console(soft_wrap=True, highlight=False)
-    channel_map = ChannelMap.read(map_file) if map_file else None
     how = read_preparation(how_file) if how_file else None
     prepared = prepare(_tests(files, channel_map), how)
     for line in prepared.summary():
@@ -96,8 +95,7 @@ def linearity(
 def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[RigTest]:
     from eightpost.rig.post import read_rig_test
 
-    progress = Console(stderr=True)
-    for path in track(files, description="reading", console=progress, transient=True, disable=not progress.is_terminal):
+    for path in each(Console(stderr=True), files, "reading", len(files)):
         yield read_rig_test(path, channel_map=channel_map)
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
+from eightpost.app.options import SCHEDULER, WORKERS, seed_option
+from eightpost.app.progress import bar
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
 from eightpost.files import check_output_folder
 
@@ -31,14 +32,9 @@ if TYPE_CHECKING:
               "study.")  # fmt: skip
 @click.option("--evaluations", type=click.IntRange(min=2), metavar="N", default=400, show_default=True,
               help="Maximum number of setups to evaluate.")  # fmt: skip
-@click.option(
-    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of the search."
-)
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
-              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
-@click.option("--scheduler", metavar="ADDRESS",
-              help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); default: "
-              "this machine.")  # fmt: skip
+@seed_option(0, "Seed of the search.")
+@WORKERS
+@SCHEDULER
 @click.pass_context
 def optimise(
     ctx: click.Context,
@@ -93,12 +89,8 @@ def _search(console: Console, requested: Requested, pool: Workers, search: Searc
     with console.status("choosing the coupling step"):
         coupling = requested.coupling(pool)
     show_coupling(console, coupling, requested.study)
-    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=search.evaluations)
-        return search_study(
-            requested, pool, coupling, search, lambda tried, most: bar.update(task, completed=tried, total=most)
-        )
+    with bar(console, "setups", search.evaluations) as advance:
+        return search_study(requested, pool, coupling, search, advance)
 
 
 def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:

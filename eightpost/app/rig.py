@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.progress import Progress
 
 from eightpost import __version__
+from eightpost.app.options import Quantity, seed_option
+from eightpost.app.progress import each
 from eightpost.errors import InputError, ParameterError
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class _Rig:
 @click.option("--draws", type=click.Choice(["same", "other"]), default="same", show_default=True,
               help="Drive files of a program's alternate tests: the baseline's (same), or other random phases "
               "(other).")  # fmt: skip
-@click.option("--duration", metavar="TIME",
+@click.option("--duration", type=Quantity("s", positive=True), metavar="TIME",
               help="Length of the test, or of the random tests of a program, e.g. '100 s'. Default: random 800 s "
               "(quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.")  # fmt: skip
 @click.option("--only", default="", metavar="INPUT",
@@ -137,12 +138,17 @@ class _Rig:
               "static.")  # fmt: skip
 @click.option("--mode", default="heave", show_default=True,
               help="Mode of a sine or static test: heave, pitch, roll or warp.")  # fmt: skip
-@click.option("--frequency", default="2 Hz", show_default=True, metavar="FREQUENCY", help="Sine frequency [Hz].")
-@click.option("--amplitude", default="0.5 in", show_default=True, metavar="LENGTH",
-              help="Sine amplitude, e.g. '10 mm'.")  # fmt: skip
 @click.option(
-    "--seed", type=click.IntRange(min=0), metavar="N", default=1, show_default=True, help="Seed of the drive file."
+    "--frequency",
+    type=Quantity("Hz", positive=True),
+    default="2 Hz",
+    show_default=True,
+    metavar="FREQUENCY",
+    help="Sine frequency [Hz].",
 )
+@click.option("--amplitude", type=Quantity("m", positive=True), default="0.5 in", show_default=True, metavar="LENGTH",
+              help="Sine amplitude, e.g. '10 mm'.")  # fmt: skip
+@seed_option(1, "Seed of the drive file.")
 @click.option("--run", "run_seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True,
               help="Seed of the sensor noise and of the run-to-run drift; another number is another run.")  # fmt: skip
 @click.option("--noise", type=click.Choice(["rig", "none"]), default="rig", show_default=True,
@@ -160,11 +166,11 @@ def rig(  # one parameter per option
     shocks: tuple[str, ...],
     alternate: str,
     draws: str,
-    duration: str | None,
+    duration: float | None,
     only: str,
     mode: str,
-    frequency: str,
-    amplitude: str,
+    frequency: float,
+    amplitude: float,
     seed: int,
     run_seed: int,
     noise: str,
@@ -193,14 +199,14 @@ def rig(  # one parameter per option
     bench = _Rig(car, noise, run_seed, note)
     names = per_corner(shocks or ("demo:A",), len(car.corners))
     shocks_named((*names, alternate))  # an unknown shock is an error before the first test
-    length = si(duration, "s", "--duration") if duration else None
     if program_name is not None:
-        planned = program(program_name, car, seed, duration=length, draws="other" if draws == "other" else "same")
+        planned = program(program_name, car, seed, duration=duration, draws="other" if draws == "other" else "same")
         _run_program(bench, planned, names, alternate, (output, suffix))
         return
     _check_file(output)
-    sine = (si(frequency, "Hz", "--frequency"), si(amplitude, "m", "--amplitude"))
-    test = bench.record(_drivefile(car, _Options(test_name, length, only, mode, *sine, seed)), names, test_name)
+    test = bench.record(
+        _drivefile(car, _Options(test_name, duration, only, mode, frequency, amplitude, seed)), names, test_name
+    )
     test.write(output)
     _show(Console(), car, test, output)
 
@@ -219,13 +225,9 @@ def _run_program(
         raise InputError(f"{folder} is a file; --program needs a folder")
     folder.mkdir(parents=True, exist_ok=True)
     console = Console()
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("tests", total=len(planned))
-        for number, test in enumerate(planned):
-            progress.update(task, description=test.name)
-            names = [alternate if c == test.alternate else s for c, s in zip(bench.car.corners, baseline, strict=True)]
-            _run_planned(bench, test, names, number, folder / f"{test.name}.{suffix}", console)
-            progress.advance(task)
+    for number, test in enumerate(each(console, planned, "tests", len(planned))):
+        names = [alternate if c == test.alternate else s for c, s in zip(bench.car.corners, baseline, strict=True)]
+        _run_planned(bench, test, names, number, folder / f"{test.name}.{suffix}", console)
 
 
 def _run_planned(

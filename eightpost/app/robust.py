@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
 
+from eightpost.app.options import RANK, WORKERS, seed_option
+from eightpost.app.progress import each
 from eightpost.errors import FileFormatError, InputError
 from eightpost.processes import usable_processors
 
@@ -97,15 +98,11 @@ def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
 @click.argument("uncertain", metavar="UNCERTAIN", type=click.Path(path_type=Path))
 @click.option("--top", type=click.IntRange(min=2), metavar="N", default=20, show_default=True,
               help="Number of leading setups to compare; the baseline is added.")  # fmt: skip
-@click.option("--rank", metavar="MEASURE",
-              help="Measure that ranks the setups, smallest first; default: the objective of the study.")  # fmt: skip
+@RANK
 @click.option("--draws", type=click.IntRange(min=2), metavar="N", default=32, show_default=True,
               help="Number of draws of the uncertain parameters.")  # fmt: skip
-@click.option(
-    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of the draws."
-)
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
-              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+@seed_option(0, "Seed of the draws.")
+@WORKERS
 def robust(
     folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
 ) -> None:
@@ -177,7 +174,7 @@ def _run(
     pool = ProcessWorkers(workers or usable_processors())
     try:
         drawn = run_draws(result, folder, pool, plan, setups)
-        return tuple(track(drawn, "draws", total=plan.count, console=console, transient=True))
+        return tuple(each(console, drawn, "draws", plan.count))
     finally:
         pool.close()
 

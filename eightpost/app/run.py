@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 
-from eightpost.errors import InputError, UnknownUnitError
+from eightpost.app.options import Assignment, Quantity
+from eightpost.app.progress import bar
+from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
@@ -29,24 +30,24 @@ _PANELS, _SHOWN = 12, 4.0
 @click.argument("case_file", metavar="SYSTEM", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
               help="Output folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
-@click.option("--fmu", "swaps", multiple=True, metavar="NAME=FILE",
+@click.option("--fmu", "swaps", type=Assignment("NAME=FILE"), multiple=True, metavar="NAME=FILE",
               help="Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.")  # fmt: skip
 @click.option("--drive", type=click.Path(path_type=Path), metavar="FILE",
               help="Drive file for the open inputs of a package; default: none.")  # fmt: skip
-@click.option("--input", "inputs", multiple=True, metavar="NAME=VALUE",
+@click.option("--input", "inputs", type=Assignment("NAME=VALUE"), multiple=True, metavar="NAME=VALUE",
               help="Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be "
               "repeated.")  # fmt: skip
-@click.option("--stop", metavar="TIME",
-              help="Length of a package's run [s], or with a unit, e.g. '30 s'; default: stop time of the "
+@click.option("--stop", type=Quantity("s", bare=True), metavar="TIME",
+              help="Length of a package's run, e.g. '30 s'; default: stop time of the "
               "package.")  # fmt: skip
-@click.option("--record-step", metavar="TIME",
-              help="Time between recorded samples of a package's run [s], or with a unit, e.g. '2 ms'; default: every "
+@click.option("--record-step", type=Quantity("s", bare=True), metavar="TIME",
+              help="Time between recorded samples of a package's run, e.g. '2 ms'; default: every "
               "coupling step.")  # fmt: skip
 @click.option("--algorithm", type=click.Choice(SCHEMES),
               help="Coupling algorithm; default: that of the file. The algorithm `default` uses gauss-seidel, or "
               "implicit if gauss-seidel is not stable, and finds a step that meets the tolerance.")  # fmt: skip
-@click.option("--step", metavar="TIME",
-              help="Coupling step [s], or with a unit, e.g. '1 ms'; default: that of the file or of the "
+@click.option("--step", type=Quantity("s", bare=True), metavar="TIME",
+              help="Coupling step, e.g. '1 ms'; default: that of the file or of the "
               "algorithm.")  # fmt: skip
 @click.option("--no-comparison", is_flag=True,
               help="Run once only if the coupling step is given. The coupling error is then not stated.")  # fmt: skip
@@ -118,13 +119,13 @@ def run(
 def _case(
     path: Path,
     *,
-    swaps: tuple[str, ...],
+    swaps: tuple[tuple[str, str], ...],
     drive: Path | None,
-    inputs: tuple[str, ...],
-    stop: str | None,
-    record_step: str | None,
+    inputs: tuple[tuple[str, str], ...],
+    stop: float | None,
+    record_step: float | None,
     algorithm: str | None,
-    step: str | None,
+    step: float | None,
     tolerance: float | None,
     isolate: bool,
     compile_missing: bool,
@@ -134,15 +135,15 @@ def _case(
     from cosim.ssp import Given
     from cosim.system_file import read_case
 
-    given = Given(drive, _seconds(stop, "--stop"), _seconds(record_step, "--record-step"), dict(map(_input, inputs)))
-    swapped = dict(_swap(text) for text in swaps)
+    given = Given(drive, stop, record_step, dict(inputs))
+    swapped = {name: Path(file) for name, file in swaps}
     case = read_case(path, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
     chosen, size = case.algorithm, case.step
     if algorithm is not None and algorithm != chosen.name:
         chosen = cosim.SCHEMES[algorithm]
         size = None if isinstance(chosen, cosim.Automatic) else size
     if step is not None:
-        size = _seconds(step, "--step")
+        size = step
     if tolerance is not None:
         chosen = _with_tolerance(chosen, tolerance)
     return replace(case, algorithm=chosen, step=size)
@@ -185,15 +186,14 @@ def run_with_progress(console: Console, case: Case, *, compared: bool = True) ->
     """Run a case with a progress bar; `compared` has the meaning that it has in `cosim.run`."""
     import cosim
 
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task(case.name, total=1.0)
+    with bar(console, case.name, 1.0) as advance:
         return cosim.run(
             case.system,
             case.scenario,
             algorithm=case.algorithm,
             step=case.step,
             compared=compared,
-            progress=lambda share: progress.update(task, completed=share),
+            progress=advance,
         )
 
 
@@ -201,33 +201,3 @@ def _window(series: TimeSeries) -> tuple[float, float]:
     """Return the middle four seconds of a long run, or the whole of a short run."""
     last = float(series.time[-1])
     return (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
-
-
-def _swap(text: str) -> tuple[str, Path]:
-    name, equals, path = text.partition("=")
-    if not (name and equals and path):
-        raise click.BadParameter(f"{text!r}: write it as NAME=FILE", param_hint="--fmu")
-    return name, Path(path)
-
-
-def _input(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not (name and equals and value):
-        raise click.BadParameter(f"{text!r}: write it as NAME=VALUE", param_hint="--input")
-    return name, value
-
-
-def _seconds(text: str | None, option: str) -> float | None:
-    """Return a time [s] from a number or a value with its unit."""
-    from eightpost import units
-
-    if text is None:
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    try:
-        return units.convert(*units.quantity(text), "s")
-    except UnknownUnitError as error:
-        raise InputError(f"{option}: {error}") from error

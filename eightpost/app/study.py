@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
 from eightpost.app.build import build_with_progress
-from eightpost.app.rig import si
+from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity
+from eightpost.app.progress import bar
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.processes import usable_processors
@@ -38,16 +38,12 @@ _NAMED, _SHOWN = 5, 3
 @click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
               help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
-              help="Number of processes that run setups; default: one per processor.")  # fmt: skip
-@click.option("--scheduler", metavar="ADDRESS",
-              help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); default: "
-              "this machine.")  # fmt: skip
-@click.option("--patience", default=f"{PATIENCE:g} s", show_default=True, metavar="TIME",
-              help="Time after which a worker that is not responding is ended and its setup marked as "
+@WORKERS
+@SCHEDULER
+@click.option("--patience", type=Quantity("s", positive=True), default=f"{PATIENCE:g} s", show_default=True,
+              metavar="TIME", help="Time after which a worker that is not responding is ended and its setup marked as "
               "failed.")  # fmt: skip
-@click.option("--rank", metavar="MEASURE",
-              help="Measure that ranks the setups, smallest first; default: the objective of the study.")  # fmt: skip
+@RANK
 @click.option("--top", type=click.IntRange(min=1), metavar="N", default=10, show_default=True,
               help="Number of rows of the printed ranking.")  # fmt: skip
 @click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
@@ -60,7 +56,7 @@ def study(
     output: Path,
     workers: int | None,
     scheduler: str | None,
-    patience: str,
+    patience: float,
     rank: str | None,
     top: int,
     traced: tuple[int, ...],
@@ -86,7 +82,7 @@ def study(
     from eightpost.app.study_page import write_page
     from eightpost.signals import write_series
 
-    console, longest = Console(), si(patience, "s", "--patience")
+    console = Console()
     check_output_folder(output)
     described = read_with_fmus(console, study_file, output)
     if rank is not None:
@@ -95,7 +91,7 @@ def study(
         described.space.setup(index)
     sweep = Sweep(described, output)
     show_study(console, sweep)
-    with running_workers(workers, scheduler, patience=longest) as pool:
+    with running_workers(workers, scheduler, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
     show_result(console, result, rank=rank, top=top)
     for index, series in traces(result, traced).items():
@@ -169,10 +165,8 @@ def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyR
     with console.status("choosing the coupling step"):
         coupling = sweep.coupling(workers)
     show_coupling(console, coupling, sweep.study)
-    columns = (TextColumn("setups"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=len(sweep.study.space))
-        return sweep.run(workers, coupling, lambda done, total: bar.update(task, completed=done, total=total))
+    with bar(console, "setups", len(sweep.study.space)) as advance:
+        return sweep.run(workers, coupling, advance)
 
 
 def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from eightpost.signals import ChannelMap
 
 import click
 from rich.console import Console
 
+from eightpost.app.options import UNITS, Assignment, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 
 #: Settling time at the start of a vehicle's records, which is left out [s].
@@ -27,29 +32,25 @@ SETTLING = 4.0
 @click.option("--level", metavar="PERCENT", type=click.FloatRange(min=0.0, min_open=True),
               help="Vehicles: maximum error of an RMS on random records [%]; the exit code is 1 above it. Default "
               "5.")  # fmt: skip
-@click.option("--shock", "shock_words", metavar="CORNER|NAME=SHOCK.JSON", multiple=True,
+@click.option("--shock", "shocks", type=Assignment("NAME=SHOCK.json"), metavar="CORNER|NAME=SHOCK.JSON", multiple=True,
               help="Vehicles: law at a corner (lf, rf, lr, rr), or of the shock that has this name in the records. "
               "Default: the measured shock forces.")  # fmt: skip
 @click.option("--against", metavar="CAR", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="Vehicles: another fit (.json) or parameters (.toml) whose modes are listed for comparison; "
               "default: none.")  # fmt: skip
-@click.option("--settling", metavar="SECONDS", type=click.FloatRange(min=0.0),
-              help="Vehicles: settling time left out at the start of each record [s], at most 1/4 of the record; "
-              f"default {SETTLING:g}.")  # fmt: skip
+@click.option("--settling", metavar="TIME", type=Quantity("s", bare=True),
+              help="Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
+              f"'{SETTLING:g} s'.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.HTML",
               help="Interactive, printable page to write (docs/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
               help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "
               "these files carry the verdict into every run.")  # fmt: skip
-@click.option("--cutoff", type=float, metavar="HZ",
-              help="Shocks: cut-off frequency of the low-pass [Hz]; default 50, for bumps 200.")  # fmt: skip
-@click.option("--units", "unit_words", metavar="CHANNEL=UNIT", multiple=True,
-              help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
-@click.option("--map", "map_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="Channel map of all records (docs/signs_and_units.md); default: the channel names in the "
-              "files.")  # fmt: skip
-@click.option("--flip", multiple=True, metavar="CHANNEL",
-              help="Reverse the sign of a channel in all records, e.g. force; may be repeated.")  # fmt: skip
+@click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
+              help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
+@UNITS
+@map_option("docs/signs_and_units.md")
+@flip_option("force")
 @click.pass_context
 def validate(  # one parameter per option
     ctx: click.Context,
@@ -58,14 +59,14 @@ def validate(  # one parameter per option
     configurations: tuple[str, ...],
     limit: float | None,
     level: float | None,
-    shock_words: tuple[str, ...],
+    shocks: tuple[tuple[str, str], ...],
     against: Path | None,
     settling: float | None,
     report: Path | None,
     keep: bool,
     cutoff: float | None,
-    unit_words: tuple[str, ...],
-    map_file: Path | None,
+    units: tuple[tuple[str, str], ...],
+    channel_map: ChannelMap | None,
     flip: tuple[str, ...],
 ) -> None:
     """Validate fitted shocks or an identified vehicle on held-out records.
@@ -86,28 +87,29 @@ def validate(  # one parameter per option
       eightpost validate vehicle.json rig/*.parquet --report car.html
       eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json --report car.html
     """
-    from eightpost.app.validate_paths import is_vehicle, pair, sorted_paths
-    from eightpost.signals import ChannelMap
+    from eightpost.app.validate_paths import is_vehicle, sorted_paths
 
     console = Console()
     models, records = sorted_paths(paths)
     if report and report.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{report}: a report ends in .html; write --report {report.with_suffix('.html')}")
-    channel_map = ChannelMap.read(map_file) if map_file else None
-    units = dict(pair(word, "--units") for word in unit_words)
+    if settling is not None and settling < 0.0:
+        raise InputError(f"--settling must be 0 or more, not {settling:g} s")
     if is_vehicle(models):
         _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff})
         from eightpost.app import validate_vehicle as vehicles
 
         limits = vehicles.limits_of(level, limit)
         settled = SETTLING if settling is None else settling
-        car = vehicles.VehicleOptions(kinds, shock_words, against, limits, settled, units, channel_map, flip, keep)
+        car = vehicles.VehicleOptions(
+            kinds, dict(shocks), against, limits, settled, dict(units), channel_map, flip, keep
+        )
         ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report).is_acceptable else 1)
-    _refuse("shock", {"--level": level, "--shock": shock_words, "--against": against, "--settling": settling})
-    from eightpost.app import validate_shock as shocks
+    _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
+    from eightpost.app.validate_shock import ShockOptions, validate_shocks
 
-    options = shocks.ShockOptions(kinds, configurations, limit, cutoff, units, channel_map, flip, keep)
-    ctx.exit(0 if shocks.validate_shocks(console, models, records, options, report).is_acceptable else 1)
+    options = ShockOptions(kinds, configurations, limit, cutoff, dict(units), channel_map, flip, keep)
+    ctx.exit(0 if validate_shocks(console, models, records, options, report).is_acceptable else 1)
 
 
 def _refuse(kind: str, given: Mapping[str, object]) -> None:

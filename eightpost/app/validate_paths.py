@@ -88,15 +88,6 @@ def is_vehicle(models: list[Path]) -> bool:
     return bool(vehicles)
 
 
-def pair(word: str, option: str) -> tuple[str, str]:
-    """Return both sides of `A=B`."""
-    channel, equals, unit = word.partition("=")
-    if not (channel and equals and unit):
-        form = "CHANNEL=UNIT" if option == "--units" else "NAME=SHOCK.json"
-        raise click.BadParameter(f"{word!r}: write it as {form}", param_hint=option)
-    return channel, unit
-
-
 def show_table(console: Console, table: ResultTable) -> None:
     """Print a table in the units of the field (in/s, lbf); an empty table is not printed."""
     if not table.rows:

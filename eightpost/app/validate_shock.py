@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, get_args
 
 import click
 from rich.markup import escape
-from rich.progress import track
 
+from eightpost.app.progress import each
 from eightpost.app.show import show_verdict
 from eightpost.app.validate_paths import RecordChoices, show_table
 from eightpost.ident.validation import Kind, notes_on, record_of, validate, validation_verdict
@@ -70,7 +70,7 @@ def validate_shocks(
     kind_of, number_of = chosen.of(options.kinds, "--kind"), chosen.of(options.configurations, "--configuration")
     laws = [read_shock(path) for path in shocks]
     held_out = []
-    for path in track(records, "reading", console=console, transient=True):
+    for path in each(console, records, "reading", len(records)):
         test = read_dyno_test(
             path, channel_map=options.channel_map, units=options.units, flip=options.flip, cutoff=options.cutoff
         )

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, get_args
 
 import click
 from rich.markup import escape
-from rich.progress import track
 
+from eightpost.app.progress import each
 from eightpost.app.show import show_verdict
-from eightpost.app.validate_paths import RecordChoices, pair, show_table
+from eightpost.app.validate_paths import RecordChoices, show_table
 from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.verdict import trust_table
 from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, validation_verdict
@@ -37,7 +37,7 @@ class VehicleOptions:
 
     Attributes:
         kinds: Kinds of records, each `KIND` or `FILE=KIND`.
-        shocks: Shock files, each `CORNER=FILE` or `NAME=FILE`.
+        shocks: Shock file of each corner or name.
         against: File of another car whose modes are listed for comparison.
         limits: Limits above which the vehicle is not usable.
         settling: Settling time that is left out at the start of each record [s].
@@ -48,7 +48,7 @@ class VehicleOptions:
     """
 
     kinds: tuple[str, ...]
-    shocks: tuple[str, ...]
+    shocks: dict[str, str]
     against: Path | None
     limits: Limits
     settling: float
@@ -71,10 +71,10 @@ def validate_one(
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
     fit = read_fit(path)
     kind_of = RecordChoices(records).of(options.kinds, "--kind")
-    shocks = {name: read_shock(file).law for name, file in (pair(word, "--shock") for word in options.shocks)}
+    shocks = {name: read_shock(file).law for name, file in options.shocks.items()}
     against = read_vehicle(options.against) if options.against else None
     held_out = []
-    for record in track(records, "reading", console=console, transient=True):
+    for record in each(console, records, "reading", len(records)):
         test = read_rig_test(record, channel_map=options.channel_map, units=options.units, flip=options.flip)
         held_out.append(record_of(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
     with console.status("predicting"):

@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from eightpost.app.options import Quantity
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 
@@ -35,7 +36,8 @@ _KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
 @click.option("--output", "names", metavar="CHANNEL", multiple=True,
               help="Output to draw, e.g. lf.tire_force; may be repeated. Default: shock velocities, tire forces and "
               "ride heights.")  # fmt: skip
-@click.option("--high", default=25.0, show_default=True, metavar="HZ", help="Highest frequency [Hz].")
+@click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",
+              help="Highest frequency.")  # fmt: skip
 @click.option("-o", "folder", default="vehicle", show_default=True, type=click.Path(path_type=Path),
               help="Output folder.")  # fmt: skip
 def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_preparation_file_replaces_rate_and_settling(files: list[Path], tmp_pa
         *files,
         "--preparation",
         tmp_path / "prep.toml",
-        "--plots",
+        "--plot",
         "none",
         "--recipe",
         "boggs",
@@ -122,6 +122,6 @@ def test_a_model_far_from_its_data_exits_1(quarter_car: Rig, tmp_path: Path) -> 
             record.time, {n: (u, record[n]) for n, u in zip(record.names, record.units, strict=True)}
         ).with_channel("ride_height", "m", 1e-6 * wild)
         RigTest(series).write(tmp_path / f"{name}.parquet")
-    result = _identify(tmp_path / "a.parquet", tmp_path / "b.parquet", "-o", tmp_path / "car.json", "--plots", "none")
+    result = _identify(tmp_path / "a.parquet", tmp_path / "b.parquet", "-o", tmp_path / "car.json", "--plot", "none")
     assert result.exit_code == 1, result.output
     assert "ride_height" in result.output

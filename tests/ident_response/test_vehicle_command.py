@@ -67,7 +67,7 @@ def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> 
         (["--vary", "colour"], "has no parameter 'colour'"),
         (["--vary", "damping", "--factors", "a,b"], "give numbers separated by commas"),
         (["--output", "rf.velocity"], "unknown output 'rf.velocity'"),
-        (["--high", "-1"], "give a frequency"),
+        (["--high", "-1 Hz"], "give a frequency"),
     ],
 )
 def test_wrong_arguments_exit_2_with_a_remedy(tmp_path: Path, words: list[str], message: str) -> None:

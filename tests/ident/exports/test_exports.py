@@ -209,7 +209,7 @@ def test_the_command_exports_models_and_responses(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "post 7, continuous, 4 states, 3 inputs" in done.output
     assert read_vehicle_mat(tmp_path / "car.mat") == vehicle()
-    done = export(tmp_path / "car.json", "-o", tmp_path / "car.uff", "--high", "10", "--step", "0.5")
+    done = export(tmp_path / "car.json", "-o", tmp_path / "car.uff", "--high", "10 Hz", "--step", "0.5 Hz")
     assert "responses at 20 frequencies, 0.5 to 10 Hz" in done.output
     np.testing.assert_allclose(
         read_response_uff(tmp_path / "car.uff").H,
@@ -232,7 +232,7 @@ def test_the_command_removes_the_baseline_damper_on_request(tmp_path: Path) -> N
     ("words", "message"),
     [
         (["-o", "car.csv"], "the output must be a .mat, .uff or .unv file"),
-        (["-o", "car.uff", "--step", "0"], "give 0 < step < high"),
+        (["-o", "car.uff", "--step", "0 Hz"], "give 0 < step < high"),
     ],
 )
 def test_the_command_rejects_what_it_cannot_write(tmp_path: Path, words: list[str], message: str) -> None:

@@ -92,7 +92,7 @@ def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--cutoff", "40"), "it does not apply to a vehicle"),
+        (("--cutoff", "40 Hz"), "it does not apply to a vehicle"),
         (("--configuration", "1"), "it does not apply to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),

@@ -1,0 +1,161 @@
+"""Types of values and options that several verbs share. A library loads when a value is read, not for a help text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from eightpost.errors import InputError, ParameterError
+
+if TYPE_CHECKING:
+    from eightpost.signals import ChannelMap
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def warn(text: str) -> None:
+    """Print a warning on standard error."""
+    click.echo(f"{click.style('warning:', fg='yellow')} {text}", err=True)
+
+
+class Verb(click.Command):
+    """A verb. An old spelling of an option still works in this version, with a warning.
+
+    Attributes:
+        renamed: New spelling of each old one.
+    """
+
+    def __init__(self, *args: Any, renamed: Mapping[str, str] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.renamed = dict(renamed or {})
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the command line with the new spellings."""
+        return super().parse_args(ctx, [self._current(word) for word in args])
+
+    def _current(self, word: str) -> str:
+        option, equals, value = word.partition("=")
+        if option not in self.renamed:
+            return word
+        warn(f"{option} is now spelled {self.renamed[option]}; the next version will not accept {option}")
+        return f"{self.renamed[option]}{equals}{value}"
+
+
+class Quantity(click.ParamType):  # type: ignore[type-arg]
+    """A value with its unit, such as '10 mm', which the verb receives in one unit.
+
+    Attributes:
+        unit: Unit that the verb receives.
+        bare: Whether a number without a unit is accepted, with a warning: the old spelling of some options.
+        positive: Whether the value must be above 0.
+    """
+
+    name = "quantity"
+
+    def __init__(self, unit: str, *, bare: bool = False, positive: bool = False) -> None:
+        self.unit, self.bare, self.positive = unit, bare, positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the value in the unit of the option."""
+        if isinstance(value, float):
+            return value
+        option = max(param.opts, key=len) if param else self.name
+        number = self._number(value, option)
+        if self.positive and not number > 0.0:
+            raise ParameterError(f"{option} must be above 0, not {value!r}")
+        return number
+
+    def _number(self, text: str, option: str) -> float:
+        from eightpost import units
+
+        if self.bare and (number := _plain(text)) is not None:
+            warn(f"{option} {text} has no unit; write {option} '{text} {self.unit}', which the next version requires")
+            return number
+        try:
+            return float(units.convert(*units.quantity(text), self.unit))
+        except InputError as error:
+            raise InputError(f"{option} {text!r}: {error}") from error
+
+
+def _plain(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+class Assignment(click.ParamType):  # type: ignore[type-arg]
+    """`NAME=VALUE`, which the verb receives as a pair.
+
+    Attributes:
+        form: Names of both sides.
+    """
+
+    name = "assignment"
+
+    def __init__(self, form: str) -> None:
+        self.form = form
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        """Return both sides of the first equals sign."""
+        if isinstance(value, tuple):
+            return value
+        left, _, right = value.partition("=")
+        if not (left and right):
+            self.fail(f"{value!r}: write it as {self.form}", param, ctx)
+        return left, right
+
+
+class ChannelMapFile(click.ParamType):  # type: ignore[type-arg]
+    """A TOML file with a channel map, which the verb receives as the map."""
+
+    name = "file"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> ChannelMap:
+        """Return the content of the file."""
+        from eightpost.signals import ChannelMap
+
+        return value if isinstance(value, ChannelMap) else ChannelMap.read(Path(value))
+
+
+def map_option(page: str, files: str = "files") -> Callable[[Function], Function]:
+    """Return the option --map.
+
+    Args:
+        page: Page that describes the map.
+        files: Name of the files that it applies to.
+    """
+    help_text = f"Channel map ({page}); default: the channel names in the {files}."
+    return click.option("--map", "channel_map", type=ChannelMapFile(), metavar="TOML", help=help_text)
+
+
+#: Unit of channels; the verb receives pairs of channel and unit.
+UNITS = click.option("--units", multiple=True, type=Assignment("CHANNEL=UNIT"), metavar="CHANNEL=UNIT",
+                     help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
+
+
+def flip_option(example: str) -> Callable[[Function], Function]:
+    """Return the option --flip, with an example of a channel."""
+    help_text = f"Reverse the sign of a channel, e.g. {example}; may be repeated."
+    return click.option("--flip", multiple=True, metavar="CHANNEL", help=help_text)
+
+
+WORKERS = click.option("--workers", type=click.IntRange(min=1), metavar="N",
+                       help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+
+SCHEDULER = click.option("--scheduler", metavar="ADDRESS",
+                         help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); "
+                         "default: this machine.")  # fmt: skip
+
+RANK = click.option("--rank", metavar="MEASURE",
+                    help="Measure that ranks the setups, smallest first; default: the objective of the "
+                    "study.")  # fmt: skip
+
+
+def seed_option(default: int, text: str) -> Callable[[Function], Function]:
+    """Return the option --seed."""
+    kind = click.IntRange(min=0)
+    return click.option("--seed", type=kind, metavar="N", default=default, show_default=True, help=text)
