@@ -11,14 +11,14 @@ from __future__ import annotations
 import hashlib
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from builder.connection import Ends
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
-from eightpost.errors import FmuError, WiringError
+from eightpost.errors import FmuError, InputError, WiringError
+from eightpost.wiring import Wire, Wiring
 
 _NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
@@ -32,38 +32,6 @@ SETUP = "setup"
 Value = float | bool
 _TYPES = ("Real", "Integer", "Boolean")
 _CONNECTORS = ("Real", "Integer", "Boolean", "String")  # an enumeration's connector would need its items
-
-
-@dataclass(frozen=True)
-class SspComponent:
-    """One instance of an FMU: its file, and values of parameters or inputs in the units of the FMU."""
-
-    name: str
-    fmu: Path
-    values: Mapping[str, Value] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class SspConnection(Ends):
-    """An output connected to an input: `input = factor * output + offset`, in the units of the two variables.
-
-    `convert` states whether the variables have different types; the package then declares a transformation.
-    """
-
-    factor: float = 1.0
-    offset: float = 0.0
-    convert: bool = False
-
-
-@dataclass(frozen=True)
-class SspSystem:
-    """The system that a package describes; step and stop time [s] are its default experiment."""
-
-    name: str
-    components: Sequence[SspComponent]
-    connections: Sequence[SspConnection]
-    step: float
-    stop: float
 
 
 @dataclass(frozen=True)
@@ -91,58 +59,73 @@ def setup_member(component: str) -> str:
     return f"resources/{component}.ssv"
 
 
-def write_ssp(path: str | Path, system: SspSystem) -> tuple[str, ...]:
+def write_ssp(path: str | Path, wiring: Wiring) -> tuple[str, ...]:
     """Write the package; return the unconnected inputs, which the importing tool has to set.
+
+    Args:
+        path: Package to write.
+        wiring: FMUs and connections; see `cosim.System.wiring`.
 
     Raises:
         FmuError: An FMU cannot be read.
+        InputError: A value is neither a number nor true or false.
         WiringError: SSP 1.0 cannot represent the system: an input has two sources, a variable is unknown, or a
             variable with a value cannot be set.
     """
-    given = {f"{component.name}.{name}" for component in system.components for name in component.values}
-    _refuse_two_sources(system.connections, given)
-    fmus = _read_fmus(system.components)
-    for connection in system.connections:
-        _check_end(fmus, connection.source, "output")
-        _check_end(fmus, connection.target, "input")
+    if wiring.sums:
+        raise WiringError(f"{min(wiring.sums)} adds up several sources: SSP 1.0 allows one source per input, no sums")
+    values = {name: _numbers(name, wiring.values.get(name, {})) for name in wiring.fmus}
+    given = {f"{component}.{name}" for component, own in values.items() for name in own}
+    _refuse_two_sources(wiring.wires, given)
+    fmus = _read_fmus(wiring.fmus)
+    for wire in wiring.wires:
+        _check_end(fmus, wire.source, "output")
+        _check_end(fmus, wire.target, "input")
     members = {fmu.member: fmu.content for fmu in fmus.values()}
-    members["SystemStructure.ssd"] = _document(_structure(system, fmus))
-    for component in system.components:
-        members[setup_member(component.name)] = _document(_setup(component, fmus[component.name]))
+    members["SystemStructure.ssd"] = _document(_structure(wiring, fmus))
+    for name, fmu in fmus.items():
+        members[setup_member(name)] = _document(_setup(name, values[name], fmu))
     write_archive(path, members)
-    fed = given | {connection.target for connection in system.connections}
+    fed = given | {wire.target for wire in wiring.wires}
     return tuple(
-        f"{component.name}.{v.name}"
-        for component in system.components
-        for v in fmus[component.name].variables.values()
-        if v.causality == "input" and f"{component.name}.{v.name}" not in fed
+        f"{component}.{v.name}"
+        for component, fmu in fmus.items()
+        for v in fmu.variables.values()
+        if v.causality == "input" and f"{component}.{v.name}" not in fed
     )
 
 
-def _refuse_two_sources(connections: Iterable[SspConnection], given: Iterable[str]) -> None:
+def _numbers(component: str, values: Mapping[str, Value | str]) -> dict[str, Value]:
+    numbers = {name: value for name, value in values.items() if not isinstance(value, str)}
+    if words := sorted(set(values) - set(numbers)):
+        raise InputError(f"{component}.{words[0]} is text; the package can hold only numbers and true or false")
+    return numbers
+
+
+def _refuse_two_sources(wires: Iterable[Wire], given: Iterable[str]) -> None:
     seen = dict.fromkeys(given, "a constant")
-    for connection in connections:
-        if other := seen.get(connection.target):
+    for wire in wires:
+        if other := seen.get(wire.target):
             raise WiringError(
-                f"{connection.target} is connected to {other} and to {connection.source}: SSP 1.0 allows one source "
+                f"{wire.target} is connected to {other} and to {wire.source}: SSP 1.0 allows one source "
                 "per input and no sums; remove one, or add a component that sums them"
             )
-        seen[connection.target] = connection.source
+        seen[wire.target] = wire.source
 
 
-def _read_fmus(components: Iterable[SspComponent]) -> dict[str, _Fmu]:
+def _read_fmus(files: Mapping[str, Path]) -> dict[str, _Fmu]:
     """Return the FMU of each component; files with equal content are stored once, others get different names."""
     stored: dict[str, bytes] = {}
     found = {}
-    for component in components:
-        content = component.fmu.read_bytes() if component.fmu.is_file() else b""
-        members = read_archive(component.fmu)
-        member = f"resources/{component.fmu.name}"
+    for component, file in files.items():
+        content = file.read_bytes() if file.is_file() else b""
+        members = read_archive(file)
+        member = f"resources/{file.name}"
         if stored.setdefault(member, content) != content:
             digest = hashlib.sha256(content).hexdigest()[:8]
-            member = f"resources/{component.fmu.stem}_{digest}.fmu"
+            member = f"resources/{file.stem}_{digest}.fmu"
             stored[member] = content
-        found[component.name] = _fmu(component.fmu, member, content, members)
+        found[component] = _fmu(file, member, content, members)
     return found
 
 
@@ -188,27 +171,27 @@ def _child(parent: ET.Element, prefix: str, tag: str, **attributes: str) -> ET.E
     return ET.SubElement(parent, _tag(prefix, tag), attributes)
 
 
-def _structure(system: SspSystem, fmus: Mapping[str, _Fmu]) -> ET.Element:
+def _structure(wiring: Wiring, fmus: Mapping[str, _Fmu]) -> ET.Element:
     tool = f"eightpost {__version__}"
-    root = ET.Element(_tag("ssd", "SystemStructureDescription"), name=system.name, version="1.0", generationTool=tool)
-    top = _child(root, "ssd", "System", name=_identifier(system.name))
+    root = ET.Element(_tag("ssd", "SystemStructureDescription"), name=wiring.name, version="1.0", generationTool=tool)
+    top = _child(root, "ssd", "System", name=_identifier(wiring.name))
     elements = _child(top, "ssd", "Elements")
-    for component in system.components:
-        _component(elements, component, fmus[component.name])
+    for component, fmu in fmus.items():
+        _component(elements, component, fmu)
     links = _child(top, "ssd", "Connections")
-    for connection in system.connections:
-        _connection(links, connection)
+    for wire in wiring.wires:
+        _connection(links, wire)
     # Without this annotation OMSimulator assumes a strongly coupled system, which cannot contain co-simulation FMUs.
     oms = _child(_annotation(top, "org.openmodelica"), "oms", "Annotations")
     _child(
         _child(oms, "oms", "SimulationInformation"), "oms", "FixedStepMaster",
-        description="oms-ma", stepSize=repr(system.step), absoluteTolerance="0.0001", relativeTolerance="0.0001",
+        description="oms-ma", stepSize=repr(wiring.step), absoluteTolerance="0.0001", relativeTolerance="0.0001",
     )  # fmt: skip
     units = {name: base for fmu in fmus.values() for name, base in fmu.units.items()}
     _units(root, "ssd", units)
-    experiment = _child(root, "ssd", "DefaultExperiment", startTime="0.0", stopTime=repr(system.stop))
+    experiment = _child(root, "ssd", "DefaultExperiment", startTime="0.0", stopTime=repr(wiring.stop))
     osp = _child(_annotation(experiment, "com.opensimulationplatform"), "osp", "Algorithm")
-    _child(osp, "osp", "FixedStepAlgorithm", baseStepSize=repr(system.step))
+    _child(osp, "osp", "FixedStepAlgorithm", baseStepSize=repr(wiring.step))
     return root
 
 
@@ -222,10 +205,10 @@ def _annotation(parent: ET.Element, kind: str) -> ET.Element:
     return _child(_child(parent, "ssd", "Annotations"), "ssc", "Annotation", type=kind)
 
 
-def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None:
+def _component(elements: ET.Element, name: str, fmu: _Fmu) -> None:
     kind = "application/x-fmu-sharedlibrary"
     element = _child(
-        elements, "ssd", "Component", name=component.name, type=kind, source=fmu.member, implementation="CoSimulation"
+        elements, "ssd", "Component", name=name, type=kind, source=fmu.member, implementation="CoSimulation"
     )
     connectors = _child(element, "ssd", "Connectors")
     for variable in fmu.variables.values():
@@ -233,19 +216,19 @@ def _component(elements: ET.Element, component: SspComponent, fmu: _Fmu) -> None
             connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
             unit = {"unit": variable.unit} if variable.unit else {}
             _child(connector, "ssc", variable.type, **unit)
-    source = setup_member(component.name)
+    source = setup_member(name)
     _child(_child(element, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=source)
 
 
-def _connection(links: ET.Element, connection: SspConnection) -> None:
-    (source, output), (target, into) = connection.places
+def _connection(links: ET.Element, wire: Wire) -> None:
+    (source, output), (target, into) = wire.places
     link = _child(
         links, "ssd", "Connection",
         startElement=source, startConnector=output, endElement=target, endConnector=into,
     )  # fmt: skip
-    if connection.convert or (connection.factor, connection.offset) != (1.0, 0.0):
+    if wire.convert or wire.line != (1.0, 0.0):
         link.set("suppressUnitConversion", "true")  # the factor includes the unit conversion
-        factor, offset = repr(connection.factor), repr(connection.offset)
+        factor, offset = map(repr, wire.line)
         _child(link, "ssc", "LinearTransformation", factor=factor, offset=offset)
 
 
@@ -256,17 +239,17 @@ def _units(root: ET.Element, prefix: str, units: Mapping[str, Mapping[str, str]]
             _child(_child(parent, "ssc", "Unit", name=name), "ssc", "BaseUnit", **units[name])
 
 
-def _setup(component: SspComponent, fmu: _Fmu) -> ET.Element:
+def _setup(component: str, values: Mapping[str, Value], fmu: _Fmu) -> ET.Element:
     """Return a component's parameter set: the given values, and the start values of all other tunable parameters."""
     tool = f"eightpost {__version__}"
     root = ET.Element(_tag("ssv", "ParameterSet"), name=SETUP, version="1.0", generationTool=tool)
     parent = _child(root, "ssv", "Parameters")
     used: dict[str, Mapping[str, str]] = {}
-    for name, value in (_tunable(fmu) | dict(component.values)).items():
+    for name, value in (_tunable(fmu) | dict(values)).items():
         variable = fmu.variables.get(name)
         if variable is None or variable.causality not in ("parameter", "input") or variable.type not in _TYPES:
             raise WiringError(
-                f"{component.name}.{name} cannot be set: it is not a Real, Integer or Boolean parameter or input"
+                f"{component}.{name} cannot be set: it is not a Real, Integer or Boolean parameter or input"
             )
         unit = {"unit": variable.unit} if variable.unit else {}
         used |= {name: fmu.units[name] for name in unit.values()}

@@ -9,11 +9,8 @@ from cosim.automatic import Automatic, run_automatic, run_default_at_step
 from cosim.engine.loop import ENGINES
 from cosim.given_step import run_at_step
 from cosim.result import Result
-from cosim.system import Scenario, System
+from cosim.system import DEFAULT_STEP, Scenario, System
 from eightpost.errors import InputError
-
-#: A coupling step that suits race cars and their shocks (docs/coupling.md).
-DEFAULT_STEP = 1e-3
 
 
 def run(

@@ -13,6 +13,10 @@ from cosim.conversion import convert_between
 from cosim.fmu_component import FmuComponent
 from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile
+from eightpost.wiring import Wire, Wiring
+
+#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
+DEFAULT_STEP = 1e-3
 
 # ---- Scenario of a run ----------------------------------------------------------------------------------------------
 
@@ -215,6 +219,29 @@ class System:
     def all_connections(self) -> tuple[Connection, ...]:
         """All connections: those of the bonds, then the others."""
         return tuple(c for bond in self.bonds for c in bond.connections) + self.connections
+
+    def wiring(
+        self, fmus: Mapping[str, str | Path], *, name: str = "system", step: float = DEFAULT_STEP, stop: float = 1.0
+    ) -> Wiring:
+        """Return what `builder.ssp.write_ssp` and `builder.assembly.assemble` need; a drive is left to the host.
+
+        Args:
+            fmus: FMU file of each component.
+            name: Name of the system.
+            step: Coupling step that a package proposes [s].
+            stop: Duration of a run that a package proposes [s].
+        """
+        wires = []
+        for c in self.all_connections:
+            source, target = self.output(c.source), self.input(c.target)
+            conversion = convert_between(source.unit, target.unit, f"{c.source} -> {c.target}")
+            wires.append(Wire(c.source, c.target, c.gain, conversion.factor, conversion.offset, c.offset, c.convert))
+        values = {component: dict(self.parameters.get(component, {})) for component in self.components}
+        for full_name, value in self.constants.items():
+            component, _, variable = full_name.partition(".")
+            values[component][variable] = value
+        files = {component: Path(fmus[component]) for component in self.components}
+        return Wiring(name, files, tuple(wires), step, stop, self.sums, values)
 
     def start_values(self, component: str) -> dict[str, float | bool | str]:
         """Return the values that a component gets before initialization: parameters and constant discrete inputs."""

@@ -17,11 +17,12 @@ from cosim.conversion import convert_between, named_unit
 from cosim.fmu_component import FmuComponent
 from cosim.isolated_component import IsolatedComponent
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.system import Bond, Connection, Scenario, System, find_variable
+from cosim.system import DEFAULT_STEP, Bond, Connection, Scenario, System, find_variable
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import toml_content
 from eightpost.signals import ChannelMap, Drivefile
+from eightpost.wiring import Wiring
 
 # ---- Opening of an FMU as a component, in this process or in its own ------------------------------------------------
 
@@ -134,6 +135,12 @@ class Case:
     step: float | None
     fmus: Mapping[str, Path] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def wiring(self) -> Wiring:
+        """FMUs and connections, for a package (`builder.ssp`) or an assembled FMU (`builder.assembly`)."""
+        step = self.step or DEFAULT_STEP
+        return self.system.wiring(self.fmus, name=self.name, step=step, stop=self.scenario.stop)
 
 
 def read_case(

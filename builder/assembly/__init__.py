@@ -2,6 +2,6 @@
 
 from builder.assembly.assembled import Assembled, assemble
 from builder.assembly.parts import Part, read_parts
-from builder.assembly.plan import Assembly, Link
+from builder.assembly.plan import Assembly
 
-__all__ = ["Assembled", "Assembly", "Link", "Part", "assemble", "read_parts"]
+__all__ = ["Assembled", "Assembly", "Part", "assemble", "read_parts"]

@@ -9,13 +9,16 @@ from pathlib import Path
 from builder.assembly.documents import assembly_documents
 from builder.assembly.plan import Assembly, assembly_interface
 from builder.assembly.sources import assembly_sources
+from builder.build import fmu_identifier
 from builder.description import Description
 from builder.interface import Interface
 from builder.native.native_fmu import CAPABILITIES, Source, compiled, sealed
 from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
 from eightpost.archive import write_archive
+from eightpost.errors import FmuError
 from eightpost.files import check_output_folder
+from eightpost.wiring import Wiring
 
 
 @dataclass(frozen=True)
@@ -30,30 +33,37 @@ class Assembled:
 
 
 def assemble(
-    assembly: Assembly,
+    wiring: Wiring,
     path: str | Path,
     *,
     toolchain: Toolchain | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Assembled:
-    """Write an assembly as one native FMU; the same assembly gives the same bytes.
+    """Write a system as one native FMU; the same system gives the same bytes.
 
     Args:
-        assembly: Vehicle, shocks and connections to assemble.
-        path: FMU file to write.
+        wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
+        path: FMU file to write; its name must be a C identifier.
         toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
         progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
-        FmuError: There is no compiler, or it fails.
+        FmuError: The system cannot be assembled, or there is no compiler, or it fails.
     """
-    check_output_folder(Path(path).parent)
+    path = Path(path)
+    if path.stem != fmu_identifier(path.stem):
+        raise FmuError(
+            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
+            f"{fmu_identifier(path.stem)}.fmu"
+        )
+    check_output_folder(path.parent)
+    assembly = Assembly.of(wiring, path.stem)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
     (members,) = compiled([unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)
-    return Assembled(Path(path), assembly, interface, platforms, toolchain.limits)
+    return Assembled(path, assembly, interface, platforms, toolchain.limits)
 
 
 def unbuilt(assembly: Assembly, interface: Interface) -> Source:

@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 
 from builder.assembly.parts import Part
-from builder.assembly.plan import Assembly, Link
+from builder.assembly.plan import Assembly
 from builder.documents.equations import equations
 from builder.documents.page import Column, Contents, Picture, Section, folded, page, paragraph, table
 from builder.documents.picture import curves_picture
@@ -22,6 +22,7 @@ from eightpost.array_types import Array
 from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, ports_of
+from eightpost.wiring import Wire
 
 # ---- The parts as models of the library, read from the contents of their FMUs, for pictures and ---------------------
 
@@ -163,7 +164,7 @@ class _Run:
         self._time = 0.0
         self._wires = {part.name: tuple(self._wiring(part)) for part in assembly.parts}
 
-    def _wiring(self, part: Part) -> Iterator[tuple[int | None, tuple[Link, ...]]]:
+    def _wiring(self, part: Part) -> Iterator[tuple[int | None, tuple[Wire, ...]]]:
         """Yield the index of the assembly's input and the links for each input of a part."""
         for name in part.interface.names("input"):
             full = f"{part.name}.{name}"
@@ -251,8 +252,8 @@ class _Run:
         return _MEAN_DEFECT * (missed / self._time) ** 0.5, spread if moves else 0.0
 
 
-def _through(link: Link, now: dict[str, float]) -> float:
-    return link.gain * (link.factor * now[link.source] + link.offset)
+def _through(link: Wire, now: dict[str, float]) -> float:
+    return link.gain * (link.factor * now[link.source] + link.offset_before_gain)
 
 
 # ---- The documents of an assembly -----------------------------------------------------------------------------------
@@ -298,7 +299,7 @@ def _connections(assembly: Assembly) -> Section:
             link.source,
             link.target,
             f"{link.gain * link.factor:g}",
-            f"{link.gain * link.offset:g}" if link.offset else "",
+            f"{link.gain * link.offset_before_gain:g}" if link.offset_before_gain else "",
         )
         for link in assembly.links
     ]

@@ -6,23 +6,14 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from builder.assembly.parts import Part
-from builder.connection import Ends
+from builder.assembly.parts import Part, read_parts
 from builder.interface import RATES, Interface, Variable, read_table
 from eightpost.errors import FmuError
+from eightpost.wiring import Wire, Wiring
 
 # ---- The plan of an assembly ----------------------------------------------------------------------------------------
 
 _RUN = "run it as separate FMUs (eightpost run)"
-
-
-@dataclass(frozen=True)
-class Link(Ends):
-    """A connection: target = gain (factor source + offset), in the units of the two variables."""
-
-    gain: float = 1.0
-    factor: float = 1.0
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +35,7 @@ class Assembly:
     identifier: str
     text: str
     parts: tuple[Part, ...]
-    links: tuple[Link, ...]
+    links: tuple[Wire, ...]
     sums: frozenset[str] = frozenset()
     starts: Mapping[str, float | bool] = field(default_factory=dict)
 
@@ -53,6 +44,18 @@ class Assembly:
         object.__setattr__(self, "parts", tuple(ordered))
         if reasons := list(_reasons(self)):
             raise FmuError("cannot be assembled: " + "; ".join(reasons))
+
+    @classmethod
+    def of(cls, wiring: Wiring, identifier: str) -> Assembly:
+        """Return the plan for a system of FMUs.
+
+        Raises:
+            FmuError: The system cannot be assembled; the message names each component that cannot.
+        """
+        values = {f"{part}.{own}": value for part, given in wiring.values.items() for own, value in given.items()}
+        starts = {name: value for name, value in values.items() if not isinstance(value, str)}
+        text = f"Vehicle with its shocks, coupled inside: {wiring.name}"
+        return cls(identifier, text, read_parts(wiring.fmus), wiring.wires, wiring.sums, starts)
 
     @property
     def vehicle(self) -> Part:
@@ -75,7 +78,7 @@ class Assembly:
             if f"{part.name}.{name}" in sources
         )
 
-    def into(self, part: Part, variable: str) -> tuple[Link, ...]:
+    def into(self, part: Part, variable: str) -> tuple[Wire, ...]:
         """Return the links to an input, in order."""
         return tuple(link for link in self.links if link.target == f"{part.name}.{variable}")
 
@@ -113,7 +116,7 @@ def _wrong_parts(assembly: Assembly) -> Iterator[str]:
             )
 
 
-def _wrong_link(link: Link, names: Mapping[str, Part]) -> Iterator[str]:
+def _wrong_link(link: Wire, names: Mapping[str, Part]) -> Iterator[str]:
     (source, output), (target, _) = link.places
     what = f"{link.source} -> {link.target}"
     if names[source].is_vehicle == names[target].is_vehicle:

@@ -180,7 +180,7 @@ def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]]
         for name in part.interface.names("input"):
             first = len(terms)
             for link in assembly.into(part, name):
-                numbers = (c_number(value) for value in (link.gain, link.factor, link.offset))
+                numbers = (c_number(value) for value in (link.gain, link.factor, link.offset_before_gain))
                 terms.append([signals.index(link.source), *numbers])
             full = f"{part.name}.{name}"
             feeds.append([first, len(terms), outside.index(full) if full in outside else -1])

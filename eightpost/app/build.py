@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,14 +13,11 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from eightpost.app.progress import bar
-from eightpost.errors import FmuError
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
-    from builder.assembly import Assembled, Assembly, Link
+    from builder.assembly import Assembled
     from builder.build import Built
-    from cosim.system import System
-    from cosim.system_file import Case
 
 TARGETS = ("native", "python", "all")
 
@@ -45,48 +42,9 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
     from cosim.system_file import read_case
 
     path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"
-    if path.stem != fmu_identifier(path.stem):
-        raise FmuError(
-            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
-            f"{fmu_identifier(path.stem)}.fmu"
-        )
-    assembly = assembly_of(read_case(source), path.stem)
+    wiring = read_case(source).wiring
     with bar(console, "compiling") as advance:
-        return assemble(assembly, path, progress=advance)
-
-
-def assembly_of(case: Case, identifier: str) -> Assembly:
-    """Return the description of the FMU that holds a case's system; drive and algorithm are left to the host.
-
-    Raises:
-        FmuError: The system cannot be assembled.
-    """
-    from builder.assembly import Assembly, read_parts
-
-    system = case.system
-    parameters = {f"{name}.{own}": value for name, given in system.parameters.items() for own, value in given.items()}
-    starts = dict(system.constants) | {name: value for name, value in parameters.items() if not isinstance(value, str)}
-    return Assembly(
-        identifier=identifier,
-        text=f"Vehicle with its shocks, coupled inside: {case.name}",
-        parts=read_parts(case.fmus),
-        links=tuple(_links(system)),
-        sums=system.sums,
-        starts=starts,
-    )
-
-
-def _links(system: System) -> Iterator[Link]:
-    """Yield the connections with their unit conversion, in the order in which the master adds them up."""
-    from builder.assembly import Link
-    from cosim.conversion import convert_between
-
-    for connection in system.all_connections:
-        source, target = system.output(connection.source), system.input(connection.target)
-        conversion = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
-        # The offset of the connection is applied last, in the unit of the target.
-        offset = conversion.offset + connection.offset / connection.gain
-        yield Link(connection.source, connection.target, connection.gain, conversion.factor, offset)
+        return assemble(wiring, path, progress=advance)
 
 
 def show_assembled(console: Console, built: Assembled) -> None:

@@ -14,10 +14,11 @@ import pytest
 from click.testing import CliRunner
 
 import cosim
-from builder.ssp import SspComponent, SspConnection, SspSystem, setup_member, write_ssp
+from builder.ssp import setup_member, write_ssp
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import WiringError
+from eightpost.wiring import Wire, Wiring
 
 CORNERS = ("lf", "rf", "lr", "rr")
 STEP, COUNT = 1e-3, 300
@@ -26,15 +27,11 @@ SSP = {"ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription"}
 
 @pytest.fixture
 def car(fmus):
-    components = [SspComponent("car", fmus["seven_dof"])]
-    components += [SspComponent(corner, fmus["lpf1"]) for corner in CORNERS]
-    connections = []
+    wires = []
     for corner in CORNERS:
-        connections += [
-            SspConnection(f"car.{corner}.{what}", f"{corner}.{what}") for what in ("velocity", "displacement")
-        ]
-        connections.append(SspConnection(f"{corner}.force", f"car.{corner}.force"))
-    return SspSystem("car", tuple(components), tuple(connections), STEP, 30.0)
+        wires += [Wire(f"car.{corner}.{what}", f"{corner}.{what}") for what in ("velocity", "displacement")]
+        wires.append(Wire(f"{corner}.force", f"car.{corner}.force"))
+    return Wiring("car", {"car": fmus["seven_dof"], **dict.fromkeys(CORNERS, fmus["lpf1"])}, tuple(wires), STEP, 30.0)
 
 
 def test_the_package_contains_each_fmu_once_and_unconnected_inputs_are_returned(car, tmp_path):
@@ -73,16 +70,16 @@ def test_the_description_is_valid_and_contains_the_annotations_that_tools_need(c
 def test_the_setup_files_contain_only_variables_that_can_be_set(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
-    for component in car.components:
-        setup = ET.fromstring(members[setup_member(component.name)])
+    for component, fmu in car.fmus.items():
+        setup = ET.fromstring(members[setup_member(component)])
         named = {p.get("name") for p in setup.iter() if p.tag.endswith("Parameter")}
-        variables = fmpy.read_model_description(str(component.fmu)).modelVariables
+        variables = fmpy.read_model_description(str(fmu)).modelVariables
         assert named and named <= {v.name for v in variables if v.causality == "parameter"}
     assert "time_constant" in named
 
 
 def test_a_gain_becomes_a_transformation(car, tmp_path):
-    turned = replace(car, connections=(replace(car.connections[0], factor=-1.0), *car.connections[1:]))
+    turned = replace(car, wires=(replace(car.wires[0], factor=-1.0), *car.wires[1:]))
     write_ssp(tmp_path / "car.ssp", turned)
     root = ET.fromstring(read_archive(tmp_path / "car.ssp")["SystemStructure.ssd"])
     (found,) = [e.attrib for e in root.iter() if e.tag.endswith("LinearTransformation")]
@@ -90,15 +87,13 @@ def test_a_gain_becomes_a_transformation(car, tmp_path):
 
 
 def test_systems_that_ssp_cannot_represent_are_rejected_with_the_reason(car, tmp_path):
-    doubled = replace(car, connections=(*car.connections, SspConnection("rf.force", "car.lf.force")))
+    doubled = replace(car, wires=(*car.wires, Wire("rf.force", "car.lf.force")))
     with pytest.raises(WiringError, match=r"car\.lf\.force is connected to lf\.force and to rf\.force"):
         write_ssp(tmp_path / "car.ssp", doubled)
-    unknown = replace(car, connections=(SspConnection("car.lf.speed", "lf.velocity"),))
+    unknown = replace(car, wires=(Wire("car.lf.speed", "lf.velocity"),))
     with pytest.raises(WiringError, match=r"car\.lf\.speed: the variable does not exist"):
         write_ssp(tmp_path / "car.ssp", unknown)
-    output = replace(
-        car, components=(SspComponent("car", car.components[0].fmu, {"lf.velocity": 1.0}), *car.components[1:])
-    )
+    output = replace(car, values={"car": {"lf.velocity": 1.0}})
     with pytest.raises(WiringError, match="cannot be set"):
         write_ssp(tmp_path / "car.ssp", output)
     assert not (tmp_path / "car.ssp").exists()
@@ -141,7 +136,7 @@ def libcosim(package):
 
 def jacobi(system, **parameters):
     """Run a simple Jacobi loop: set all inputs, step all FMUs, exchange values."""
-    parts = {c.name: cosim.FmuComponent(c.fmu, c.name) for c in system.components}
+    parts = {name: cosim.FmuComponent(fmu, name) for name, fmu in system.fmus.items()}
     for name, part in parts.items():
         part.begin(0.0, 30.0, parameters.get(name, {}))
         part.end_initialization()
@@ -150,7 +145,7 @@ def jacobi(system, **parameters):
         parts["car"].set(("lf.road",), (float(road(k)),))
         for part in parts.values():
             part.step(k * STEP, STEP)
-        for c in system.connections:
+        for c in system.wires:
             (source, _, output), (target, _, name) = c.source.partition("."), c.target.partition(".")
             parts[target].set((name,), parts[source].get((output,)))
         rows.append(

@@ -13,7 +13,7 @@ from types import ModuleType
 
 import pytest
 
-from builder.assembly import Assembly, Link, read_parts
+from builder.assembly import Assembly, read_parts
 from builder.assembly.plan import assembly_interface
 from builder.assembly.sources import assembly_sources
 from builder.native.native_fmu import c_sources
@@ -21,6 +21,7 @@ from builder.product import shock_product, vehicle_product
 from eightpost.archive import extract_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped
+from eightpost.wiring import Wire
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 
@@ -48,7 +49,7 @@ def assembly(fmus: dict[str, Path]) -> Assembly:
     """The seven-DOF car with a shock of each law."""
     laws = {"lf": "lpnl2", "rf": "lpf1", "lr": "polylinear", "rr": "maxwell"}
     links = [
-        Link(*ends)
+        Wire(*ends)
         for corner in laws
         for ends in (
             (f"car.{corner}.velocity", f"{corner}.velocity"),

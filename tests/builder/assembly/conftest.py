@@ -8,7 +8,6 @@ from builder.assembly import assemble
 from builder.build import build
 from builder.native.toolchain import SystemCompiler, find_toolchain
 from cosim.system_file import read_case
-from eightpost.app.build import assembly_of
 
 from .hosts import CORNERS, host
 
@@ -88,7 +87,7 @@ def made(toolchain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("assembled")
 
     def make(case, name):
-        return assemble(assembly_of(case, name), folder / f"{name}.fmu", toolchain=toolchain).path
+        return assemble(case.wiring, folder / f"{name}.fmu", toolchain=toolchain).path
 
     return make
 

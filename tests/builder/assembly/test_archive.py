@@ -6,7 +6,6 @@ from pathlib import Path
 
 from builder.assembly import assemble
 from builder.check import GROUPS, Level, check
-from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive
 
 
@@ -29,7 +28,7 @@ def test_the_reference_results_are_what_the_fmu_gives(car):
 
 
 def test_the_same_assembly_gives_the_same_bytes(case, toolchain, tmp_path, car):
-    again = assemble(assembly_of(case, "car_with_shocks"), tmp_path / "car_with_shocks.fmu", toolchain=toolchain)
+    again = assemble(case.wiring, tmp_path / "car_with_shocks.fmu", toolchain=toolchain)
     assert again.path.read_bytes() == car.read_bytes()
 
 

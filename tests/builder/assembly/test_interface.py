@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from builder.assembly.plan import assembly_interface
+from builder.assembly.plan import Assembly, assembly_interface
 from cosim import FmuComponent
-from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive
 
 from .hosts import ROADS
@@ -50,9 +49,9 @@ def test_a_shock_force_has_feedthrough_to_its_own_output_only(car):
 
 
 def test_dependencies_at_the_start_include_the_springs_but_not_the_curves(case):
-    known = assembly_interface(assembly_of(case, "car")).initial["lf.force"]
+    known = assembly_interface(Assembly.of(case.wiring, "car")).initial["lf.force"]
     assert {"lf.gas_preload", "lf.gas_stiffness", "rr.gas_preload", "car.lf.road", "car.start_at_equilibrium"} <= set(
         known
     )
     assert not [name for name in known if "curve" in name or "time_constant" in name]
-    assert assembly_interface(assembly_of(case, "car")).initial["car.lf.velocity"] == ()
+    assert assembly_interface(Assembly.of(case.wiring, "car")).initial["car.lf.velocity"] == ()

@@ -10,7 +10,6 @@ from fmpy.fmi2 import FMU2Slave
 from builder.assembly import assemble
 from cosim import FmuComponent
 from cosim.system_file import read_case
-from eightpost.app.build import assembly_of
 from eightpost.shock import write_shock
 
 from .hosts import difference, host, master, observed
@@ -77,10 +76,9 @@ def test_a_restored_state_continues_bit_for_bit(car):
 
 
 def test_a_unit_conversion_on_a_connection_is_a_gain(case, made, toolchain, tmp_path, car):
-    plan = assembly_of(case, "car_with_shocks")
-    links = tuple(
-        replace(link, gain=0.25 * link.gain, factor=4.0, offset=0.0) if link.source == "lf.force" else link
-        for link in plan.links
+    wires = tuple(
+        replace(wire, gain=0.25 * wire.gain, factor=4.0, offset=0.0) if wire.source == "lf.force" else wire
+        for wire in case.wiring.wires
     )
-    path = assemble(replace(plan, links=links), tmp_path / "converted.fmu", toolchain=toolchain).path
+    path = assemble(replace(case.wiring, wires=wires), tmp_path / "converted.fmu", toolchain=toolchain).path
     assert np.array_equal(host(path, 0.004), host(car, 0.004))

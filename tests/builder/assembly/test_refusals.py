@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from builder.assembly import Link, read_parts
+from builder.assembly import Assembly, assemble, read_parts
 from builder.documents import Disclosure
-from eightpost.app.build import assembly_of
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError
+from eightpost.wiring import Wire
 
 
 def test_every_component_that_cannot_be_a_part_is_listed_with_what_to_do(
@@ -32,23 +32,28 @@ def test_every_component_that_cannot_be_a_part_is_listed_with_what_to_do(
 
 
 def _plan(case, **changes):
-    return replace(assembly_of(case, "car"), **changes)
+    return replace(Assembly.of(case.wiring, "car"), **changes)
 
 
 def test_systems_other_than_a_vehicle_with_its_shocks_are_rejected_with_the_reason(case, fmus):
-    plan = assembly_of(case, "car")
+    plan = Assembly.of(case.wiring, "car")
     vehicle = plan.vehicle
     with pytest.raises(FmuError, match="there are 2 vehicles"):
         _plan(case, parts=(*plan.parts, replace(vehicle, name="second")))
     with pytest.raises(FmuError, match="there is no shock"):
         _plan(case, parts=(vehicle,), links=())
     with pytest.raises(FmuError, match=r"lf\.force -> rf\.displacement does not connect a vehicle"):
-        _plan(case, links=(*plan.links, Link("lf.force", "rf.displacement")))
+        _plan(case, links=(*plan.links, Wire("lf.force", "rf.displacement")))
     with pytest.raises(FmuError, match="is not an output"):
-        _plan(case, links=(*plan.links, Link("lf.lagged_force", "car.heave_force")))
+        _plan(case, links=(*plan.links, Wire("lf.lagged_force", "car.heave_force")))
     with pytest.raises(FmuError, match="makes an algebraic loop"):
-        _plan(case, links=(*plan.links, Link("car.lf.hub_acceleration", "lf.displacement")))
+        _plan(case, links=(*plan.links, Wire("car.lf.hub_acceleration", "lf.displacement")))
     with pytest.raises(FmuError, match="no output of lf is connected"):
         _plan(case, links=tuple(link for link in plan.links if not link.source.startswith("lf.")))
     with pytest.raises(FmuError, match="cannot be a prefix"):
         _plan(case, parts=(replace(vehicle, name="race-car"), *plan.shocks), links=())
+
+
+def test_a_file_name_that_is_no_identifier_is_refused_with_one_that_is(case, tmp_path):
+    with pytest.raises(FmuError, match=r"'race-car' is not a valid C identifier; .* e\.g\. race_car\.fmu"):
+        assemble(case.wiring, tmp_path / "race-car.fmu")

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import cosim
-from builder.ssp import SspComponent, SspConnection, SspSystem, write_ssp
+from builder.ssp import write_ssp
 from cosim.ssp import Given
 from cosim.system_file import read_case
 from eightpost.archive import write_archive
 from eightpost.signals import Drivefile
+from eightpost.wiring import Wire, Wiring
 
 from .corner import (
     CAR,
@@ -45,12 +46,8 @@ from .document import (
 
 
 def test_a_package_of_ours_runs_as_the_system_it_was_written_from(folder):
-    components = (
-        SspComponent(
-            "car", folder / "resources" / "quarter_car.fmu", {"aero_force": 100.0, "start_at_equilibrium": True}
-        ),
-        SspComponent("shock", folder / "resources" / "lpnl2.fmu", {"compression_scale": 1.2}),
-    )
+    files = {"car": folder / "resources" / "quarter_car.fmu", "shock": folder / "resources" / "lpnl2.fmu"}
+    given = {"car": {"aero_force": 100.0, "start_at_equilibrium": True}, "shock": {"compression_scale": 1.2}}
     ways = (
         ("car.velocity", "shock.velocity"),
         ("car.displacement", "shock.displacement"),
@@ -58,7 +55,7 @@ def test_a_package_of_ours_runs_as_the_system_it_was_written_from(folder):
     )
     write_ssp(
         folder / "corner.ssp",
-        SspSystem("corner", components, tuple(SspConnection(*ends) for ends in ways), 1e-3, 0.3),
+        Wiring("corner", files, tuple(Wire(*ends) for ends in ways), 1e-3, 0.3, values=given),
     )
     case = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
     assert (case.name, case.step, case.scenario.stop) == ("corner", 1e-3, 0.3)
@@ -74,11 +71,7 @@ def test_the_whole_car_round_trips_bit_for_bit(tmp_path, fmus):
     drive = Drivefile.read(Path(__file__).parents[3] / "examples" / "data" / "track.parquet")
     files = {"car": fmus["seven_dof"], **dict.fromkeys(corners, fmus["lpf1"])}
     whole = cosim.System.load(files, [cosim.Bond.between(f"car.{corner}", corner) for corner in corners])
-    links = tuple(SspConnection(c.source, c.target) for c in whole.all_connections)
-    write_ssp(
-        tmp_path / "car.ssp",
-        SspSystem("car", tuple(SspComponent(name, file) for name, file in files.items()), links, 2e-3, 0.2),
-    )
+    write_ssp(tmp_path / "car.ssp", whole.wiring(files, name="car", step=2e-3, stop=0.2))
     drive.write(tmp_path / "track.parquet")
     case = read_case(tmp_path / "car.ssp", given=Given(tmp_path / "track.parquet"))
     assert case.system.bonds == whole.bonds and case.system.connections == ()
