@@ -7,7 +7,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eightpost.ident import fit_shock
-from eightpost.ident.validation import record_of, validate
+from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
@@ -26,9 +27,9 @@ def main() -> None:
     """Fit three laws to one random record, validate them on another record and on sines, and draw the residuals."""
     fitted = _measured(random_multisine(1, duration=10.5))
     shocks = [fit_shock(fitted, law, name="A").shock for law in LAWS]
-    records = [record_of(_measured(random_multisine(2, duration=10.5)), name="random")]
-    records += [record_of(_measured(_sine(*sine))) for sine in SINES]
-    study = validate(shocks, records)
+    records = [dyno_record(_measured(random_multisine(2, duration=10.5)), name="random")]
+    records += [dyno_record(_measured(_sine(*sine))) for sine in SINES]
+    study = validate_shocks(shocks, records)
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)

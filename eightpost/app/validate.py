@@ -106,10 +106,10 @@ def validate(  # one parameter per option
         )
         ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report).is_acceptable else 1)
     _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
-    from eightpost.app.validate_shock import ShockOptions, validate_shocks
+    from eightpost.app.validate_shock import ShockOptions, validate_all
 
     options = ShockOptions(kinds, configurations, limit, cutoff, dict(units), channel_map, flip, keep)
-    ctx.exit(0 if validate_shocks(console, models, records, options, report).is_acceptable else 1)
+    ctx.exit(0 if validate_all(console, models, records, options, report).is_acceptable else 1)
 
 
 def _refuse(kind: str, given: Mapping[str, object]) -> None:

@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.markup import escape
-from rich.table import Table
 
 from eightpost.errors import InputError
 from eightpost.files import document_kind
-from eightpost.ident.validation.tables import Amount, field_factor, field_unit, shown
+from eightpost.report.console import result_table
+from eightpost.report.tables import ResultTable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rich.console import Console
-
-    from eightpost.ident.validation.tables import Cell, ResultTable
 
 #: Suffixes of the records that are read from a folder.
 _RECORDS = {".csv", ".txt", ".parquet", ".mat", ".mf4", ".mdf"}
@@ -90,19 +87,5 @@ def is_vehicle(models: list[Path]) -> bool:
 
 def show_table(console: Console, table: ResultTable) -> None:
     """Print a table in the units of the field (in/s, lbf); an empty table is not printed."""
-    if not table.rows:
-        return
-    drawn = Table(title=table.title)
-    for (text, unit), is_numeric in zip(table.heads, table.numeric, strict=True):
-        title = f"{text}, {field_unit(unit)}" if unit else text
-        drawn.add_column(escape(title), justify="right" if is_numeric else "left", overflow="fold")
-    for row in table.rows:
-        cells = zip(table.heads, row, strict=True)
-        drawn.add_row(
-            *(escape(field_unit(_text(cell)) if head == "unit" else _text(cell)) for (head, _), cell in cells)
-        )
-    console.print(drawn)
-
-
-def _text(cell: Cell) -> str:
-    return shown(field_factor(cell.unit) * cell.value, cell.digits) if isinstance(cell, Amount) else cell
+    if table.rows:
+        console.print(result_table(table))

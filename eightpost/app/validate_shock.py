@@ -11,8 +11,9 @@ from rich.markup import escape
 from eightpost.app.progress import each
 from eightpost.app.show import show_verdict
 from eightpost.app.validate_paths import RecordChoices, show_table
-from eightpost.ident.validation import Kind, notes_on, record_of, validate, validation_verdict
-from eightpost.ident.validation.tables import (
+from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.record import Kind
+from eightpost.ident.validation.shock_tables import (
     beside_printed,
     bump_table,
     random_table,
@@ -20,6 +21,8 @@ from eightpost.ident.validation.tables import (
     sine_table,
     static_table,
 )
+from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
+from eightpost.ident.validation.shocks import ShockValidation, validate_shocks
 from eightpost.rig import read_dyno_test
 from eightpost.shock import read_shock, write_shock
 from eightpost.validity import Validity
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from eightpost.ident.validation import ValidationStudy
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
@@ -62,7 +64,7 @@ class ShockOptions:
     keep: bool = False
 
 
-def validate_shocks(
+def validate_all(
     console: Console, shocks: list[Path], records: list[Path], options: ShockOptions, report: Path | None
 ) -> Verdict:
     """Validate shocks, print the tables, write the report, and return the verdict."""
@@ -74,41 +76,41 @@ def validate_shocks(
         test = read_dyno_test(
             path, channel_map=options.channel_map, units=options.units, flip=options.flip, cutoff=options.cutoff
         )
-        held_out.append(record_of(test, kind=_kind(kind_of.get(path)), configuration=_number(number_of.get(path))))
-    study = validate(laws, held_out, cutoff=options.cutoff)
+        held_out.append(dyno_record(test, kind=_kind(kind_of.get(path)), configuration=_number(number_of.get(path))))
+    study = validate_shocks(laws, held_out, cutoff=options.cutoff)
     show_study(console, study, options.limit)
     if report:
-        from eightpost.ident.validation.page import write_validation_report
+        from eightpost.ident.validation.shock_page import write_shock_page
 
         title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in laws))}"
-        written = write_validation_report(report, study, limit=options.limit, title=title)
+        written = write_shock_page(report, study, limit=options.limit, title=title)
         console.print(f"wrote {written}", soft_wrap=True, highlight=False)
     if options.keep:
         _keep(console, dict(zip(study.shocks, shocks, strict=True)), study, options.limit)
-    return validation_verdict(study, options.limit)
+    return shock_verdict(study, options.limit)
 
 
-def _keep(console: Console, paths: Mapping[str, Path], study: ValidationStudy, limit: float | None) -> None:
+def _keep(console: Console, paths: Mapping[str, Path], study: ShockValidation, limit: float | None) -> None:
     """Write the verdict into each shock file; a shock that was compared with no record keeps its file."""
     for label, path in paths.items():
         shock, part = study.shocks[label], study.of_shock(label)
         if part.cases:
-            validity = Validity.with_verdict(shock.validity, validation_verdict(part, limit))
+            validity = Validity.with_verdict(shock.validity, shock_verdict(part, limit))
             write_shock(replace(shock, validity=validity), path)
             console.print(f"wrote the verdict into {path}", soft_wrap=True, highlight=False)
 
 
-def show_study(console: Console, study: ValidationStudy, limit: float | None) -> None:
+def show_study(console: Console, study: ShockValidation, limit: float | None) -> None:
     """Print the tables, the notes and the verdict of a study."""
     for record in study.records:
         console.print(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False)
-    tables = [random_table(study), *(sine_table(rows) for rows in sine_groups(study).values())]
+    tables = [random_table(study), *(sine_table(rows) for rows in sine_groups(study))]
     tables += [static_table(study), bump_table(study), beside_printed(study)]
     for table in tables:
         show_table(console, table)
     for note in notes_on(study):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
-    show_verdict(console, validation_verdict(study, limit))
+    show_verdict(console, shock_verdict(study, limit))
 
 
 def _kind(word: str | None) -> Kind | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
@@ -12,10 +12,13 @@ from rich.markup import escape
 from eightpost.app.progress import each
 from eightpost.app.show import show_verdict
 from eightpost.app.validate_paths import RecordChoices, show_table
+from eightpost.ident.validation.record import Kind
+from eightpost.ident.validation.rig_record import rig_record
+from eightpost.ident.validation.vehicle_tables import friction_table, mode_table, overview, port_table, trend_table
+from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
+from eightpost.ident.validation.vehicles import VehicleValidation, validate_vehicle
 from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.verdict import trust_table
-from eightpost.ident.vehicle_validation import Kind, Limits, record_of, validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.tables import friction_table, mode_table, overview, port_table, trend_table
 from eightpost.rig.post import read_rig_test
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
@@ -24,11 +27,10 @@ from eightpost.vehicle import read_vehicle
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from eightpost.ident.vehicle_validation import VehicleValidation
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
-_KINDS = get_args(Kind)
+_KINDS = ("random", "sine", "bump", "static")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +78,17 @@ def validate_one(
     held_out = []
     for record in each(console, records, "reading", len(records)):
         test = read_rig_test(record, channel_map=options.channel_map, units=options.units, flip=options.flip)
-        held_out.append(record_of(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
+        held_out.append(rig_record(test, fit.vehicle.state_space, kind=_kind(kind_of.get(record))))
     with console.status("predicting"):
         study = validate_vehicle(fit, held_out, shocks=shocks, against=against, settling=options.settling)
     _show(console, study, options.limits)
     if report:
-        from eightpost.ident.vehicle_validation.page import write_vehicle_report
+        from eightpost.ident.validation.vehicle_page import write_vehicle_page
 
         title = f"Validation of {fit.vehicle.name}"
-        written = write_vehicle_report(report, study, limits=options.limits, title=title)
+        written = write_vehicle_page(report, study, limits=options.limits, title=title)
         console.print(f"wrote {written}", soft_wrap=True, highlight=False)
-    verdict = validation_verdict(study, options.limits)
+    verdict = vehicle_verdict(study, options.limits)
     if options.keep:
         validity = Validity.with_verdict(fit.vehicle.validity, verdict)
         write_fit(path, replace(fit, vehicle=replace(fit.vehicle, validity=validity)))
@@ -104,7 +106,7 @@ def _show(console: Console, study: VehicleValidation, limits: Limits) -> None:
         console.print(trust_table(study.fit.trust))
     for note in (note for case in study.cases for note in case.extrapolations + case.notes):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    show_verdict(console, validation_verdict(study, limits))
+    show_verdict(console, vehicle_verdict(study, limits))
     console.print(limits.summary(), highlight=False, soft_wrap=True)
 
 

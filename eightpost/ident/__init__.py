@@ -5,7 +5,7 @@ from eightpost.ident.shock.fit import fit_shock
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.ident.shock.plots import fit_table, parameter_table, plot_force_velocity, plot_peak_velocity
 from eightpost.ident.shock.result import ShockFit
-from eightpost.ident.validation import Validation, evaluate
+from eightpost.ident.validation.evaluation import Validation, evaluate
 
 __all__ = [
     "ShockFit",

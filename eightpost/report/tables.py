@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup, escape
@@ -41,6 +42,24 @@ class ResultTable:
     heads: tuple[tuple[str, str], ...]
     rows: tuple[tuple[Cell, ...], ...]
 
+    @classmethod
+    def of(cls, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell | float | None]]) -> ResultTable:
+        """Return a table of texts and numbers.
+
+        Args:
+            title: Heading of the table.
+            columns: Header of each column, with the SI unit of the numbers below and, if it is not 3, the number of
+                significant digits: `record`, `RMS error [N]`, `offset [N] .2`.
+            rows: Rows with a cell for each column: a text, a number, an amount of another unit, or None for no value.
+        """
+        heads = [_COLUMN.fullmatch(column) for column in columns]
+        formats = [(head["text"], head["unit"] or "", int(head["digits"] or 3)) for head in heads if head]
+        made = tuple(
+            tuple(_cell(value, unit, digits) for value, (_, unit, digits) in zip(row, formats, strict=True))
+            for row in rows
+        )
+        return cls(title, tuple((text, unit) for text, unit, _ in formats), made)
+
     @property
     def numeric(self) -> tuple[bool, ...]:
         """Whether each column contains amounts."""
@@ -50,6 +69,16 @@ class ResultTable:
     def us_headings(self) -> tuple[str, ...]:
         """Headers with their US customary units."""
         return tuple(f"{text}, {Display.of(unit).unit}" if unit else text for text, unit in self.heads)
+
+
+#: Header of a column, its unit in brackets and the number of significant digits after a point.
+_COLUMN = re.compile(r"(?P<text>.*?)(?: \[(?P<unit>[^\]]+)\])?(?: \.(?P<digits>\d))?", re.DOTALL)
+
+
+def _cell(value: Cell | float | None, unit: str, digits: int) -> Cell:
+    if value is None:
+        return NONE
+    return value if isinstance(value, Amount | str) else Amount(float(value), unit or "1", digits)
 
 
 def text_table(headings: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> ResultTable:

@@ -6,23 +6,18 @@ import numpy as np
 import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError
-from eightpost.ident.validation import (
-    evaluate,
-    record_of,
-    residual_of,
-    validate_bump,
-    validate_random,
-    validate_sine,
-    validate_static,
-)
-from eightpost.ident.validation.sine import loop_of
+from eightpost.ident.validation.bump import validate_bump
+from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.evaluation import evaluate, residual_of, validate_random
+from eightpost.ident.validation.sine import loop_of, validate_sine
+from eightpost.ident.validation.static import validate_static
 from eightpost.rig.dyno_test import DynoTest
 
 from .conftest import INCH, TABLE_3_3, dragged, record, shock_of, sine_path, static_path
 
 
 def test_the_true_law_leaves_the_noise(lagged, random_test):
-    found = validate_random(lagged, record_of(random_test(1)))
+    found = validate_random(lagged, dyno_record(random_test(1)))
     # Noise: 1 N, and 0.5 mm/s times up to 7 kN.s/m of damping; the 50 Hz low-pass of 1 kHz leaves 5 % of their power.
     assert found.rms < 0.6
     assert found.percent < 0.1
@@ -30,7 +25,7 @@ def test_the_true_law_leaves_the_noise(lagged, random_test):
 
 
 def test_a_residual_is_coherent_with_the_velocity_where_a_lag_is_left_out(lagged, static_curve, random_test):
-    test = record_of(random_test(1))
+    test = dyno_record(random_test(1))
     without, with_lag = validate_random(static_curve, test).residual, validate_random(lagged, test).residual
     excited = (without.frequency >= 5.0) & (without.frequency <= 25.0)
     assert without.coherence[excited].min() > 0.7
@@ -57,7 +52,7 @@ def test_an_error_put_into_one_sine_shows_at_its_place_in_the_map(truth, lagged,
     for k, (amplitude, velocity) in enumerate(TABLE_3_3):
         path = sine_path(amplitude, velocity)
         extra = 50.0 * np.sign(np.gradient(path)) if k == wrong else None
-        found.append(validate_sine(lagged, record_of(record(truth, path, 2000.0, extra=extra))))
+        found.append(validate_sine(lagged, dyno_record(record(truth, path, 2000.0, extra=extra))))
     errors = np.array([sine.rms for sine in found])
     assert errors.argmax() == wrong
     assert errors[wrong] > 30.0
@@ -82,7 +77,7 @@ def test_a_loop_of_a_lagging_linear_damper_has_its_known_area_and_width():
 def test_a_known_drag_and_rate_come_out_of_a_static_test(truth, rate, drag):
     path = static_path()
     extra = dragged(path, drag) + (rate - 700.0) * (path - path[0])
-    found = validate_static(shock_of(truth), record_of(record(truth, path, 100.0, extra=extra), kind="static"))
+    found = validate_static(shock_of(truth), dyno_record(record(truth, path, 100.0, extra=extra), kind="static"))
     assert len(found.holds) == 7
     assert [hold.direction for hold in found.holds] == ["start", *3 * ["compression"], *3 * ["rebound"]]
     for measured in (found.gas_rate, found.compression_rate, found.rebound_rate):
@@ -92,26 +87,26 @@ def test_a_known_drag_and_rate_come_out_of_a_static_test(truth, rate, drag):
 
 
 def test_the_error_at_rest_is_the_drag_that_a_law_has_no_memory_of(lagged, static_test):
-    found = validate_static(lagged, record_of(static_test))
+    found = validate_static(lagged, dyno_record(static_test))
     assert found.rms == pytest.approx(20.0 * np.sqrt(6.0 / 7.0), abs=0.3)
 
 
 def test_short_holds_are_averaged_over_their_second_half(truth, lagged):
     path = static_path(hold=6.0)
-    found = validate_static(lagged, record_of(record(truth, path, 100.0, extra=dragged(path, 20.0)), kind="static"))
+    found = validate_static(lagged, dyno_record(record(truth, path, 100.0, extra=dragged(path, 20.0)), kind="static"))
     assert found.seal_drag == pytest.approx(20.0, abs=0.3)
     assert found.settling == pytest.approx(3.0, abs=0.3)
 
 
 def test_a_static_test_needs_holds_and_displacement(lagged, random_test, static_test):
     with pytest.raises(ParameterError, match="holds"):
-        validate_static(lagged, record_of(random_test(1), kind="static"))
+        validate_static(lagged, dyno_record(random_test(1), kind="static"))
     with pytest.raises(MissingChannelError):
-        validate_static(lagged, record_of(DynoTest(static_test.series.select(("velocity", "force"))), kind="static"))
+        validate_static(lagged, dyno_record(DynoTest(static_test.series.select(("velocity", "force"))), kind="static"))
 
 
 def test_the_true_law_meets_the_peaks_of_a_bump(lagged, bump_test):
-    found = validate_bump(lagged, record_of(bump_test))
+    found = validate_bump(lagged, dyno_record(bump_test))
     up, down = found.events
     assert (up.speed > 0.0, down.speed < 0.0) == (True, True)
     assert abs(up.speed) == pytest.approx(30.0 * INCH, rel=0.15)
@@ -121,14 +116,14 @@ def test_the_true_law_meets_the_peaks_of_a_bump(lagged, bump_test):
 
 def test_the_low_pass_of_the_random_test_would_round_off_a_bump(lagged, bump_test):
     """A curve of a low-passed velocity is not the low-passed force, so bumps need a higher cutoff frequency."""
-    narrow = validate_bump(lagged, record_of(bump_test), cutoff=50.0)
+    narrow = validate_bump(lagged, dyno_record(bump_test), cutoff=50.0)
     assert narrow.percent > 3.0
     assert max(abs(event.peak_error) for event in narrow.events) > 1.0
 
 
 def test_a_law_that_is_a_tenth_too_stiff_is_a_tenth_over_at_the_peak(truth, bump_test):
     stiff = replace(truth, port=replace(truth.port, compression_scale=1.1))
-    up, down = validate_bump(shock_of(stiff), record_of(bump_test)).events
+    up, down = validate_bump(shock_of(stiff), dyno_record(bump_test)).events
     static = truth.port.gas_preload
     assert up.predicted_peak - static == pytest.approx(1.1 * (up.measured_peak - static), rel=0.02)
     assert down.peak_error == pytest.approx(0.0, abs=1.5)
@@ -141,4 +136,4 @@ def test_a_motion_ratio_of_the_car_is_not_applied_to_the_dynamometer(truth, lagg
 
 def test_a_sine_validation_of_something_else_is_refused(lagged, random_test):
     with pytest.raises(ParameterError, match="no single frequency"):
-        validate_sine(lagged, record_of(random_test(1), kind="sine"))
+        validate_sine(lagged, dyno_record(random_test(1), kind="sine"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.validation import recognise, record_of
+from eightpost.ident.validation.dyno_record import dyno_record, recognise_motion
 from eightpost.rig.dyno_test import DynoConditions, DynoTest
 from eightpost.signals import write_parquet
 
@@ -15,31 +15,31 @@ from .conftest import TABLE_3_3, record, sine_path
 
 @pytest.mark.parametrize(("amplitude", "velocity"), TABLE_3_3)
 def test_every_sine_of_table_3_3_is_a_sine_of_its_frequency(sine_test, amplitude, velocity):
-    seen = recognise(sine_test(amplitude, velocity))
+    seen = recognise_motion(sine_test(amplitude, velocity))
     assert seen.kind == "sine"
     assert seen.frequency == pytest.approx(velocity / (2.0 * np.pi * amplitude), rel=2e-3)
 
 
 def test_the_multisine_is_random(random_test):
-    assert recognise(random_test(1)).kind == "random"
+    assert recognise_motion(random_test(1)).kind == "random"
 
 
 def test_steps_with_long_holds_are_static(static_test):
-    assert recognise(static_test).kind == "static"
+    assert recognise_motion(static_test).kind == "static"
 
 
 def test_a_fast_step_is_a_bump(bump_test):
-    assert recognise(bump_test).kind == "bump"
+    assert recognise_motion(bump_test).kind == "bump"
 
 
 @pytest.mark.parametrize("name", ["static_test", "bump_test"])
 def test_the_velocity_is_integrated_if_displacement_was_not_measured(request, name):
     test = request.getfixturevalue(name)
-    assert recognise(DynoTest(test.series.select(("velocity", "force")))).kind == name.partition("_")[0]
+    assert recognise_motion(DynoTest(test.series.select(("velocity", "force")))).kind == name.partition("_")[0]
 
 
 def test_one_period_is_no_sine_test(truth):
-    assert recognise(record(truth, sine_path(0.5, 5.0, periods=1), 2000.0)).kind != "sine"
+    assert recognise_motion(record(truth, sine_path(0.5, 5.0, periods=1), 2000.0)).kind != "sine"
 
 
 @pytest.mark.parametrize(("note", "number"), [("SYNTHETIC, configuration 5: build 2", 5), ("run 7", None)])
@@ -47,18 +47,18 @@ def test_the_note_in_a_file_states_its_configuration(bump_test, tmp_path, note, 
     (tmp_path / "text.csv").write_text(f"# {note}\ntime [s],force [N]\n")
     write_parquet(bump_test.series, tmp_path / "binary.parquet", note=note)
     for name in ("text.csv", "binary.parquet"):
-        assert record_of(replace(bump_test, source=tmp_path / name)).configuration == number
+        assert dyno_record(replace(bump_test, source=tmp_path / name)).configuration == number
 
 
 def test_a_given_kind_takes_precedence_over_the_recognised_one(sine_test):
-    record = record_of(sine_test(0.1, 5.0), kind="random")
+    record = dyno_record(sine_test(0.1, 5.0), kind="random")
     assert (record.kind, record.reason) == ("random", "given by the user")
 
 
 def test_the_configuration_follows_from_the_conditions_by_table_3_1(bump_test):
     known = DynoConditions(build="Build 2", clicks="14 from closed", gas_pressure=1034213.6)
-    assert record_of(DynoTest(bump_test.series, known)).configuration == 8
-    assert record_of(bump_test).configuration is None
-    assert record_of(bump_test, configuration=12).configuration == 12
+    assert dyno_record(DynoTest(bump_test.series, known)).configuration == 8
+    assert dyno_record(bump_test).configuration is None
+    assert dyno_record(bump_test, configuration=12).configuration == 12
     with pytest.raises(ParameterError, match="1 to 12"):
-        record_of(bump_test, configuration=13)
+        dyno_record(bump_test, configuration=13)

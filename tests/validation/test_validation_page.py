@@ -7,18 +7,19 @@ import re
 import numpy as np
 import pytest
 
-from eightpost.ident.validation import record_of, validate
-from eightpost.ident.validation.page import page, write_validation_report
+from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.shock_page import shock_page, write_shock_page
+from eightpost.ident.validation.shocks import validate_shocks
 
 from .conftest import INCH, POUND, shock_of
 
 
 @pytest.fixture(scope="module")
 def study(lagged, static_curve, random_test, sine_test, static_test, bump_test):
-    records = [record_of(random_test(1), name="random", configuration=1), record_of(bump_test, name="bump")]
-    records += [record_of(sine_test(a, v), name=f"sine {a} {v}") for a, v in ((0.5, 5.0), (0.25, 10.0), (0.1, 5.0))]
-    records += [record_of(static_test, name=name) for name in ("static", "again")]
-    return validate([static_curve, lagged], records)
+    records = [dyno_record(random_test(1), name="random", configuration=1), dyno_record(bump_test, name="bump")]
+    records += [dyno_record(sine_test(a, v), name=f"sine {a} {v}") for a, v in ((0.5, 5.0), (0.25, 10.0), (0.1, 5.0))]
+    records += [dyno_record(static_test, name=name) for name in ("static", "again")]
+    return validate_shocks([static_curve, lagged], records)
 
 
 _PLOTS = "[...document.querySelectorAll('.js-plotly-plot')]"
@@ -26,7 +27,7 @@ _PLOTS = "[...document.querySelectorAll('.js-plotly-plot')]"
 
 @pytest.mark.slow
 def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(browser, study, tmp_path):
-    path = write_validation_report(tmp_path / "report.html", study, limit=10.0)
+    path = write_shock_page(tmp_path / "report.html", study, limit=10.0)
     browser.call("Page.navigate", url=path.as_uri())
     browser.until("document.body && document.body.dataset.drawn === 'all'")
     assert browser.evaluate("document.getElementById('trouble').hidden")
@@ -62,7 +63,7 @@ def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(b
 
 @pytest.mark.slow
 def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
-    path = write_validation_report(tmp_path / "report.html", study)
+    path = write_shock_page(tmp_path / "report.html", study)
     browser.call("Page.navigate", url=path.as_uri())
     browser.until("document.body && document.body.dataset.drawn === 'all'")
     browser.call("Emulation.setEmulatedMedia", media="print")
@@ -75,8 +76,8 @@ def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
 
 
 def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test):
-    named = validate([shock_of(truth, name="<b>x")], [record_of(random_test(1), name="</script><i>")])
-    html = page(named, limit=0.0001, title="a < b")
+    named = validate_shocks([shock_of(truth, name="<b>x")], [dyno_record(random_test(1), name="</script><i>")])
+    html = shock_page(named, limit=0.0001, title="a < b")
     assert "<b>x" not in html
     assert "</script><i>" not in html
     assert 'class="verdict not-usable"' in html
@@ -85,8 +86,8 @@ def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test
 
 
 def test_a_good_validation_has_a_good_verdict(lagged, random_test):
-    study = validate([lagged], [record_of(random_test(1))])
+    study = validate_shocks([lagged], [dyno_record(random_test(1))])
     for limit in (1.0, None):
-        html = page(study, limit=limit, title="t")
+        html = shock_page(study, limit=limit, title="t")
         assert 'class="verdict usable"' in html
         assert f"limit{'s 10 and 30' if limit is None else ' 1'} %" in html

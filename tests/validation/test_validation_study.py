@@ -7,9 +7,18 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.result import digest_of
-from eightpost.ident.validation import notes_on, record_of, validate, validation_verdict
-from eightpost.ident.validation.record import CONFIGURATIONS, TABLE_3_4
-from eightpost.ident.validation.tables import Amount, beside_printed, random_table, static_table, table_3_4, table_3_5
+from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4
+from eightpost.ident.validation.shock_tables import (
+    beside_printed,
+    random_table,
+    static_table,
+    table_3_4,
+    table_3_5,
+)
+from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
+from eightpost.ident.validation.shocks import validate_shocks
+from eightpost.report.tables import Amount
 from eightpost.rig.dyno_test import DynoConditions
 from eightpost.verdict import Grade
 
@@ -17,8 +26,8 @@ from .conftest import POUND, shock_of
 
 
 def test_each_law_is_compared_with_each_record(lagged, static_curve, random_test, bump_test, static_test):
-    records = [record_of(test, name=str(k)) for k, test in enumerate((random_test(1), bump_test, static_test))]
-    study = validate([static_curve, lagged], records)
+    records = [dyno_record(test, name=str(k)) for k, test in enumerate((random_test(1), bump_test, static_test))]
+    study = validate_shocks([static_curve, lagged], records)
     assert list(study.shocks) == ["known Polylinear", "known LPF1"]
     assert [(case.label, case.record.name) for case in study.cases] == [
         (label, name) for name in "012" for label in study.shocks
@@ -28,7 +37,7 @@ def test_each_law_is_compared_with_each_record(lagged, static_curve, random_test
 
 
 def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
-    study = validate([lagged, lagged], [record_of(random_test(1))])
+    study = validate_shocks([lagged, lagged], [dyno_record(random_test(1))])
     assert list(study.shocks) == ["known LPF1", "known LPF1 (2)"]
 
 
@@ -47,47 +56,47 @@ def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
     ],
 )
 def test_records_under_other_conditions_are_left_out_and_reported(truth, random_test, stated, conditions, together):
-    study = validate([shock_of(truth, **stated)], [record_of(random_test(1, conditions))])
+    study = validate_shocks([shock_of(truth, **stated)], [dyno_record(random_test(1, conditions))])
     assert len(study.cases) == together
-    assert validation_verdict(study).is_acceptable is together
+    assert shock_verdict(study).is_acceptable is together
     assert bool(study.unpaired) is not together
     assert bool(notes_on(study)) is not together
 
 
 def test_the_record_of_the_fit_is_recognised(lagged, random_test):
     own = replace(lagged, inputs=({"name": "fit.csv", "sha256": digest_of(random_test(1))},))
-    study = validate([own], [record_of(random_test(1)), record_of(random_test(2))])
+    study = validate_shocks([own], [dyno_record(random_test(1)), dyno_record(random_test(2))])
     assert [case.is_fit_record for case in study.cases] == [True, False]
-    (reason,) = [reason for reason in validation_verdict(study).reasons if "validates nothing" in reason.statement]
+    (reason,) = [reason for reason in shock_verdict(study).reasons if "validates nothing" in reason.statement]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 2 predictions")
-    alone = validation_verdict(validate([own], [record_of(random_test(1))]))
+    alone = shock_verdict(validate_shocks([own], [dyno_record(random_test(1))]))
     assert alone.grade is Grade.UNKNOWN  # an error of the fit is no validation
 
 
 def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_test):
     narrow = replace(truth, curve=replace(truth.curve, compression_speed=0.1, rebound_speed=0.1))
-    study = validate([shock_of(narrow)], [record_of(random_test(1))])
+    study = validate_shocks([shock_of(narrow)], [dyno_record(random_test(1))])
     assert study.cases[0].outcome.beyond > 0.5
-    assert validation_verdict(study).grade is Grade.NOT_USABLE
-    assert "record mostly outside the fitted velocities" in {r.rule for r in validation_verdict(study).decisive}
+    assert shock_verdict(study).grade is Grade.NOT_USABLE
+    assert "record mostly outside the fitted velocities" in {r.rule for r in shock_verdict(study).decisive}
 
 
 def test_the_verdict_depends_on_the_limit(lagged, static_curve, random_test):
-    record = record_of(random_test(1))
-    assert validation_verdict(validate([lagged], [record]), 1.0).grade is Grade.USABLE
-    assert validation_verdict(validate([static_curve], [record]), 1.0).grade is Grade.NOT_USABLE
+    record = dyno_record(random_test(1))
+    assert shock_verdict(validate_shocks([lagged], [record]), 1.0).grade is Grade.USABLE
+    assert shock_verdict(validate_shocks([static_curve], [record]), 1.0).grade is Grade.NOT_USABLE
 
 
 def test_a_different_zero_of_the_load_cell_is_reported(truth, random_test):
     shifted = shock_of(replace(truth, port=replace(truth.port, gas_preload=0.0)))
-    study = validate([shifted], [record_of(random_test(1))])
-    assert "offset of a prediction" in {reason.rule for reason in validation_verdict(study).reasons}
+    study = validate_shocks([shifted], [dyno_record(random_test(1))])
+    assert "offset of a prediction" in {reason.rule for reason in shock_verdict(study).reasons}
     assert study.cases[0].outcome.prediction.offset == pytest.approx(truth.port.gas_preload, abs=0.5)
 
 
 def test_a_study_needs_a_shock_and_a_record(lagged):
     with pytest.raises(ParameterError, match="1 and 0"):
-        validate([lagged], [])
+        validate_shocks([lagged], [])
 
 
 def test_the_printed_tables_agree_with_the_text():
@@ -105,7 +114,7 @@ def test_the_printed_tables_agree_with_the_text():
 
 
 def test_our_error_is_shown_next_to_the_printed_one_of_its_configuration(lagged, static_curve, random_test):
-    study = validate([static_curve, lagged], [record_of(random_test(1), configuration=7)])
+    study = validate_shocks([static_curve, lagged], [dyno_record(random_test(1), configuration=7)])
     shown = table_3_5(study)
     heads = [head for head, _ in shown.heads]
     row, other = shown.rows[6], shown.rows[5]

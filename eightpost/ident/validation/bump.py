@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.record import LARGEST_SHARE
-from eightpost.ident.validation.evaluation import evaluate
-from eightpost.ident.validation.record import block_means, stretches
-
-if TYPE_CHECKING:
-    from eightpost.ident.validation.evaluation import Validation
-    from eightpost.ident.validation.record import Record
-    from eightpost.shock import Shock
-    from eightpost.signals import TimeSeries
-
+from eightpost.ident.validation.dyno_record import DynoRecord, block_means, stretches
+from eightpost.ident.validation.evaluation import Validation, evaluate
+from eightpost.shock import Shock
+from eightpost.signals import TimeSeries
 
 #: Share of the record's peak speed above which the shock counts as moving.
 _MOVES = 0.05
@@ -91,12 +85,12 @@ class BumpValidation:
         return min(1.0, self.prediction.beyond * self.prediction.measured.duration / moving)
 
 
-def validate_bump(shock: Shock, record: Record, *, cutoff: float | None = None) -> BumpValidation:
+def validate_bump(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> BumpValidation:
     """Return a shock's error on a bump record.
 
     Args:
         shock: Fitted shock.
-        record: Record that stands still, moves fast and stands still again, once or several times.
+        record: DynoRecord that stands still, moves fast and stands still again, once or several times.
         cutoff: Cutoff frequency of the low-pass [Hz]; default 200, at most 0.4 of the sampling rate.
 
     Raises:

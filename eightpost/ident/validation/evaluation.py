@@ -1,122 +1,20 @@
-"""Evaluation of a shock on a record: predicted force, residual, error."""
+"""Evaluation of a shock on a record: predicted force, error, and the error's spectra on random records."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import coherence, welch
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.record import prepare
+from eightpost.ident.validation.dyno_record import DynoRecord
+from eightpost.ident.validation.spectrum import ErrorSpectrum, error_spectrum
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.record import Prepared
-    from eightpost.ident.validation.record import Record
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.shock import Shock, ShockLaw
-
-
-# ---- Figures of a prediction over a whole record, common to random and sine records ---------------------------------
-
-
-class Predicted:
-    """A result with a `prediction` over a whole record."""
-
-    __slots__ = ()
-    prediction: Validation
-
-    @property
-    def rms(self) -> float:
-        """The RMS of the error [N]."""
-        return self.prediction.rms
-
-    @property
-    def percent(self) -> float:
-        """The error in percent of this record's standard deviation of force."""
-        return self.prediction.percent
-
-    @property
-    def beyond(self) -> float:
-        """Share of the samples outside the fitted velocities [1]."""
-        return self.prediction.beyond
-
-
-# ---- Analysis of the residual ---------------------------------------------------------------------------------------
-
-#: Length of Welch's blocks [s]: 1 Hz of resolution, and 17 half-overlapping blocks in 9 s.
-BLOCK = 1.0
-
-#: Minimum number of blocks for a meaningful coherence.
-_FEWEST = 4
-
-#: Correlation of half-overlapping Hann blocks' periodograms (Welch 1967): 1 / 36.
-_OVERLAP = 1.0 / 36.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Residual:
-    """Spectra of a residual e = measured minus predicted force, and its coherence with the velocity v.
-
-        coherence(f) = |S_ev|^2 / (S_ee S_vv)
-
-    Where the coherence is near 1, a linear filter of the velocity would predict the residual: the law misses dynamics,
-    a lag for example. A coherence below `threshold` is not significant.
-
-    Attributes:
-        frequency: Frequencies (K,) [Hz], up to the record's low-pass.
-        coherence: Coherence (K,) [1].
-        density: One-sided spectral density of the residual (K,) [N2/Hz].
-        force_density: One-sided spectral density of the measured force (K,) [N2/Hz].
-        threshold: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
-        share: Share of the residual's power that is coherent, corrected for the bias of the estimate [1].
-    """
-
-    frequency: Array
-    coherence: Array
-    density: Array
-    force_density: Array
-    threshold: float
-    share: float
-
-
-def residual_of(validation: Validation) -> Residual | None:
-    """Return the residual's spectra; None if the record is shorter than four half-overlapping blocks.
-
-    Args:
-        validation: Validation on a record that moves at many frequencies.
-    """
-    rate = validation.measured.sample_rate
-    block = round(BLOCK * rate)
-    count = 2 * len(validation.measured) // block - 1
-    if count < _FEWEST:
-        return None
-    error, velocity = validation.error, validation.measured["velocity"]
-    frequency, coherent = coherence(error, velocity, fs=rate, nperseg=block)
-    _, density = welch(error, fs=rate, nperseg=block)
-    _, force_density = welch(validation.measured["force"], fs=rate, nperseg=block)
-    kept = (frequency > 0.0) & (frequency <= validation.cutoff)
-    averages = count / (1.0 + 2.0 * _OVERLAP * (count - 1) / count)
-    return Residual(
-        frequency=frequency[kept],
-        coherence=coherent[kept],
-        density=density[kept],
-        force_density=force_density[kept],
-        threshold=1.0 - 0.05 ** (1.0 / (averages - 1.0)),
-        share=_share(coherent[kept], density[kept], averages),
-    )
-
-
-def _share(coherent: Array, density: Array, averages: float) -> float:
-    """Return the coherent share of a density; for n averages, unrelated signals have a coherence of 1 / n."""
-    unbiased = np.clip((averages * coherent - 1.0) / (averages - 1.0), 0.0, 1.0)
-    total = float(density.sum())
-    return float(unbiased @ density) / total if total > 0.0 else 0.0
-
 
 # ---- The error of a fitted shock on a record that it was not fitted to (3.4) ----------------------------------------
 
@@ -174,8 +72,10 @@ def evaluate(
         cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
     """
     prepared = prepare(test, segment=segment, cutoff=cutoff)
-    record = _about(prepared, reference_of(shock, prepared.reference))
-    law = as_measured(shock)
+    record, law = prepared.record, as_measured(shock)
+    if "displacement" in record:
+        shifted = record["displacement"] + prepared.reference - reference_of(shock, prepared.reference)
+        record = record.with_channel("displacement", "m", shifted)
     started = time.perf_counter()
     simulated = simulate(law, record)
     seconds = time.perf_counter() - started
@@ -215,15 +115,35 @@ def as_measured(shock: Shock) -> ShockLaw:
     return replace(shock.law, port=port)
 
 
-def _about(prepared: Prepared, reference: float) -> TimeSeries:
-    """Return the record with its displacement relative to a reference [m]."""
-    record = prepared.record
-    if "displacement" not in record:
-        return record
-    return record.with_channel("displacement", "m", record["displacement"] + prepared.reference - reference)
+class Predicted:
+    """A result with a `prediction` over a whole record."""
+
+    __slots__ = ()
+    prediction: Validation
+
+    @property
+    def rms(self) -> float:
+        """The RMS of the error [N]."""
+        return self.prediction.rms
+
+    @property
+    def percent(self) -> float:
+        """The error in percent of this record's standard deviation of force."""
+        return self.prediction.percent
+
+    @property
+    def beyond(self) -> float:
+        """Share of the samples outside the fitted velocities [1]."""
+        return self.prediction.beyond
 
 
 # ---- Validation on random tests -------------------------------------------------------------------------------------
+
+#: Length of Welch's blocks [s]: 1 Hz of resolution, and 17 half-overlapping blocks in 9 s; at least 4 blocks.
+_BLOCK, _FEWEST = 1.0, 4
+
+#: Correlation of half-overlapping Hann blocks' periodograms (Welch 1967): 1 / 36.
+_OVERLAP = 1.0 / 36.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,14 +152,27 @@ class RandomValidation(Predicted):
 
     Attributes:
         prediction: Prediction over seconds 1 to 10, or over the segment that `evaluate` chooses.
-        residual: Spectra and coherence; None for a record shorter than 2.5 s.
+        residual: Spectra of the error and its coherence with the velocity; None for a record shorter than 2.5 s.
     """
 
     prediction: Validation
-    residual: Residual | None
+    residual: ErrorSpectrum | None
 
 
-def validate_random(shock: Shock, record: Record, *, cutoff: float | None = None) -> RandomValidation:
+def validate_random(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> RandomValidation:
     """Return a shock's error on a random record (Table 3.5)."""
     prediction = evaluate(shock, record.test, cutoff=cutoff)
     return RandomValidation(prediction, residual_of(prediction))
+
+
+def residual_of(validation: Validation) -> ErrorSpectrum | None:
+    """Return the spectra of an error and its coherence with the velocity: near 1, the law misses dynamics, say a lag.
+
+    Args:
+        validation: Validation on a record that moves at many frequencies.
+    """
+    measured = validation.measured
+    return error_spectrum(
+        measured["force"], validation.predicted["force"], measured["velocity"], rate=measured.sample_rate,
+        band=validation.cutoff, block=_BLOCK, fewest=_FEWEST, overlap=_OVERLAP,
+    )  # fmt: skip

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.record import CUTOFF, FILTER_EDGE, LARGEST_SHARE
-from eightpost.ident.validation.evaluation import Predicted, evaluate
-from eightpost.ident.validation.record import displacement_of, frequency_of, moving_part
-
-if TYPE_CHECKING:
-    from eightpost.ident.validation.evaluation import Validation
-    from eightpost.ident.validation.record import Record
-    from eightpost.shock import Shock
-    from eightpost.signals import TimeSeries
-
+from eightpost.ident.validation.dyno_record import DynoRecord, displacement_of, frequency_of, moving_part
+from eightpost.ident.validation.evaluation import Predicted, Validation, evaluate
+from eightpost.shock import Shock
 
 #: Share of the peak speed up to which the hysteresis is evaluated; at the peak itself the two branches meet.
 _BRANCH = 0.9
@@ -72,7 +65,7 @@ class SineValidation(Predicted):
         return 2.0 * np.pi * self.frequency * self.amplitude
 
 
-def validate_sine(shock: Shock, record: Record, *, cutoff: float | None = None) -> SineValidation:
+def validate_sine(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> SineValidation:
     """Return a shock's error on a sine record over whole periods, without the first if there are three or more.
 
     Raises:
@@ -129,9 +122,9 @@ def _branch(velocity: Array, force: Array, grid: Array) -> Array:
     return np.asarray(np.interp(grid, velocity[order], force[order]))
 
 
-def _periods(record: Record, frequency: float, cutoff: float | None) -> tuple[float, float]:
+def _periods(record: DynoRecord, frequency: float, cutoff: float | None) -> tuple[float, float]:
     """Return start and stop [s] of the whole periods, from the record's start."""
-    series: TimeSeries = record.test.series
+    series = record.test.series
     part, period = moving_part(series), 1.0 / frequency
     start, stop = float(part.time[0] - series.time[0]), float(part.time[-1] - series.time[0])
     # The low-pass rings where the motion begins and ends, as it does at the ends of the record.

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.shock.closed import simulate
+from eightpost.ident.validation.dyno_record import DynoRecord, block_means, standing, stretches
 from eightpost.ident.validation.evaluation import as_measured, reference_of
-from eightpost.ident.validation.record import block_means, standing, stretches
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from eightpost.ident.validation.record import Record
-    from eightpost.shock import Shock
-    from eightpost.signals import TimeSeries
-
+from eightpost.shock import Shock
+from eightpost.signals import TimeSeries
 
 Direction = Literal["start", "compression", "rebound"]
 
@@ -100,7 +95,7 @@ class StaticValidation:
         return 0.0
 
 
-def validate_static(shock: Shock, record: Record) -> StaticValidation:
+def validate_static(shock: Shock, record: DynoRecord) -> StaticValidation:
     """Return rates, drag and the error of a law on a static record.
 
     Args:
@@ -137,7 +132,7 @@ def validate_static(shock: Shock, record: Record) -> StaticValidation:
     )
 
 
-def _predicted(shock: Shock, record: Record) -> TimeSeries:
+def _predicted(shock: Shock, record: DynoRecord) -> TimeSeries:
     """Return the averaged record with the law's force."""
     even = record.test.series
     even = even if even.is_uniform else even.resample(even.sample_rate)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from eightpost.ident.validation.rig_record import rig_record
+from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle_validation import record_of, validate_vehicle
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
@@ -43,7 +44,7 @@ def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
 
 
 def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit: VehicleFit, unseen: RigTest) -> None:
-    record = record_of(unseen, fit.vehicle.state_space)
+    record = rig_record(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
     assert case.shocks == "shock laws, ports closed"
     assert case.without_friction is not None
@@ -54,6 +55,6 @@ def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit: Ve
 
 
 def test_a_wrong_law_at_the_port_gives_wrong_levels(fit: VehicleFit, unseen: RigTest) -> None:
-    record = record_of(unseen, fit.vehicle.state_space)
+    record = rig_record(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
     assert max(abs(one.level) for one in case.judged) > 0.1

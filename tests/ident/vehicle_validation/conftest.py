@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.validation.rig_record import RigRecord, rig_record
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle_validation import RigRecord, record_of
 from eightpost.rig.post import (
     NO_DRIFT,
     Friction,
@@ -111,7 +111,7 @@ def seven_test(shocks: Sequence[Shock]) -> RigTest:
 
 def records_of(fit: VehicleFit, *tests: RigTest) -> list[RigRecord]:
     """Return the prepared tests, named by their number."""
-    return [record_of(test, fit.vehicle.state_space, name=f"r{k}") for k, test in enumerate(tests, start=1)]
+    return [rig_record(test, fit.vehicle.state_space, name=f"r{k}") for k, test in enumerate(tests, start=1)]
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from eightpost.ident.validation.vehicle_page import write_vehicle_page
+from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
+from eightpost.ident.validation.vehicle_verdict import vehicle_verdict
+from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
-from eightpost.ident.vehicle_validation import validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.page import write_vehicle_report
-from eightpost.ident.vehicle_validation.tables import certainty_table, port_table
 from eightpost.verdict import Grade
 
 from .conftest import records_of
@@ -47,11 +48,11 @@ def test_a_flag_of_the_fit_limits_the_verdict_and_is_on_the_page(
     plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
     fit = replace(corner, trust=TRUST)
     study = validate_vehicle(fit, records_of(fit, *setups[:1]))
-    assert not any("flags" in reason.statement for reason in validation_verdict(plain).reasons)
-    verdict = validation_verdict(study)
+    assert not any("flags" in reason.statement for reason in vehicle_verdict(plain).reasons)
+    verdict = vehicle_verdict(study)
     assert any("nonlinear springs" in reason.statement for reason in verdict.reasons)
     assert verdict.grade is Grade.LIMITED
-    page = write_vehicle_report(tmp_path / "car.html", study).read_text(encoding="utf-8")
+    page = write_vehicle_page(tmp_path / "car.html", study).read_text(encoding="utf-8")
     texts = ("Self-assessment of the fit", "Springs are not straight.", "Stabilisation diagram", "4 states were chosen")
     for text in texts:
         assert text in page

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from eightpost.errors import TooShortError
-from eightpost.ident.vehicle_validation import Comparison, Judging, modes_of, recognise
-from eightpost.ident.vehicle_validation.comparison import error_spectrum
-from eightpost.ident.vehicle_validation.steady import sine_output, static_outputs
-from eightpost.ident.vehicle_validation.trends import Trend
+from eightpost.ident.validation.comparison import Comparison, Judging, Trend
+from eightpost.ident.validation.responses import modes_of
+from eightpost.ident.validation.rig_record import recognise_drive
+from eightpost.ident.validation.steady import sine_output, static_outputs
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
@@ -37,17 +37,17 @@ def test_gain_phase_and_harmonics_of_a_sine_are_found() -> None:
 def test_a_gain_error_is_linear_in_the_prediction_and_noise_is_not() -> None:
     generator = np.random.default_rng(1)
     predicted, noise = generator.standard_normal((2, TIME.size))
-    gain = error_spectrum(_comparison(1.1 * predicted, predicted), RATE, 100.0)
-    other = error_spectrum(_comparison(predicted + 0.1 * noise, predicted), RATE, 100.0)
+    gain = _comparison(1.1 * predicted, predicted).spectrum(RATE, 100.0)
+    other = _comparison(predicted + 0.1 * noise, predicted).spectrum(RATE, 100.0)
     assert gain is not None
     assert other is not None
-    assert gain.linear == pytest.approx(1.0, abs=1e-6)
-    assert other.linear < 0.1
+    assert gain.share == pytest.approx(1.0, abs=1e-6)
+    assert other.share < 0.1
 
 
 def test_a_record_too_short_for_spectra_has_none() -> None:
     short = np.sin(TIME[: round(10.0 * RATE)])
-    assert error_spectrum(_comparison(short, 0.9 * short), RATE, 20.0) is None
+    assert _comparison(short, 0.9 * short).spectrum(RATE, 20.0) is None
 
 
 def test_constant_loads_give_the_static_rate() -> None:
@@ -76,7 +76,7 @@ def test_loads_that_are_never_constant_have_no_levels() -> None:
     ],
 )
 def test_a_record_is_recognised_by_its_drive(road: np.ndarray, load: np.ndarray, kind: str) -> None:
-    assert recognise(_series(road=road - road.mean(), load=load), ["road"], ["load"]).kind == kind
+    assert recognise_drive(_series(road=road - road.mean(), load=load), ["road"], ["load"]).kind == kind
 
 
 def test_shapes_that_differ_in_one_sign_have_a_lower_mac() -> None:

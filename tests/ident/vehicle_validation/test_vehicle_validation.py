@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.ident.validation.prediction import closed_at_ports, port_by_port
+from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
+from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle_validation import Limits, closed_at_ports, validate_vehicle, validation_verdict
-from eightpost.ident.vehicle_validation.prediction import port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
@@ -47,7 +48,7 @@ def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ign
 
 
 def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
-    verdict = validation_verdict(good)
+    verdict = vehicle_verdict(good)
     assert verdict.is_acceptable, verdict.reasons
     (predicts,) = [reason for reason in verdict.reasons if reason.grade is Grade.USABLE]
     assert {reason.rule for reason in verdict.decisive} == {"records beyond the fit's tests"}
@@ -78,7 +79,7 @@ def test_the_95_percent_band_contains_the_true_response_95_percent_of_the_time(g
 def test_a_car_that_responds_too_slowly_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
     wrong = softer(corner)
     study = validate_vehicle(wrong, records_of(wrong, *setups))
-    found = validation_verdict(study)
+    found = vehicle_verdict(study)
     assert found.grade is Grade.NOT_USABLE
     assert found.reasons[0].rule == "level of an output wrong"
     assert "limit 5 %" in found.reasons[0].figure
@@ -96,9 +97,9 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert trend.bias == pytest.approx(0.1, abs=0.003)
     assert trend.rank == 1.0
     assert trend.remaining_error < 0.003
-    assert study.cases[0].spectra["tire_force"].linear > 0.9
-    assert validation_verdict(study, Limits(level=0.12)).is_acceptable
-    assert not validation_verdict(study).is_acceptable
+    assert study.cases[0].spectra["tire_force"].share > 0.9
+    assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
+    assert not vehicle_verdict(study).is_acceptable
 
 
 def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:
@@ -159,7 +160,7 @@ def test_a_record_of_another_car_is_rejected(corner: VehicleFit, setups: list[Ri
 def test_the_fits_own_records_do_not_validate_the_car(corner: VehicleFit, setups: list[RigTest]) -> None:
     own = replace(corner, vehicle=replace(corner.vehicle, sources={"run.csv": "abc"}))
     study = validate_vehicle(own, records_of(own, replace(setups[1], sha256="abc")))
-    found = validation_verdict(study)
+    found = vehicle_verdict(study)
     assert found.grade is Grade.NOT_USABLE
     assert found.reasons[0].statement.startswith("no record validates the car")
 
@@ -169,7 +170,7 @@ def test_no_criterion_applies_to_a_record_on_which_friction_holds_the_car() -> N
     gentle = quarter_test(kind="sine", frequency=1.0, amplitude=0.02 * INCH, friction=COULOMB)
     study = validate_vehicle(fit, records_of(fit, gentle, quarter_test()))
     assert [case.is_gentle for case in study.cases] == [True, False]
-    found = validation_verdict(study)
+    found = vehicle_verdict(study)
     assert found.is_acceptable
     assert any("barely move" in reason.statement and reason.origin == "r1" for reason in found.reasons)
 
@@ -180,7 +181,7 @@ def test_a_record_beyond_the_fits_tests_is_reported_and_limits_the_verdict(
     small = replace(corner, ranges={"frequency": (0.1, 20.0), "velocity": (-0.1, 0.1)})
     study = validate_vehicle(small, records_of(small, *setups[:1]))
     assert any("amplitudes beyond the fit's tests: velocity" in text for text in study.cases[0].extrapolations)
-    assert validation_verdict(study).grade is Grade.LIMITED
+    assert vehicle_verdict(study).grade is Grade.LIMITED
 
 
 def test_a_car_that_ranks_setups_differently_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
@@ -192,7 +193,7 @@ def test_a_car_that_ranks_setups_differently_is_not_usable(corner: VehicleFit, s
         replace(corner.vehicle, state_space=StateSpace(model.A, turned, model.C, model.D, model.inputs, model.outputs))
     )
     study = validate_vehicle(fit, records_of(fit, *setups))
-    assert any("ranks setups differently" in reason.statement for reason in validation_verdict(study).reasons)
+    assert any("ranks setups differently" in reason.statement for reason in vehicle_verdict(study).reasons)
 
 
 @pytest.mark.parametrize("limits", [{"level": 0.0}, {"error": -1.0}, {"rank": 2.0}])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,16 +14,9 @@ from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.stability import discretise_by_parts
-from eightpost.shock import Lpf1, Lpnl2, Polylinear
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle
-
-if TYPE_CHECKING:
-    from eightpost.shock import ShockLaw
-    from eightpost.vehicle import StateSpace
-
-    Ranges = Mapping[str, tuple[float, float]]
-
+from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
 #: Subdivisions of the step that are tried if a steep law prevents the solution of a step.
 _FINER = (1, 2, 4, 8)

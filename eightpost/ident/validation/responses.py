@@ -1,21 +1,17 @@
-"""Responses and modes of a vehicle beside those of the records."""
+"""Modes of a vehicle, and its responses beside those that it was fitted to."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle_validation.comparison import JUDGED, quantity
-
-if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
-    from eightpost.vehicle import StateSpace
-
+from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.validation.comparison import JUDGED, quantity
+from eightpost.vehicle import StateSpace
 
 # ---- Modes of an identified vehicle, matched with those of another car by the modal assurance criterion -------------
 
@@ -102,7 +98,7 @@ _WIDE = 1.96 / np.sqrt(2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class Response:
     """Response of an output to an input.
 
     Attributes:
@@ -139,7 +135,7 @@ class Path:
         return float(np.mean((size >= self.band[0]) & (size <= self.band[1])))
 
 
-def main_paths(response: FrequencyResponse, model: StateSpace, band: tuple[float, float]) -> tuple[Path, ...]:
+def main_paths(response: FrequencyResponse, model: StateSpace, band: tuple[float, float]) -> tuple[Response, ...]:
     """Return the strongest response of every judged quantity's outputs to a road and to a shock force.
 
     Args:
@@ -165,7 +161,7 @@ def _strongest(estimate: FrequencyResponse, output: str, inputs: list[str]) -> s
     return best if best is not None and sizes[best] > 0.0 else None
 
 
-def _path(estimate: FrequencyResponse, model: StateSpace, output: str, name: str) -> Path:
+def _path(estimate: FrequencyResponse, model: StateSpace, output: str, name: str) -> Response:
     one = estimate.select(inputs=[name], outputs=[output])
     H = one.H[0, 0]
     powered = np.abs(H) > 0.0
@@ -173,7 +169,7 @@ def _path(estimate: FrequencyResponse, model: StateSpace, output: str, name: str
     modelled = model.select(inputs=[name], outputs=[output]).frequency_response(frequency)[0, 0]
     unit = f"({one.outputs[0].unit})/({one.inputs[0].unit})"
     coherence = None if one.coherence is None else one.coherence[0, powered]
-    return Path(output, name, unit, frequency, H, modelled, _band(one, powered), coherence)
+    return Response(output, name, unit, frequency, H, modelled, _band(one, powered), coherence)
 
 
 def _band(one: FrequencyResponse, powered: NDArray[np.bool_]) -> Array | None:

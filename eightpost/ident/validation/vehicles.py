@@ -1,40 +1,36 @@
-"""Validation of an identified vehicle on rig records that it was not fitted to."""
+"""Validation of an identified vehicle on rig records that it was not fitted to (6.5)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.experiment import channel
-from eightpost.ident.vehicle_validation.comparison import (
+from eightpost.ident.validation.comparison import (
     Comparison,
-    ErrorSpectrum,
     Judging,
+    Trend,
     compare,
-    error_spectrum,
     quantity,
+    trends_of,
     with_total,
 )
-from eightpost.ident.vehicle_validation.prediction import closed_at_ports, open_at_ports, ports_of
-from eightpost.ident.vehicle_validation.responses import Path, VehicleMode, main_paths, modes_of
-from eightpost.ident.vehicle_validation.steady import SineOutput, StaticOutput, sine_output, static_outputs
-from eightpost.ident.vehicle_validation.trends import Trend, trends_of
+from eightpost.ident.validation.prediction import closed_at_ports, open_at_ports, ports_of
+from eightpost.ident.validation.responses import Response, VehicleMode, main_paths, modes_of
+from eightpost.ident.validation.rig_record import RigRecord
+from eightpost.ident.validation.spectrum import ErrorSpectrum
+from eightpost.ident.validation.steady import SineOutput, StaticOutput, sine_output, static_outputs
+from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.experiment import channel
+from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
-from eightpost.vehicle import IdentifiedVehicle, add_port_damping
+from eightpost.vehicle import IdentifiedVehicle, StateSpace, Vehicle, add_port_damping
 
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle import VehicleFit
-    from eightpost.ident.vehicle_validation.record import RigRecord
-    from eightpost.shock import ShockLaw
-    from eightpost.vehicle import StateSpace, Vehicle
-
-    Ranges = Mapping[str, tuple[float, float]]
-
+Ranges = Mapping[str, tuple[float, float]]
 
 # ---- Check that a record stays within the amplitudes and frequencies that the tests of a fit covered ----------------
 
@@ -106,7 +102,7 @@ _LIFTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class VehicleCase:
     """Prediction of one record by the vehicle, compared with the measurement.
 
     Attributes:
@@ -128,7 +124,7 @@ class Case:
 
     record: RigRecord
     shocks: str
-    time: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    time: Array
     outputs: tuple[Comparison, ...] = ()
     without_friction: tuple[Comparison, ...] | None = None
     sines: tuple[SineOutput, ...] = ()
@@ -163,19 +159,19 @@ class VehicleValidation:
 
     fit: VehicleFit
     band: tuple[float, float]
-    cases: tuple[Case, ...]
+    cases: tuple[VehicleCase, ...]
     trends: tuple[Trend, ...]
-    paths: tuple[Path, ...]
+    paths: tuple[Response, ...]
     modes: tuple[VehicleMode, ...]
     compared_with: str
     judging: Judging
 
-    def of_kind(self, kind: str) -> tuple[Case, ...]:
+    def of_kind(self, kind: str) -> tuple[VehicleCase, ...]:
         """Return the cases of a kind of record."""
         return tuple(case for case in self.cases if case.record.kind == kind)
 
     @property
-    def independent(self) -> tuple[Case, ...]:
+    def independent(self) -> tuple[VehicleCase, ...]:
         """Cases that the criteria apply to: held-out records that are neither static nor too gentle."""
         return tuple(case for case in self.cases if case.outputs and not (case.is_fit_record or case.is_gentle))
 
@@ -230,11 +226,11 @@ class _Judge:
     judging: Judging
     shocks: Mapping[str, ShockLaw]
 
-    def case(self, record: RigRecord) -> Case:
+    def case(self, record: RigRecord) -> VehicleCase:
         """Predict one record and compare it with the measurement."""
         vehicle, laws = self.fit.vehicle, self._laws(record)
         predicted = _predict(vehicle, record.series, laws)
-        found = Case(
+        found = VehicleCase(
             record,
             "shock laws, ports closed" if laws else "measured shock forces",
             record.series.time,
@@ -304,8 +300,7 @@ class _Judge:
         if record.kind != "random":
             return {}
         rate, band = record.series.sample_rate, self.judging.band
-        spectra = {o.name: error_spectrum(o, rate, band) for o in outputs if o.is_judged}
-        return {name: found for name, found in spectra.items() if found is not None}
+        return {o.name: found for o in outputs if o.is_judged and (found := o.spectrum(rate, band))}
 
 
 def _predict(vehicle: IdentifiedVehicle, series: TimeSeries, laws: Mapping[str, ShockLaw] | None) -> TimeSeries:

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.ident.validation.comparison import Comparison, quantity
 from eightpost.ident.vehicle.stability import holds
-from eightpost.ident.vehicle_validation.comparison import quantity
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle_validation.comparison import Comparison
-    from eightpost.signals import TimeSeries
-
+from eightpost.signals import TimeSeries
 
 # ---- Sine records ---------------------------------------------------------------------------------------------------
 

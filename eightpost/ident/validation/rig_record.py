@@ -1,32 +1,24 @@
-"""Rig records that a vehicle is validated on."""
+"""Rig records that vehicles are validated on: their drive and kind of test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
+from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
+from eightpost.rig.post import RigConditions, RigTest
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import StateSpace
 
-if TYPE_CHECKING:
-    from eightpost.rig.post import RigConditions, RigTest
-    from eightpost.signals import TimeSeries
-    from eightpost.vehicle import StateSpace
-
-
-# ---- Recognition of the kind of test that a rig record contains, from its drive (6.1.3) -----------------------------
-
-Kind = Literal["random", "sine", "bump", "static"]
+# ---- Recognition of the kind of test from the drive (6.1.3) ---------------------------------------------------------
 
 #: Fraction of the road power within the relative width `_NEAR` of one frequency from which a record is a sine.
 _PURE, _NEAR = 0.9, 0.2
-
-#: Fraction of the time with a constant drive from which a record is a bump or a static test.
-_STANDING = 0.5
 
 #: An input is constant while it changes by less than this fraction of its range in `_LOOK` [s].
 _STILL, _LOOK = 0.01, 0.05
@@ -35,22 +27,7 @@ _STILL, _LOOK = 0.01, 0.05
 _AT_REST = 1e-4
 
 
-@dataclass(frozen=True, slots=True)
-class Recognition:
-    """Kind of a record, with the reason.
-
-    Attributes:
-        kind: `random` (track records too), `sine`, `bump` or `static`.
-        reason: Property of the drive that decided, as text.
-        frequency: Frequency of a sine [Hz]; None for the other kinds.
-    """
-
-    kind: Kind
-    reason: str
-    frequency: float | None = None
-
-
-def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) -> Recognition:
+def recognise_drive(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) -> Recognition:
     """Recognise the kind of test of a record without means.
 
     The kinds are tried in this order: static, if no road moves and the loads are constant at least half of the time;
@@ -65,7 +42,7 @@ def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) ->
     road = _rows(series, roads)
     if road.std(axis=1).max(initial=0.0) < _AT_REST:
         share = _standing(_rows(series, loads), series.sample_rate)
-        if share >= _STANDING:
+        if share >= STANDING:
             return Recognition("static", f"loads constant {100.0 * share:.0f} % of the time, roads at rest")
         return Recognition("random", "roads at rest, loads always moving")
     frequency, share = _one_frequency(road, series.sample_rate)
@@ -73,7 +50,7 @@ def recognise(series: TimeSeries, roads: Sequence[str], loads: Sequence[str]) ->
         reason = f"{100.0 * share:.0f} % of the roads' power is near {frequency:.3g} Hz"
         return Recognition("sine", reason, frequency)
     share = _standing(road, series.sample_rate)
-    if share >= _STANDING:
+    if share >= STANDING:
         return Recognition("bump", f"roads constant {100.0 * share:.0f} % of the time, with steps between")
     return Recognition("random", "roads always moving, at many frequencies")
 
@@ -108,34 +85,24 @@ def _standing(rows: Array, rate: float) -> float:
 RATE = 625.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigRecord:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RigRecord(Record):
     """A prepared rig test that a vehicle is compared with.
 
     Attributes:
-        name: Name of its file, or its number.
-        kind: Kind of test.
-        reason: Reason for the kind, as text.
         series: Channels at the simulation's rate, without means.
         means: Means by channel, SI.
         conditions: Conditions stated in the file.
-        digest: SHA-256 of its file; empty without one.
         notes: Notes of the preparation, a sentence each; lags and drifts are reported for random records only.
-        frequency: Frequency of a sine [Hz].
     """
 
-    name: str
-    kind: Kind
-    reason: str
     series: TimeSeries
     means: Mapping[str, float]
     conditions: RigConditions
-    digest: str
     notes: tuple[str, ...] = ()
-    frequency: float | None = None
 
 
-def record_of(test: RigTest, model: StateSpace, *, kind: Kind | None = None, name: str = "record") -> RigRecord:
+def rig_record(test: RigTest, model: StateSpace, *, kind: Kind | None = None, name: str = "record") -> RigRecord:
     """Return a rig test prepared for a comparison with a vehicle.
 
     Args:
@@ -157,21 +124,21 @@ def record_of(test: RigTest, model: StateSpace, *, kind: Kind | None = None, nam
     _check_channels(series, model, test, called)
     roads = [name for name in model.input_names if name.rpartition(".")[2] == "road"]
     loads = [n for n in model.input_names if n not in roads and n.rpartition(".")[2] != "force" and n in series]
-    found = recognise(series, roads, loads)
+    found = recognise_drive(series, roads, loads)
     if kind == "sine" and found.frequency is None:
         raise ParameterError(f"{called}: --kind says that it is a sine, but {found.reason}; omit --kind")
     if kind is not None and kind != found.kind:
         found = Recognition(kind, "kind given by the user", found.frequency)
     return RigRecord(
-        called,
-        found.kind,
-        found.reason,
-        series,
-        prepared.means[0],
-        test.conditions,
-        test.sha256,
-        (*(prepared.notes if found.kind == "random" else ()), *_missing_loads(series, model, called)),
-        found.frequency,
+        name=called,
+        kind=found.kind,
+        reason=found.reason,
+        frequency=found.frequency,
+        digest=test.sha256,
+        series=series,
+        means=prepared.means[0],
+        conditions=test.conditions,
+        notes=(*(prepared.notes if found.kind == "random" else ()), *_missing_loads(series, model, called)),
     )
 
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from eightpost.errors import ParameterError
+from eightpost.ident.validation.comparison import Comparison
+from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle_validation.comparison import Comparison
-    from eightpost.ident.vehicle_validation.study import Case, VehicleValidation
 
 ABOUT = "validation of the vehicle"
 
@@ -146,7 +143,7 @@ NO_LEVELS = Rule(
 RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
-def validation_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
+def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
     """Return the verdict on a vehicle that was compared with records."""
     limits = limits or Limits()
     reasons = [*_faults(study, limits), *_doubts(study)]
@@ -231,8 +228,8 @@ def _linear(study: VehicleValidation) -> Iterator[Reason]:
     for case in study.independent:
         for output in case.judged:
             spectrum = case.spectra.get(output.name)
-            if spectrum is not None and spectrum.linear > _LINEAR and output.error > _MATTERS:
-                found[output.name] = max(found.get(output.name, 0.0), spectrum.linear)
+            if spectrum is not None and spectrum.share > _LINEAR and output.error > _MATTERS:
+                found[output.name] = max(found.get(output.name, 0.0), spectrum.share)
     if found:
         figure = f"{100 * max(found.values()):.0f} % of its power; limit {100 * _LINEAR:g} %"
         yield LINEAR_ERROR.reason("an error is linear in the prediction", figure=figure, origin=listed(found))
@@ -251,12 +248,12 @@ def _best(study: VehicleValidation) -> str:
     return f"{len(study.independent)} records that it was not fitted to: {', '.join(parts)}"
 
 
-def _judged(study: VehicleValidation) -> Iterator[tuple[Case, Comparison]]:
+def _judged(study: VehicleValidation) -> Iterator[tuple[VehicleCase, Comparison]]:
     for case in study.independent:
         for found in case.judged:
             yield case, found
 
 
-def _counted(over: list[tuple[Case, Comparison]]) -> str:
+def _counted(over: list[tuple[VehicleCase, Comparison]]) -> str:
     records = len({id(case) for case, _ in over})
     return f"{len({found.name for _, found in over})} outputs on {records} record{'s' * (records > 1)}"

@@ -1,64 +1,18 @@
-"""Comparison of predicted with measured signals."""
+"""Comparison of predicted with measured outputs of a vehicle, in a record and over records."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import coherence, welch
+from scipy.stats import rankdata
 
 from eightpost.array_types import Array
 from eightpost.errors import TooShortError
+from eightpost.ident.validation.spectrum import ErrorSpectrum, error_spectrum
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
-
-# ---- Spectra of the prediction error, and the part of it that is linear in the prediction ---------------------------
-
-#: Length of Welch's blocks [s] and the minimum number of them (overlapping by half).
-_BLOCK, _FEWEST = 4.0, 6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorSpectrum:
-    """Spectra of an output and of the error of its prediction, one-sided.
-
-    Attributes:
-        frequency: Frequencies (K,) [Hz].
-        measured: Power spectral density of the measured output (K,) [unit^2/Hz].
-        error: Power spectral density of the error (K,) [unit^2/Hz].
-        coherence: Coherence of error and prediction (K,) [1]; near 1 if another gain or phase would have predicted it.
-        linear: Fraction of the error's power that is coherent with the prediction, corrected for bias [1].
-    """
-
-    frequency: Array
-    measured: Array
-    error: Array
-    coherence: Array
-    linear: float
-
-
-def error_spectrum(output: Comparison, rate: float, band: float) -> ErrorSpectrum | None:
-    """Return the spectra of an output's error; None if the record is too short for them.
-
-    Args:
-        output: Measured and predicted output.
-        rate: Sample rate [Hz].
-        band: Highest frequency [Hz].
-    """
-    block = round(_BLOCK * rate)
-    count = 2 * output.measured.size // block - 1
-    if count < _FEWEST or not output.predicted.any():
-        return None
-    error = output.measured - output.predicted
-    frequency, measured = welch(output.measured, fs=rate, nperseg=block)
-    density = welch(error, fs=rate, nperseg=block)[1]
-    coherent = coherence(error, output.predicted, fs=rate, nperseg=block)[1]
-    kept = (frequency > 0.0) & (frequency <= band)
-    unbiased = np.clip((count * coherent[kept] - 1.0) / (count - 1.0), 0.0, 1.0)
-    share = float(unbiased @ density[kept] / density[kept].sum()) if density[kept].any() else 0.0
-    return ErrorSpectrum(frequency[kept], measured[kept], density[kept], coherent[kept], share)
-
 
 # ---- Comparison of predicted and measured outputs in the band of the fit --------------------------------------------
 
@@ -76,6 +30,9 @@ _ORDER, _END = 4, 0.5
 
 #: Largest fraction of a record that is omitted for settling [1].
 _MOST_SETTLING = 0.25
+
+#: Length of Welch's blocks [s] and the minimum number of them (overlapping by half).
+_BLOCK, _FEWEST = 4.0, 6
 
 
 def quantity(name: str) -> str:
@@ -122,6 +79,21 @@ class Comparison:
         """Correlation of predicted and measured values [1]; 0 if the prediction is constant."""
         measured, predicted = self.rms
         return float(np.mean(self.measured * self.predicted) / (measured * predicted)) if predicted else 0.0
+
+    def spectrum(self, rate: float, band: float) -> ErrorSpectrum | None:
+        """Return the spectra of the error, and its coherence with the prediction.
+
+        The coherence is near 1 if another gain or phase would have predicted the error.
+
+        Args:
+            rate: Sample rate [Hz].
+            band: Highest frequency [Hz].
+        """
+        if not self.predicted.any():
+            return None
+        return error_spectrum(
+            self.measured, self.predicted, self.predicted, rate=rate, band=band, block=_BLOCK, fewest=_FEWEST
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,3 +150,83 @@ def _moving(measured: TimeSeries, names: Iterable[str]) -> set[str]:
     for name, size in sizes.items():
         largest[quantity(name)] = max(size, largest.get(quantity(name), 0.0))
     return {name for name, size in sizes.items() if size >= _QUIET * largest[quantity(name)]}
+
+
+# ---- Trends of RMS over records, which show whether the vehicle ranks setups as the rig does ------------------------
+
+#: Minimum number of records for a trend.
+FEWEST = 3
+
+#: Relative spread below which a measure has no trend.
+_FLAT = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trend:
+    """RMS of one output over records.
+
+    Attributes:
+        name: Name of the output.
+        unit: SI unit.
+        measured: Measured RMS of each record (R,).
+        predicted: Predicted RMS of each record (R,).
+    """
+
+    name: str
+    unit: str
+    measured: Array
+    predicted: Array
+
+    @property
+    def spread(self) -> float:
+        """Largest minus smallest measured RMS, over their mean [1]."""
+        return float(np.ptp(self.measured) / self.measured.mean())
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the records barely differ, so that their order is a matter of chance."""
+        return self.spread < _FLAT
+
+    @property
+    def correlation(self) -> float:
+        """Pearson correlation of predicted and measured RMS [1]."""
+        return _correlation(self.measured, self.predicted)
+
+    @property
+    def rank(self) -> float:
+        """Spearman rank correlation of predicted and measured RMS [1]."""
+        return _correlation(rankdata(self.measured), rankdata(self.predicted))
+
+    @property
+    def bias(self) -> float:
+        """Mean of predicted over measured RMS, minus one [1]; the trend may be right even if this level is wrong."""
+        return float(np.mean(self.predicted / self.measured) - 1.0)
+
+    @property
+    def remaining_error(self) -> float:
+        """Largest error of RMS relative to its mean over records [1]; the common level error is removed."""
+        return float(np.abs(self.predicted / self.predicted.mean() - self.measured / self.measured.mean()).max())
+
+
+def trends_of(records: Sequence[Sequence[Comparison]]) -> tuple[Trend, ...]:
+    """Return the trends of all judged outputs; empty for fewer than three records.
+
+    Args:
+        records: Comparisons of each record.
+    """
+    if len(records) < FEWEST:
+        return ()
+    by_name = [{output.name: output for output in outputs} for outputs in records]
+    names = [n for n, output in by_name[0].items() if output.is_judged and all(n in other for other in by_name)]
+    return tuple(_trend([outputs[name] for outputs in by_name]) for name in sorted(names, key=quantity))
+
+
+def _trend(outputs: Sequence[Comparison]) -> Trend:
+    measured, predicted = np.array([one.rms for one in outputs]).T
+    return Trend(outputs[0].name, outputs[0].unit, measured, predicted)
+
+
+def _correlation(first: Array, second: Array) -> float:
+    a, b = first - first.mean(), second - second.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0.0 else 0.0

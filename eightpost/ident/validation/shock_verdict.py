@@ -1,22 +1,14 @@
-"""Verdict of a validation and its notes."""
+"""Verdict on fitted shocks that were compared with records, and notes on the records."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from eightpost.ident.validation.evaluation import RandomValidation
+from eightpost.ident.validation.shocks import MOST_BEYOND, ShockCase, ShockValidation
 from eightpost.ident.validation.static import SETTLING, StaticValidation
-from eightpost.ident.validation.study import MOST_BEYOND
 from eightpost.units import convert
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
-
-if TYPE_CHECKING:
-    from eightpost.ident.validation.evaluation import Validation
-    from eightpost.ident.validation.study import Case, Outcome, ValidationStudy
-
-
-# ---- The verdict on fitted shocks compared with records -------------------------------------------------------------
 
 ABOUT = "validation of the shock"
 
@@ -96,12 +88,12 @@ MISSING_DYNAMICS = Rule(
 RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
-def validation_verdict(study: ValidationStudy, limit: float | None = None) -> Verdict:
+def shock_verdict(study: ShockValidation, limit: float | None = None) -> Verdict:
     """Return the verdict on a study with a limit [percent of standard deviation]; None: the default limits."""
     return Verdict((*_errors(study, limit), *_pairing(study), *_beyond(study), *_doubts(study)))
 
 
-def _errors(study: ValidationStudy, limit: float | None) -> Iterator[Reason]:
+def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
     largest, good = (LARGEST_ERROR, GOOD_ERROR) if limit is None else (limit, limit)
     judged = [(case.outcome.percent, case) for case in study.cases if case.outcome.percent is not None]
     limits = f"limit {largest:g} %" if largest == good else f"limits {good:g} and {largest:g} %"
@@ -115,7 +107,7 @@ def _errors(study: ValidationStudy, limit: float | None) -> Iterator[Reason]:
         yield _worst(SMALL_ERROR, "the shock predicts its records", judged, "error at most {:.3g} %", limits)
 
 
-def _pairing(study: ValidationStudy) -> Iterator[Reason]:
+def _pairing(study: ShockValidation) -> Iterator[Reason]:
     if alone := [record.name for record in study.records if not study.of_record(record)]:
         yield UNPAIRED.reason(
             "no shock predicts a record",
@@ -131,7 +123,7 @@ def _pairing(study: ValidationStudy) -> Iterator[Reason]:
         )
 
 
-def _beyond(study: ValidationStudy) -> Iterator[Reason]:
+def _beyond(study: ShockValidation) -> Iterator[Reason]:
     limits = f"limits {100 * SOME_BEYOND:g} and {100 * MOST_BEYOND:g} %"
     text = "a record is outside the fitted velocities: its error is that of the extrapolation"
     mostly = [(100.0 * c.outcome.beyond, c) for c in study.cases if c.is_mostly_beyond]
@@ -141,11 +133,11 @@ def _beyond(study: ValidationStudy) -> Iterator[Reason]:
             yield _worst(rule, text, found, "{:.2g} % of the samples", limits)
 
 
-def _doubts(study: ValidationStudy) -> Iterator[Reason]:
-    offsets: list[tuple[float, Case]] = []
-    coherent: list[tuple[float, Case]] = []
+def _doubts(study: ShockValidation) -> Iterator[Reason]:
+    offsets: list[tuple[float, ShockCase]] = []
+    coherent: list[tuple[float, ShockCase]] = []
     for case in study.cases:
-        prediction = prediction_of(case.outcome)
+        prediction = case.prediction
         if prediction and prediction.offset**2 > OFFSET * prediction.rms**2 and prediction.percent > 1.0:
             offsets.append((convert(prediction.offset, "N", "lbf"), case))
         if isinstance(case.outcome, RandomValidation) and case.outcome.residual:
@@ -158,32 +150,27 @@ def _doubts(study: ValidationStudy) -> Iterator[Reason]:
         yield _worst(MISSING_DYNAMICS, "a residual is coherent with the velocity", coherent, "{:.0f} % of it", limits)
 
 
-def _worst(rule: Rule, text: str, found: Sequence[tuple[float, Case]], figure: str, limits: str) -> Reason:
+def _worst(rule: Rule, text: str, found: Sequence[tuple[float, ShockCase]], figure: str, limits: str) -> Reason:
     """Return one reason for all cases of a kind: the figure of the worst, the origins of all, the worst first."""
     ordered = sorted(found, key=lambda pair: -abs(pair[0]))
     places = listed(_place(case) for _, case in ordered)
     return rule.reason(text, figure=f"{figure.format(ordered[0][0])}; {limits}", origin=places)
 
 
-def _place(case: Case) -> str:
+def _place(case: ShockCase) -> str:
     return f"{case.label} on {case.record.name}"
-
-
-def prediction_of(outcome: Outcome) -> Validation | None:
-    """Return the prediction over time; None for a static record."""
-    return None if isinstance(outcome, StaticValidation) else outcome.prediction
 
 
 # ---- Notes on a validation that a reader should know, one sentence each ---------------------------------------------
 
 
-def notes_on(study: ValidationStudy) -> tuple[str, ...]:
+def notes_on(study: ShockValidation) -> tuple[str, ...]:
     """Return how records were treated and which shocks were compared with no record; the verdict has the rest."""
     treated = dict.fromkeys(note for case in study.cases for note in _changes(case))
     return (*treated, *study.unpaired)
 
 
-def _changes(case: Case) -> list[str]:
+def _changes(case: ShockCase) -> list[str]:
     """Return departures from the dissertation's treatment of a record."""
     outcome = case.outcome
     if isinstance(outcome, StaticValidation):
@@ -193,7 +180,7 @@ def _changes(case: Case) -> list[str]:
                 f"from {SETTLING:g} s on"
             ]
         return []
-    prediction = prediction_of(outcome)
+    prediction = case.prediction
     changes = prediction.changes if prediction else ()
     # The segment of a sine or a bump follows from its kind, as does a bump's low-pass; the transition of the curve
     # matters only for a fit.

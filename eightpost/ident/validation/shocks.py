@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.bump import BumpValidation, validate_bump
-from eightpost.ident.validation.evaluation import RandomValidation, validate_random
-from eightpost.ident.validation.record import configuration_of
+from eightpost.ident.validation.dyno_record import DynoRecord
+from eightpost.ident.validation.evaluation import RandomValidation, Validation, validate_random
+from eightpost.ident.validation.printed import configuration_of
 from eightpost.ident.validation.sine import SineValidation, validate_sine
 from eightpost.ident.validation.static import StaticValidation, validate_static
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from eightpost.ident.validation.record import Record
-    from eightpost.shock import Shock
+from eightpost.shock import Shock
 
 Outcome = RandomValidation | SineValidation | StaticValidation | BumpValidation
+
+_Kind = TypeVar("_Kind", RandomValidation, SineValidation, StaticValidation, BumpValidation)
 
 #: If more than this share of a record is outside the fitted velocities, its error says little about the fit.
 MOST_BEYOND = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class ShockCase:
     """The result of a shock on a record.
 
     Attributes:
@@ -39,7 +38,7 @@ class Case:
 
     label: str
     shock: Shock
-    record: Record
+    record: DynoRecord
     outcome: Outcome
     is_fit_record: bool
 
@@ -48,9 +47,19 @@ class Case:
         """Whether more than a fifth of the record is outside the fitted velocities."""
         return self.outcome.beyond > MOST_BEYOND
 
+    def outcome_as(self, kind: type[_Kind]) -> _Kind:
+        """Return the outcome, which must be of the given type."""
+        assert isinstance(self.outcome, kind)
+        return self.outcome
+
+    @property
+    def prediction(self) -> Validation | None:
+        """The prediction over time; None for a static record."""
+        return None if isinstance(self.outcome, StaticValidation) else self.outcome.prediction
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ValidationStudy:
+class ShockValidation:
     """The results of shocks on records.
 
     Attributes:
@@ -61,26 +70,28 @@ class ValidationStudy:
     """
 
     shocks: dict[str, Shock]
-    records: tuple[Record, ...]
-    cases: tuple[Case, ...]
+    records: tuple[DynoRecord, ...]
+    cases: tuple[ShockCase, ...]
     unpaired: tuple[str, ...]
 
-    def of_kind(self, kind: str) -> tuple[tuple[Record, tuple[Case, ...]], ...]:
+    def of_kind(self, kind: str) -> tuple[tuple[DynoRecord, tuple[ShockCase, ...]], ...]:
         """Return the records of a kind that have cases, with these cases."""
         found = [(record, self.of_record(record)) for record in self.records if record.kind == kind]
         return tuple((record, cases) for record, cases in found if cases)
 
-    def of_shock(self, label: str) -> ValidationStudy:
+    def of_shock(self, label: str) -> ShockValidation:
         """Return the part of the study that concerns one shock, with the records that it was compared with."""
         cases = tuple(case for case in self.cases if case.label == label)
         return replace(self, shocks={label: self.shocks[label]}, records=tuple(c.record for c in cases), cases=cases)
 
-    def of_record(self, record: Record) -> tuple[Case, ...]:
+    def of_record(self, record: DynoRecord) -> tuple[ShockCase, ...]:
         """Return the cases of a record."""
         return tuple(case for case in self.cases if case.record is record)
 
 
-def validate(shocks: Sequence[Shock], records: Sequence[Record], *, cutoff: float | None = None) -> ValidationStudy:
+def validate_shocks(
+    shocks: Sequence[Shock], records: Sequence[DynoRecord], *, cutoff: float | None = None
+) -> ShockValidation:
     """Validate shocks on records (3.4).
 
     A shock is compared with a record unless both state a condition (configuration, build, clicks, gas pressure) and
@@ -98,7 +109,7 @@ def validate(shocks: Sequence[Shock], records: Sequence[Record], *, cutoff: floa
     if not shocks or not records:
         raise ParameterError(f"a validation needs a shock and a record; got {len(shocks)} and {len(records)}")
     labelled = _labelled(shocks)
-    cases: list[Case] = []
+    cases: list[ShockCase] = []
     unpaired: list[str] = []
     for record in records:
         for label, shock in labelled.items():
@@ -107,11 +118,11 @@ def validate(shocks: Sequence[Shock], records: Sequence[Record], *, cutoff: floa
                 continue
             outcome = _outcome(shock, record, cutoff)
             fitted = {entry.get("sha256") for entry in shock.inputs}
-            cases.append(Case(label, shock, record, outcome, record.digest in fitted))
-    return ValidationStudy(labelled, tuple(records), tuple(cases), tuple(unpaired))
+            cases.append(ShockCase(label, shock, record, outcome, record.digest in fitted))
+    return ShockValidation(labelled, tuple(records), tuple(cases), tuple(unpaired))
 
 
-def _outcome(shock: Shock, record: Record, cutoff: float | None) -> Outcome:
+def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None) -> Outcome:
     match record.kind:
         case "random":
             return validate_random(shock, record, cutoff=cutoff)
@@ -123,7 +134,7 @@ def _outcome(shock: Shock, record: Record, cutoff: float | None) -> Outcome:
             return validate_static(shock, record)
 
 
-def mismatch(shock: Shock, record: Record) -> str | None:
+def mismatch(shock: Shock, record: DynoRecord) -> str | None:
     """Return the condition that differs between a shock and a record, or None; both must state it to differ."""
     mine, other = dict(shock.conditions), record.conditions
     number = configuration_of(mine)
@@ -146,7 +157,7 @@ def law_title(law: str) -> str:
     return law.upper() if any(letter.isdigit() for letter in law) else law.capitalize()
 
 
-def names_of(cases: Sequence[Case]) -> tuple[str, ...]:
+def names_of(cases: Sequence[ShockCase]) -> tuple[str, ...]:
     """Return a name for the shock of each case: its law if the laws differ, else the whole label."""
     laws = tuple(law_title(case.shock.law_name) for case in cases)
     return laws if len(set(laws)) == len(laws) else tuple(case.label for case in cases)

@@ -1,0 +1,219 @@
+"""Dynamometer records that shocks are validated on: their motion, kind of test and configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import label, uniform_filter1d
+from scipy.optimize import minimize_scalar
+
+from eightpost.array_types import Array
+from eightpost.ident.shock.record import single_frequency
+from eightpost.ident.shock.result import digest_of
+from eightpost.ident.validation.printed import checked, conditions_of_test, configuration_of, configuration_of_file
+from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.signals import TimeSeries
+from eightpost.units import convert
+
+Mask = NDArray[np.bool_]
+
+# ---- Analysis of a record's motion ----------------------------------------------------------------------------------
+
+#: A record stands still where its displacement changes by less than this share of its stroke within a window.
+_STANDS = 0.01
+
+#: Length of the window as a share of the record, and its minimum [s].
+_WINDOW, _SHORTEST_WINDOW = 1.0 / 200.0, 0.05
+
+
+def displacement_of(series: TimeSeries) -> Array:
+    """Return the displacement (N,) [m]; if it was not measured, the integral of the velocity minus its mean."""
+    if "displacement" in series:
+        return series["displacement"]
+    velocity = series["velocity"]
+    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
+
+
+def standing(series: TimeSeries) -> Mask:
+    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke.
+
+    Args:
+        series: `displacement` [m], or `velocity` [m/s] to integrate.
+    """
+    half = _half_window(series)
+    # Means over a quarter of the window keep the sensor's noise from being taken for motion.
+    smooth = uniform_filter1d(displacement_of(series), max(1, half // 2), mode="nearest")
+    padded = np.pad(smooth, half, mode="edge")
+    return np.asarray(np.abs(padded[2 * half :] - padded[: -2 * half]) < _STANDS * np.ptp(smooth))
+
+
+def _half_window(series: TimeSeries) -> int:
+    window = max(_WINDOW * series.duration, _SHORTEST_WINDOW)
+    return max(1, round(0.5 * window * series.sample_rate))
+
+
+def stretches(mask: Mask) -> list[tuple[int, int]]:
+    """Return the first and last sample of every run of true values of a mask (N,)."""
+    labels, count = label(mask)
+    starts = np.flatnonzero(np.diff(labels, prepend=0) > 0) if count else np.empty(0, int)
+    ends = np.flatnonzero(np.diff(labels, append=0) < 0) if count else np.empty(0, int)
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def moving_part(series: TimeSeries) -> TimeSeries:
+    """Return a record without standstill at its beginning and end."""
+    moves, half = np.flatnonzero(~standing(series)), _half_window(series)
+    if moves.size < 3:
+        return series
+    first, last = int(moves[0]), int(moves[-1])
+    # Anything within half a window of a motion counts as moving.
+    first, last = first + half * (first > half), last - half * (last < len(series) - 1 - half)
+    return series if last - first < half else series.window(float(series.time[first]), float(series.time[last]))
+
+
+def refined_frequency(values: Array, time: Array, near: float) -> float:
+    """Return the frequency [Hz] of the sine that fits values (N,) best, within 15 % of a first estimate [Hz]."""
+
+    def misfit(frequency: float) -> float:
+        phase = 2.0 * np.pi * frequency * (time - time[0])
+        columns = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
+        return float(np.linalg.lstsq(columns, values, rcond=None)[1].sum())
+
+    # The misfit has local minima one period over the whole record apart, so a grid is searched first.
+    grid = np.linspace(0.85 * near, 1.15 * near, 61)
+    best = int(np.argmin([misfit(frequency) for frequency in grid]))
+    step = float(grid[1] - grid[0])
+    found = minimize_scalar(misfit, bounds=(float(grid[best]) - step, float(grid[best]) + step), method="bounded")
+    return float(found.x)
+
+
+# ---- Recognition of the kind of test from the motion (3.2.3) --------------------------------------------------------
+
+#: Minimum number of periods for a record with one frequency to be a sine test.
+_PERIODS = 1.8
+
+#: Limit between the dissertation's static test (0.2 in/s) and its bump (30 in/s) [m/s].
+SLOW = convert(1.0, "in/s", "m/s")
+
+#: Maximum number of samples used for the recognition.
+_ENOUGH = 40_000
+
+
+def recognise_motion(test: DynoTest) -> Recognition:
+    """Return the kind of test of a record.
+
+    The rules are applied in this order:
+
+    1. sine: in its part between the first and the last motion, at least 1.8 periods, and 90 % of the velocity's power
+       within 20 % of one frequency;
+    2. static: it stands still at least half of the time and is never faster than 1 in/s (Fig 3.12: 0.2 in/s);
+    3. bump: it stands still at least half of the time and is faster (Fig 3.13: 30 in/s);
+    4. random: everything else, including track records.
+
+    Args:
+        test: Test with displacement; if displacement is missing, the velocity is integrated.
+    """
+    series = _coarse(test.series)
+    frequency = frequency_of(series)
+    if frequency is not None:
+        return Recognition("sine", f"one frequency, {frequency:.4g} Hz", frequency)
+    share = float(np.mean(standing(series)))
+    if share < STANDING:
+        return Recognition("random", f"moves {100.0 * (1.0 - share):.0f} % of the time, at many frequencies")
+    speed = _speed(series)
+    stands = f"stands still {100.0 * share:.0f} % of the time, moves at up to {convert(speed, 'm/s', 'in/s'):.2g} in/s"
+    return Recognition("static" if speed < SLOW else "bump", stands)
+
+
+def frequency_of(series: TimeSeries) -> float | None:
+    """Return the frequency [Hz] of a record that is a sine, else None."""
+    part = moving_part(series)
+    coarse = single_frequency(part["velocity"], part.sample_rate)
+    if coarse is None or coarse * part.duration < _PERIODS:
+        return None
+    if coarse * part.duration > 3.0:  # the first and last half period may include standstill
+        part = part.window(float(part.time[0]) + 0.5 / coarse, float(part.time[-1]) - 0.5 / coarse)
+    return refined_frequency(displacement_of(part), part.time, coarse)
+
+
+def _coarse(series: TimeSeries) -> TimeSeries:
+    """Return a long record averaged over blocks of samples; the rate stays at 200 Hz or more."""
+    even = series if series.is_uniform else series.resample(series.sample_rate)
+    count = min(len(even) // _ENOUGH + 1, max(1, int(even.sample_rate // 200.0)))
+    return block_means(even, count)
+
+
+def block_means(series: TimeSeries, count: int) -> TimeSeries:
+    """Return the means of every `count` samples, at the mean of their times."""
+    if count < 2:
+        return series
+    whole = len(series) // count * count
+    values = series.values[:, :whole].reshape(len(series.names), -1, count).mean(axis=2)
+    time = series.time[:whole].reshape(-1, count).mean(axis=1)
+    return type(series)(time, values, series.names, series.units)
+
+
+def _speed(series: TimeSeries) -> float:
+    """Return the peak speed [m/s] of means over 5 ms, so that noise of the velocity sensor has no effect."""
+    count = max(1, int(0.005 * series.sample_rate))
+    return float(np.abs(block_means(series, count)["velocity"]).max())
+
+
+# ---- A dynamometer record with its kind and its configuration -------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DynoRecord(Record):
+    """A dynamometer record.
+
+    Attributes:
+        test: Measured test.
+        configuration: Configuration 1 to 12 of Table 3.1; None if unknown.
+    """
+
+    test: DynoTest
+    configuration: int | None
+
+    @property
+    def conditions(self) -> Mapping[str, Any]:
+        """The known conditions of the shock in the record, under the names of a shock file."""
+        stated = conditions_of_test(self.test)
+        return stated | {"configuration": self.configuration} if self.configuration else stated
+
+
+def dyno_record(
+    test: DynoTest, *, name: str | None = None, kind: Kind | None = None, configuration: int | None = None
+) -> DynoRecord:
+    """Return a record; its kind is recognised if it is not given.
+
+    Args:
+        test: Measured test.
+        name: Display name; default the file's name.
+        kind: Kind of the test, which replaces the recognised one.
+        configuration: Configuration, which replaces that of the conditions and of a note in the file.
+
+    Raises:
+        ParameterError: The configuration is not a number from 1 to 12.
+    """
+    known = _stated(test) if configuration is None else checked(configuration)
+    seen = Recognition(kind, "given by the user") if kind else recognise_motion(test)
+    return DynoRecord(
+        name=name or (test.source.stem if test.source else "record"),
+        kind=seen.kind,
+        reason=seen.reason,
+        frequency=seen.frequency,
+        digest=digest_of(test),
+        test=test,
+        configuration=known,
+    )
+
+
+def _stated(test: DynoTest) -> int | None:
+    known = configuration_of(conditions_of_test(test))
+    return configuration_of_file(test.source) if known is None and test.source and test.source.is_file() else known

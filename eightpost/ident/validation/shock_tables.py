@@ -1,0 +1,186 @@
+"""Tables of a validation of shocks, for the terminal and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeVar
+
+from eightpost.ident.validation.bump import BumpValidation
+from eightpost.ident.validation.evaluation import RandomValidation
+from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
+from eightpost.ident.validation.shocks import ShockCase, ShockValidation, law_title, names_of
+from eightpost.ident.validation.sine import SineValidation
+from eightpost.ident.validation.static import StaticValidation
+from eightpost.report.tables import ResultTable
+from eightpost.units import convert
+
+_Outcome = TypeVar("_Outcome", RandomValidation, StaticValidation, BumpValidation)
+
+# ---- Our errors -----------------------------------------------------------------------------------------------------
+
+
+def random_table(study: ShockValidation) -> ResultTable:
+    """Return the errors on the random records (Table 3.5, with percentages as in Table 3.4)."""
+    columns = ("record", "shock", "RMS error [N]", "% of std", "% less than static", "offset [N] .2",
+               "beyond fit, % .2", "coherent, % .2")  # fmt: skip
+    rows = (
+        (case.record.name, case.label, found.rms, found.percent, _reduction(case, study.of_record(case.record)),
+         found.prediction.offset, 100.0 * found.beyond, 100.0 * found.residual.share if found.residual else None)
+        for case, found in _outcomes(study, RandomValidation)
+    )  # fmt: skip
+    return ResultTable.of("Random records", columns, rows)
+
+
+def sine_groups(study: ShockValidation) -> tuple[list[tuple[ShockCase, ...]], ...]:
+    """Return the cases of each sine record by configuration and shocks; the largest first, then the slowest."""
+    groups: dict[tuple[int | None, tuple[str, ...]], list[tuple[ShockCase, ...]]] = {}
+    for record, cases in study.of_kind("sine"):
+        groups.setdefault((record.configuration, tuple(case.label for case in cases)), []).append(cases)
+    for rows in groups.values():
+        rows.sort(key=lambda cases: (-round(sine(cases[0]).amplitude, 4), sine(cases[0]).speed))
+    return tuple(groups.values())
+
+
+def sine(case: ShockCase) -> SineValidation:
+    """Return the outcome of a case on a sine record."""
+    return case.outcome_as(SineValidation)
+
+
+def sine_table(rows: list[tuple[ShockCase, ...]]) -> ResultTable:
+    """Return the error at each amplitude and velocity (Table 3.3, Fig 3.20), for each shock."""
+    columns = ["record", "amplitude [m] .2", "peak speed [m/s]", "frequency, Hz"]
+    columns += [head for name in names_of(rows[0]) for head in (f"{name}: RMS [N]", "% of std")]
+    body = (
+        (cases[0].record.name, first.amplitude, first.speed, first.frequency,
+         *(figure for case in cases for figure in (case.outcome.rms, case.outcome.percent)))
+        for cases in rows for first in [sine(cases[0])]
+    )  # fmt: skip
+    return ResultTable.of(f"Sines of {_dampers(rows)}: error", columns, body)
+
+
+def loop_tables(rows: list[tuple[ShockCase, ...]]) -> Iterator[ResultTable]:
+    """Yield hysteresis and energy of each loop, and its peak forces, measured and by each shock."""
+    hysteresis = {"hysteresis": ("hysteresis", "N"), "energy": ("energy per period", "J")}
+    peaks = {"compression_peak": ("peak in compression", "N"), "rebound_peak": ("peak in rebound", "N")}
+    for title, figures in (("hysteresis and energy", hysteresis), ("peak forces", peaks)):
+        columns = ["record"]
+        for name, unit in figures.values():
+            columns += [f"{name}: measured [{unit}]", *(f"{law} [{unit}]" for law in names_of(rows[0]))]
+        body = []
+        for cases in rows:
+            loops = [sine(cases[0]).measured, *(sine(case).predicted for case in cases)]
+            body.append((cases[0].record.name, *(getattr(loop, figure) for figure in figures for loop in loops)))
+        yield ResultTable.of(f"Sines of {_dampers(rows)}: {title}", columns, body)
+
+
+def static_table(study: ShockValidation) -> ResultTable:
+    """Return rates and drag of the static records (3.4.3)."""
+    columns = ("record", "holds .1", "rate in compression [N/m]", "in rebound [N/m]", "gas rate [N/m]",
+               "hysteresis [N]", "seal drag [N]", "shock", "predicted gas rate [N/m]", "RMS error [N]")  # fmt: skip
+    rows = (
+        (case.record.name, len(found.holds), found.compression_rate, found.rebound_rate, found.gas_rate,
+         found.hysteresis, found.seal_drag, case.label, found.predicted_rate, found.rms)
+        for case, found in _outcomes(study, StaticValidation)
+    )  # fmt: skip
+    return ResultTable.of("Static records", columns, rows)
+
+
+def bump_table(study: ShockValidation) -> ResultTable:
+    """Return peak forces and errors of the bumps (3.4.4)."""
+    columns = ("record", "at, s", "speed [m/s]", "measured peak [N]", "shock", "predicted peak [N]",
+               "peak error, % .2", "RMS error [N]", "whole record: % of std")  # fmt: skip
+    rows = (
+        (case.record.name, event.start, event.speed, event.measured_peak, case.label, event.predicted_peak,
+         event.peak_error, event.rms, found.percent)
+        for case, found in _outcomes(study, BumpValidation) for event in found.events
+    )  # fmt: skip
+    return ResultTable.of("Bump records", columns, rows)
+
+
+def _outcomes(study: ShockValidation, kind: type[_Outcome]) -> Iterator[tuple[ShockCase, _Outcome]]:
+    return ((case, case.outcome) for case in study.cases if isinstance(case.outcome, kind))
+
+
+def _dampers(rows: list[tuple[ShockCase, ...]]) -> str:
+    return ", ".join(dict.fromkeys(case.shock.name for case in rows[0]))
+
+
+# ---- Our errors next to the printed ones ----------------------------------------------------------------------------
+
+
+def table_3_4(study: ShockValidation) -> ResultTable:
+    """Return our fits below the printed ones (Table 3.4); the times are of two machines 20 years apart."""
+    columns = ("", "law", "fit error [N]", "% less than static", "% of std", "fit, s .2", "evaluation, s .2")
+    title = printed_configuration(TABLE_3_4_CONFIGURATION).title
+    rows: list[tuple[str | float | None, ...]] = [
+        (f"printed: {title}", law_title(law), convert(row.rms_lbf, "lbf", "N"), row.percent_less_than_static,
+         row.percent_of_deviation, row.fit_seconds, row.evaluation_seconds)
+        for law, row in TABLE_3_4.items()
+    ]  # fmt: skip
+    static = {s.name: s.fit.get("rms [N]") for s in study.shocks.values() if s.law_name == "polylinear"}
+    for label, shock in study.shocks.items():
+        rms, floor = shock.fit.get("rms [N]"), static.get(shock.name)
+        less = 100.0 * (1.0 - rms / floor) if rms and floor and shock.law_name != "polylinear" else None
+        seconds = shock.fit.get("seconds", shock.fit.get("seconds [s]"))
+        evaluation = [p.seconds for case, found in _outcomes(study, RandomValidation) if case.label == label
+                      for p in [found.prediction]]  # fmt: skip
+        rows.append((f"ours: {shock.name}", law_title(shock.law_name), rms, less, shock.fit.get("percent"), seconds,
+                     min(evaluation, default=None)))  # fmt: skip
+    return ResultTable.of("Fits, as Table 3.4", columns, rows)
+
+
+def table_3_5(study: ShockValidation) -> ResultTable:
+    """Return the random errors of each configuration, printed and ours (Table 3.5)."""
+    ours = _by_configuration(study)
+    laws = list(dict.fromkeys([*TABLE_3_4, *(law for found in ours.values() for law in found)]))
+    columns = ["no.", "configuration"]
+    columns += [head for law in laws for head in (f"{law_title(law)}: printed [N]", "ours [N]")]
+    columns += [f"{law_title(law)} % less: {which}" for law in laws[1:] for which in ("printed", "ours")]
+    rows = []
+    for printed in CONFIGURATIONS:
+        both = _printed(printed.number), ours.get(printed.number, {})
+        errors = (found.get(law) for law in laws for found in both)
+        less = (_less(found, law) for law in laws[1:] for found in both)
+        rows.append((str(printed.number), printed.title, *errors, *less))
+    return ResultTable.of("RMS errors on random records, as Table 3.5", columns, rows)
+
+
+def beside_printed(study: ShockValidation) -> ResultTable:
+    """Return Table 3.5 for a terminal: a row for each configuration and law that was validated."""
+    columns = ("configuration", "law", "printed [N]", "ours [N]", "% less: printed", "ours")
+    rows = []
+    for number, mine in sorted(_by_configuration(study).items()):
+        printed = _printed(number)
+        for law, rms in mine.items():
+            less = (None, None) if law == "polylinear" else (_less(printed, law), _less(mine, law))
+            title = f"{number}: {printed_configuration(number).title}"
+            rows.append((title, law_title(law), printed.get(law), rms, *less))
+    return ResultTable.of("Random records compared with Table 3.5", columns, rows)
+
+
+def _reduction(case: ShockCase, cases: tuple[ShockCase, ...]) -> float | None:
+    """Return the reduction of a case's error from that of the static curve of the same shock [percent]."""
+    static = [c for c in cases if c.shock.law_name == "polylinear" and c.shock.name == case.shock.name]
+    if not static or case.shock.law_name == "polylinear":
+        return None
+    return 100.0 * (1.0 - case.outcome.rms / static[0].outcome.rms)
+
+
+def _printed(number: int) -> dict[str, float]:
+    """Return the printed errors [N] of a configuration by law."""
+    return {law: convert(error, "lbf", "N") for law, error in printed_configuration(number).rms_lbf.items()}
+
+
+def _by_configuration(study: ShockValidation) -> dict[int, dict[str, float]]:
+    """Return RMS errors [N] by configuration and law, on the first record that the law was not fitted to."""
+    found: dict[int, dict[str, float]] = {}
+    for case, outcome in _outcomes(study, RandomValidation):
+        if case.record.configuration is not None and not case.is_fit_record:
+            found.setdefault(case.record.configuration, {}).setdefault(case.shock.law_name, outcome.rms)
+    return found
+
+
+def _less(errors: dict[str, float], law: str) -> float | None:
+    if law not in errors or "polylinear" not in errors:
+        return None
+    return 100.0 * (1.0 - errors[law] / errors["polylinear"])

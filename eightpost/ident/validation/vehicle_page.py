@@ -1,0 +1,418 @@
+"""Self-contained HTML page of a vehicle's validation, for the screen and for print: its sections and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array, Complex
+from eightpost.ident.validation.comparison import Comparison, Trend, quantity
+from eightpost.ident.validation.responses import Response
+from eightpost.ident.validation.steady import SineOutput
+from eightpost.ident.validation.vehicle_tables import (
+    certainty_table,
+    friction_table,
+    mode_table,
+    outputs_table,
+    overview,
+    path_table,
+    port_table,
+    sine_table,
+    static_table,
+    trend_table,
+)
+from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
+from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
+from eightpost.ident.vehicle.trust import Orders
+from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid
+from eightpost.report.page import Block, Section, digest, document, write_page
+from eightpost.report.tables import NONE, text_table
+
+# ---- Sections -------------------------------------------------------------------------------------------------------
+
+#: Maximum number of records of a kind that are plotted; with a hundred the page would not open.
+_MOST = 12
+
+_JUDGED = "They apply to shock velocities, tire forces, their sum and ride heights, if they move."
+_TRENDS = (
+    "A setup study needs the order of setups and their differences more than their levels. A level error that is the "
+    "same for all records leaves the rank correlation at 1. The error without the common level is the largest error of "
+    "a record's RMS relative to the mean of all records. Records with different drives also differ by their roads."
+)
+_MODES = "Oscillating modes around the baseline damping. The MAC is computed over the outputs that both cars have."
+_VEHICLE = Markup(
+    "<p>The vehicle <strong>{}</strong>: recipe {}, {} states, fitted from {:.3g} to {:.3g} Hz. Measurement and "
+    "prediction pass the same zero-phase low-pass at {:.3g} Hz. The first {:.3g} s (at most a quarter) of each record "
+    "and the means are omitted. “Error” is the RMS of measured minus predicted, over the measured RMS.</p>"
+)
+
+
+def write_vehicle_page(
+    path: str | Path, study: VehicleValidation, *, limits: Limits | None = None, title: str = "Vehicle validation"
+) -> Path:
+    """Write a vehicle's validation as an interactive page; an existing file is replaced only when it is complete.
+
+    Args:
+        path: File to write, such as out/car.html.
+        study: Result of the validation.
+        limits: Limits of the verdict.
+        title: Heading of the page.
+
+    Returns:
+        Path of the file.
+    """
+    limits = limits or Limits()
+    sections = [*_vehicle_sections(study, limits), _vehicle_notes(study), _vehicle_origins(study)]
+    return write_page(
+        path, document(title, vehicle_verdict(study, limits), sections, lead=f"{limits.summary()} {_JUDGED}")
+    )
+
+
+def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
+    fit = study.fit
+    levels = [_level_figure(study, limits)] if any(case.judged for case in study.cases) else []
+    yield Section("records", "Records", [overview(study), *levels])
+    if study.trends:
+        drawn = [_trend_figure(study.trends), _correlation_figure(study.trends)]
+        yield Section("trends", "Setups: trends and levels", [_TRENDS, trend_table(study), *drawn])
+    yield from _kinds(study)
+    friction = friction_table(study)
+    if friction.rows:
+        forces = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in fit.vehicle.friction.items())
+        text = f"The identification found friction at the ports: {forces}. Errors of the model with and without it:"
+        yield Section("friction", "Friction", [text, friction, port_table(fit)])
+    if static := study.of_kind("static"):
+        drawn = [_static_figure(case) for case in static if case.holds]
+        yield Section("static", "Static records", [_static(study), static_table(study), *drawn])
+    yield Section("responses", "Responses", [path_table(study), *_response_figures(study.paths)])
+    yield Section("modes", "Modes", [_MODES, mode_table(study)])
+    if trust := fit.trust:
+        blocks: list[Block] = [" ".join(trust.flags.values()) or "The fit found no nonlinear effect in the car."]
+        blocks += [certainty_table(fit)] if trust.outputs else []
+        blocks += [] if friction.rows else [port_table(fit)]
+        blocks += [] if trust.orders is None else [_order_figure(trust.orders)]
+        yield Section("fit", "Self-assessment of the fit", blocks)
+
+
+def _kinds(study: VehicleValidation) -> Iterator[Section]:
+    """Yield the sections of random, sine and bump records: figures of the first records, then the tables of all."""
+    headings = {"random": "Random and track records", "sine": "Sine records", "bump": "Bump records"}
+    for kind, heading in headings.items():
+        cases = study.of_kind(kind)
+        first = cases[:_MOST]
+        blocks: list[Block] = [_sine_figure(cases)] if kind == "sine" and cases else []
+        blocks += [_time_figure(case) for case in first]
+        blocks += [_spectrum_figure(case) for case in first if case.spectra]
+        blocks += [sine_table(study)] if kind == "sine" else [outputs_table(case) for case in cases]
+        more = [f"The first {_MOST} of {len(cases)} records are plotted."] if len(cases) > _MOST else []
+        if cases:
+            yield Section(kind, heading, [*more, *blocks])
+
+
+def _static(study: VehicleValidation) -> str:
+    low = study.band[0]
+    if low <= 0.0:
+        return "The fit includes 0 Hz."
+    return (
+        f"The fit begins at {low:.3g} Hz, so the model's static gain is extrapolated. Friction also holds the car "
+        "between two levels. Static records are therefore shown, but no criterion applies to them."
+    )
+
+
+def _vehicle_notes(study: VehicleValidation) -> Section:
+    headings = [Markup("<h3>{}</h3>").format(f"About the {what}") for what in ("records", "fit")]
+    notes = tuple(note for case in study.cases for note in case.extrapolations + case.notes)
+    return Section("notes", "Notes", [headings[0], notes, headings[1], tuple(study.fit.notes)])
+
+
+def _vehicle_origins(study: VehicleValidation) -> Section:
+    fit, judging = study.fit, study.judging
+    text = _VEHICLE.format(fit.vehicle.name, fit.recipe, fit.states, *study.band, judging.band, judging.settling)
+
+    def row(case: VehicleCase) -> tuple[str, ...]:
+        record = case.record
+        shocks = ", ".join(record.conditions.shocks) or NONE
+        return record.name, record.kind, record.reason, shocks, digest(record.digest or NONE)
+
+    columns = ("record", "kind", "reason", "shocks, as named in the file", "SHA-256")
+    sources = tuple((name, digest(one)) for name, one in fit.sources.items()) or ((NONE, NONE),)
+    blocks: list[Block] = [
+        text,
+        text_table(columns, tuple(map(row, study.cases))),
+        text_table(("fitted to", "SHA-256"), sources),
+    ]
+    return Section("what", "What was validated", blocks)
+
+
+# ---- Parts of figures -----------------------------------------------------------------------------------------------
+
+
+def _figure(caption: str, height: int, panels: Sequence[tuple[Axis, Axis, str]], columns: int, gap: float) -> Figure:
+    """Return a figure with panels (horizontal and vertical axis, title) in a grid; the gap is that between rows [1]."""
+    places = grid(len(panels), columns, gap=(0.08, gap))
+    placed = [Panel(x, y, *place, title=title) for (x, y, title), place in zip(panels, places, strict=True)]
+    return Figure(caption, height, placed)
+
+
+# ---- Levels ---------------------------------------------------------------------------------------------------------
+
+_COLUMNS = 3
+
+#: Number of outputs of a static record that are plotted, counted from the last: tire forces and ride heights.
+_STATIC = 6
+
+
+def _rows(caption: str, panels: Sequence[tuple[Axis, Axis, str]]) -> Figure:
+    """Return a figure with rows of three panels, 60 px apart for a title and a label."""
+    height = 205 * -(-len(panels) // _COLUMNS)
+    return _figure(caption, 110 + height, panels, _COLUMNS, 60.0 / height)
+
+
+def _trend_figure(trends: Sequence[Trend]) -> Figure:
+    """Return a plot of the measured and predicted RMS of each record, with a panel for each output (Fig 6.27)."""
+    ranks = ("–, flat" if trend.is_flat else f"{trend.rank:.2f}" for trend in trends)
+    panels = [
+        (Axis("record"), Axis("RMS", t.unit), f"{t.name}: rank {rank}") for t, rank in zip(trends, ranks, strict=True)
+    ]
+    figure = _rows("RMS of each random record, in the order of the table of records, as in Fig 6.27.", panels)
+    number = np.arange(1.0, len(trends[0].measured) + 1.0)
+    for k, one in enumerate(trends):
+        figure.line(k, number, one.measured, name="measured", color=MEASURED)
+        figure.marks(k, number, one.predicted, name="predicted", color=COLORS[0])
+    return figure
+
+
+def _correlation_figure(trends: Sequence[Trend]) -> Figure:
+    """Return a plot of predicted over measured RMS with the line of equality, a panel for each output (Fig 6.28)."""
+    panels = [
+        (Axis("measured RMS", one.unit), Axis("predicted", one.unit), f"{one.name}: level {100 * one.bias:+.2g} %")
+        for one in trends
+    ]
+    figure = _rows("Predicted over measured RMS of the random records, as in Fig 6.28; the line is equality.", panels)
+    for k, one in enumerate(trends):
+        both = np.concatenate((one.measured, one.predicted))
+        ends = np.array([both.min(), both.max()])
+        figure.line(k, ends, ends, name="equality", color=MEASURED, dash="dot")
+        figure.dots(k, one.measured, one.predicted, name="records", color=COLORS[0], size=8)
+    return figure
+
+
+def _sine_figure(cases: Sequence[VehicleCase]) -> Figure:
+    """Return a plot of gain and phase of the predicted fundamental, a line for each quantity's worst output."""
+    rows = [(case.record.frequency or 0.0, case.sines) for case in cases if case.sines]
+    rows.sort(key=lambda row: row[0])
+    titles = ("predicted / measured amplitude", "phase lead of predicted [degrees]", "measured: not sinusoidal [%]")
+    panels = [(Axis("frequency [Hz]", kind="log"), Axis(""), title) for title in titles]
+    caption = "Sine records: for each quantity the output with the worst gain at each frequency."
+    figure = _figure(caption, 330, panels, 3, 0.0)
+    figure.level(0, 1.0)
+    figure.level(1, 0.0)
+    names = sorted({quantity(one.name) for _, sines in rows for one in sines})
+    for name, color in zip(names, COLORS * len(names), strict=False):
+        found = [(frequency, worst) for frequency, sines in rows if (worst := _worst(sines, name))]
+        frequency = np.array([f for f, _ in found])
+        figure.marks(0, frequency, np.array([one.gain for _, one in found]), name=name, color=color)
+        figure.marks(1, frequency, np.degrees([one.phase for _, one in found]), name=name, color=color)
+        figure.marks(2, frequency, np.array([100.0 * one.harmonics for _, one in found]), name=name, color=color)
+    return figure
+
+
+def _worst(sines: Sequence[SineOutput], name: str) -> SineOutput | None:
+    found = [one for one in sines if quantity(one.name) == name]
+    return max(found, key=lambda one: abs(one.gain - 1.0), default=None)
+
+
+def _static_figure(case: VehicleCase) -> Figure:
+    """Return a plot of tire forces and ride heights during the holds of a static record."""
+    shown = case.holds[-_STATIC:]
+    text = "levels minus their means, as in Fig 6.32. Friction causes loops in the measured ones."
+    panels = [(Axis("load", "N"), Axis("change", one.unit), one.name) for one in shown]
+    figure = _rows(f"{case.record.name}: {text}", panels)
+    for k, one in enumerate(shown):
+        figure.marks(k, one.load, one.measured, name="measured", color=MEASURED)
+        figure.marks(k, one.load, one.predicted, name="predicted", color=COLORS[0])
+    return figure
+
+
+def _level_figure(study: VehicleValidation, limits: Limits) -> Figure:
+    """Return an overview plot of RMS errors and errors, with a point for each output of each record."""
+    titles = ("RMS predicted minus measured [%]", "error [% of measured RMS]")
+    caption = "All judged outputs, records numbered as in the table. Dotted: limits; that of RMS is for random records."
+    figure = _figure(caption, 330, [(Axis("record"), Axis(""), title) for title in titles], 2, 0.0)
+    for panel, value in ((0, limits.level), (0, -limits.level), (1, limits.error)):
+        figure.level(panel, 100.0 * value)
+    found = [
+        (number, one) for number, case in enumerate(study.cases, start=1) if not case.is_gentle for one in case.judged
+    ]
+    names = sorted({quantity(one.name) for _, one in found})
+    for name, color in zip(names, COLORS * len(names), strict=False):
+        points = [(k, 100.0 * one.level, 100.0 * one.error) for k, one in found if quantity(one.name) == name]
+        number, level, error = np.array(points).T
+        figure.dots(0, number, level, name=name, color=color, size=7)
+        figure.dots(1, number, error, name=name, color=color, size=7)
+    return figure
+
+
+# ---- Stabilisation diagram of the fit -------------------------------------------------------------------------------
+
+
+def _order_figure(orders: Orders) -> Figure:
+    """Return a plot of the poles of models of increasing order, and of the gaps of the singular values."""
+    (poles, _), (_, row) = grid(2, 2, gap=(0.08, 0.0))
+    states = Axis("states", span=(0.0, orders.tried[-1].states + 2.0))
+    panels = (
+        Panel(Axis("frequency [Hz]", span=(0.0, 1.2 * orders.high)), states, (poles[0], 0.76), row, title="poles"),
+        Panel(Axis("singular value / next one", kind="log"), states, (0.82, 1.0), row, title="gaps"),
+    )
+    why = "a clear gap of the singular values" if orders.is_clear else "the description length, as no gap is clear"
+    text = f"poles of models of increasing order. {orders.chosen} states were chosen by {why}."
+    figure = Figure(f"Stabilisation diagram: {text}", 380, panels)
+    for steady, name, color in ((False, "moved", MEASURED), (True, "same as at the previous order", COLORS[0])):
+        there = [(p.frequency, one.states) for one in orders.tried for p in one.poles if p.steady is steady]
+        kept = np.array([pair for pair in there if pair[0] <= 1.2 * orders.high]).reshape(-1, 2)
+        figure.dots(0, kept[:, 0], kept[:, 1], name=name, color=color, size=6.0)
+    gaps = np.array([one.gap for one in orders.tried])
+    figure.marks(1, gaps, np.array([float(one.states) for one in orders.tried]), name="gap", color=COLORS[2])
+    for panel in (0, 1):
+        figure.level(panel, float(orders.chosen))
+    return figure
+
+
+# ---- Responses with coherence and confidence interval, and error spectra --------------------------------------------
+
+#: Number of outputs per figure; points per line; lowest density that is plotted, below the largest [dB].
+_OUTPUTS, _POINTS, _DEEP = 4, 400, 80.0
+
+_LOG = Axis("frequency [Hz]", kind="log")
+
+
+def _response_figures(paths: Sequence[Response]) -> Iterator[Figure]:
+    """Yield plots of the responses of every judged output to its strongest road and shock force, with coherence."""
+    rows = [tuple(found) for _, found in groupby(paths, key=lambda path: path.output)]
+    for start in range(0, len(rows), _OUTPUTS):
+        yield _responses(rows[start : start + _OUTPUTS])
+
+
+def _responses(rows: Sequence[Sequence[Response]]) -> Figure:
+    panels = []
+    for paths in rows:
+        x = _LOG if paths is rows[-1] else Axis("", kind="log")
+        panels += [
+            (x, Axis(f"dB re 1 {path.unit}"), f"{path.output} from {path.input}") for path in (paths[0], paths[:2][-1])
+        ]
+        panels.append((x, Axis("", span=(0.0, 1.05)), f"{paths[0].output}: multiple coherence"))
+    caption = (
+        "Responses of the model and of the estimate that it was fitted to, with the estimate's 95 % band. Coherence "
+        "near 1 does not exclude friction."
+    )
+    figure = _figure(caption, 110 + 170 * len(rows), panels, 3, 0.27 / len(rows))
+    for k, paths in enumerate(rows):
+        for i, path in enumerate(paths[:2]):
+            _response(figure, 3 * k + i, path)
+        if paths[0].coherence is not None:
+            kept = _kept(paths[0].frequency)
+            frequency, coherence = paths[0].frequency[kept], paths[0].coherence[kept]
+            figure.line(3 * k + 2, frequency, coherence, name="coherence", color=COLORS[2])
+    return figure
+
+
+def _response(figure: Figure, panel: int, path: Response) -> None:
+    kept = _kept(path.frequency)
+    frequency = path.frequency[kept]
+    figure.line(panel, frequency, _db(path.estimate)[kept], name="estimate", color=MEASURED)
+    if path.band is not None:
+        floor = 0.05 * np.abs(path.estimate)  # zero would be minus infinity in dB
+        for end in path.band:
+            values = _db(np.maximum(end, floor))[kept]
+            figure.line(panel, frequency, values, name="95 % band", color=COLORS[4], dash="dot")
+    figure.line(panel, frequency, _db(path.model)[kept], name="model", color=COLORS[0])
+
+
+def _spectrum_figure(case: VehicleCase) -> Figure:
+    """Return a plot of the spectra of a record's outputs and errors, and of the coherence of error and prediction."""
+    errors = {one.name: one.error for one in case.judged}
+    names = sorted(case.spectra, key=lambda name: -errors[name])[:3]
+    panels = [(_LOG, Axis("dB re largest"), name) for name in names]
+    panels += [(_LOG, Axis("coherence", span=(0.0, 1.05)), "")] * len(names)
+    caption = (
+        f"{case.record.name}: the three outputs with the largest errors. Above: spectra of output and error; below: "
+        "coherence of error and prediction, near 1 if another gain or phase would have predicted the error."
+    )
+    figure = _figure(caption, 480, panels, len(names), 0.2)
+    for k, name in enumerate(names):
+        spectrum = case.spectra[name]
+        largest = spectrum.measured.max()
+        for values, title, color in ((spectrum.measured, "measured", MEASURED), (spectrum.error, "error", COLORS[1])):
+            decibels = 10.0 * np.log10(np.maximum(values / largest, 10.0 ** (-_DEEP / 10.0)))
+            figure.line(k, spectrum.frequency, decibels, name=title, color=color)
+        figure.line(len(names) + k, spectrum.frequency, spectrum.coherence, name="coherence", color=COLORS[2])
+    return figure
+
+
+def _kept(frequency: Array) -> NDArray[np.intp]:
+    """Return the indices of the points that are plotted, spaced logarithmically; long estimates have thousands."""
+    if frequency.size <= _POINTS:
+        return np.arange(frequency.size)
+    spaced = np.geomspace(frequency[0] or frequency[1], frequency[-1], _POINTS)
+    return np.unique(np.clip(np.searchsorted(frequency, spaced), 0, frequency.size - 1))
+
+
+def _db(values: Complex | Array) -> Array:
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(values), 1e-300)))
+
+
+# ---- Measured and predicted outputs over time (Figs 6.26, 6.29, 6.31) -----------------------------------------------
+
+#: Length of the plotted part of a record [s], for a sine in periods; time before a bump [s]; points per line.
+_SPAN, _PERIODS, _BEFORE, _SAMPLES = {"random": 4.0, "bump": 1.5}, 3.0, 0.2, 700
+
+#: Quantities that are plotted, with the worst predicted output of each (6.5 shows four signals).
+_DRAWN = ("velocity", "tire_force", "total_tire_force", "ride_height", "hub_acceleration", "chassis_acceleration")
+
+
+def _time_figure(case: VehicleCase) -> Figure:
+    """Return a plot of part of a record: for each quantity the output with the worst prediction."""
+    shown = list(_shown(case))
+    kept, rows = _piece(case, shown[0]), -(-len(shown) // 2)
+    panels = [
+        (
+            Axis("time [s]" if k >= len(shown) - 2 else ""),
+            Axis(quantity(one.name).replace("_", " "), one.unit),
+            f"{one.name}: error {100 * one.error:.2g} %",
+        )
+        for k, one in enumerate(shown)
+    ]
+    caption = f"{case.record.name}: for each quantity the output with the worst prediction. Ports: {case.shocks}."
+    figure = _figure(caption, 130 + 170 * rows, panels, 2, 0.24 / rows)
+    smooth = {one.name: one for one in case.without_friction or ()}
+    for k, one in enumerate(shown):
+        time = case.time[kept]
+        figure.line(k, time, one.measured[kept], name="measured", color=MEASURED)
+        if one.name in smooth:
+            figure.line(k, time, smooth[one.name].predicted[kept], name="without friction", color=COLORS[1], dash="dot")
+        figure.line(k, time, one.predicted[kept], name="predicted", color=COLORS[0])
+    return figure
+
+
+def _shown(case: VehicleCase) -> Iterator[Comparison]:
+    for shown in _DRAWN:
+        outputs = [one for one in case.outputs if quantity(one.name) == shown]
+        moving = [one for one in outputs if one.is_judged] or outputs
+        if moving:
+            yield max(moving, key=lambda one: one.error)
+
+
+def _piece(case: VehicleCase, one: Comparison) -> NDArray[np.intp]:
+    """Return the indices of the plotted samples: around the largest value, or for a bump from just before it."""
+    rate, record = case.record.series.sample_rate, case.record
+    span = _PERIODS / record.frequency if record.frequency else _SPAN.get(record.kind, _SPAN["random"])
+    top = int(np.argmax(np.abs(one.measured)))
+    before = round((_BEFORE if record.kind == "bump" else 0.5 * span) * rate)
+    count = min(round(span * rate), one.measured.size)
+    first = min(max(top - before, 0), one.measured.size - count)
+    return np.unique(np.linspace(first, first + count - 1, min(_SAMPLES, count)).astype(np.intp))
