@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from cosim.result import DISPLAY
 from eightpost import units
-from eightpost.files import atomic_path
+from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.signals import TimeSeries
 
 if TYPE_CHECKING:
@@ -35,10 +32,8 @@ def plot_traces(
     # Margins in inches. A computed layout would draw all panels once more, which takes most of a short run's time.
     width, height = 11.0, 1.9 * len(channels) + 0.8
     margins = {"left": 1.0 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.45 / height}
-    figure = Figure(figsize=(width, height))
-    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False, gridspec_kw={**margins, "hspace": 0.12})[
-        :, 0
-    ]
+    figure = new_figure(width, height, layout=None)
+    panels = panels_of(figure, len(channels), 1, sharex=True, gridspec_kw={**margins, "hspace": 0.12})
     for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), _COLORS, strict=False):
             shown = series.window(start, stop)
@@ -47,7 +42,7 @@ def plot_traces(
     panels[-1].set_xlabel("time [s]")
     panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
     figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
-    _save(figure, path)
+    save(figure, path)
 
 
 def plot_spectra(
@@ -59,9 +54,9 @@ def plot_spectra(
     title: str = "Power spectral densities",
 ) -> None:
     """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
-    figure = Figure(figsize=(11, 2.4 * ((len(channels) + 1) // 2) + 0.8), layout="constrained")
-    panels = figure.subplots((len(channels) + 1) // 2, 2, sharex=True, squeeze=False).ravel()
-    for panel, channel in zip(panels, channels, strict=False):
+    figure = new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
+    panels = panels_of(figure, len(channels), 2, sharex=True)
+    for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), _COLORS, strict=False):
             values = _displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
@@ -72,14 +67,12 @@ def plot_spectra(
         panel.set_title(channel, fontsize=9)
         panel.set_ylabel(f"({unit})²/Hz")
         panel.grid(alpha=0.3)
-    for panel in panels[len(channels) :]:
-        panel.set_visible(False)
-    for panel in panels[max(0, len(channels) - 2) : len(channels)]:
+    for panel in panels[-2:]:
         panel.set_xlabel("frequency [Hz]")
         panel.tick_params(labelbottom=True)
     panels[0].legend(frameon=False)
     figure.suptitle(title)
-    _save(figure, path)
+    save(figure, path)
 
 
 def plot_measures(
@@ -89,7 +82,7 @@ def plot_measures(
     labels = list(runs)
     baseline = runs[labels[0]]
     kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]
-    figure = Figure(figsize=(9, 0.33 * len(kept) + 1.6), layout="constrained")
+    figure = new_figure(9, 0.33 * len(kept) + 1.6)
     axes = figure.subplots()
     positions = np.arange(len(kept))
     height = 0.8 / max(1, len(labels) - 1)
@@ -103,11 +96,11 @@ def plot_measures(
     axes.grid(axis="x", alpha=0.3)
     axes.legend(frameon=False)
     figure.suptitle(title)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _display_unit(series: TimeSeries, channel: str) -> str:
-    return DISPLAY.get(series.unit(channel), series.unit(channel))
+    return units.us_customary(series.unit(channel))
 
 
 def _displayed(series: TimeSeries, channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -118,8 +111,3 @@ def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
     panel.set_ylabel(f"{channel}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
     panel.yaxis.set_label_coords(-0.055, 0.5)
     panel.grid(alpha=0.3)
-
-
-def _save(figure: Figure, path: str | Path) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)

@@ -15,13 +15,11 @@ from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series
+from eightpost.units import DISPLAY_UNITS
 from eightpost.verdict import Verdict
 
-# ---- Units for display of results -----------------------------------------------------------------------------------
-
 #: Display unit for each SI unit.
-DISPLAY = {"m": "in", "m/s": "in/s", "N": "lbf", "N.m": "lbf.in", "m/s2": "g", "rad": "deg"}
-
+DISPLAY = {si: us for si, (us, _) in DISPLAY_UNITS.items() if si != "K"}
 
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 

@@ -118,22 +118,22 @@ SI_UNITS = (
     "1",
 )
 
-#: US customary unit of display for each SI unit that has one.
-US_CUSTOMARY = {
-    "Pa": "psi",
-    "K": "degF",
-    "m": "in",
-    "m/s": "in/s",
-    "m/s2": "g",
-    "N": "lbf",
-    "N.m": "lbf.in",
-    "N/m": "lbf/in",
-    "N.s/m": "lbf.s/in",
-    "N.m/rad": "lbf.in/deg",
-    "kg": "lbm",
-    "kg.m2": "lbm.in2",
-    "rad": "deg",
-    "J": "in.lbf",
+#: Display units for each SI unit: US customary and metric.
+DISPLAY_UNITS = {
+    "Pa": ("psi", "Pa"),
+    "K": ("degF", "K"),
+    "m": ("in", "mm"),
+    "m/s": ("in/s", "mm/s"),
+    "m/s2": ("g", "m/s2"),
+    "N": ("lbf", "N"),
+    "N.m": ("lbf.in", "N.m"),
+    "N/m": ("lbf/in", "N/m"),
+    "N.s/m": ("lbf.s/in", "N.s/m"),
+    "N.m/rad": ("lbf.in/deg", "N.m/rad"),
+    "kg": ("lbm", "kg"),
+    "kg.m2": ("lbm.in2", "kg.m2"),
+    "rad": ("deg", "deg"),
+    "J": ("in.lbf", "J"),
 }
 
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
@@ -235,10 +235,21 @@ def convert(values: Values, source: str, target: str) -> Values:
 def us_customary(unit: str) -> str:
     """Return the US customary unit in which an SI unit is shown; the unit itself if it has none.
 
-    >>> us_customary("m/s"), us_customary("s")
-    ('in/s', 's')
+    Kelvin stays: degF has another zero, so a difference or an RMS value could not be converted to it.
+
+    >>> us_customary("m/s"), us_customary("s"), us_customary("K")
+    ('in/s', 's', 'K')
     """
-    return US_CUSTOMARY.get(unit, unit)
+    return unit if unit == "K" else DISPLAY_UNITS.get(unit, (unit, unit))[0]
+
+
+def metric(unit: str) -> str:
+    """Return the metric unit in which an SI unit is shown.
+
+    >>> metric("m/s"), metric("N")
+    ('mm/s', 'N')
+    """
+    return DISPLAY_UNITS.get(unit, (unit, unit))[1]
 
 
 def si_unit(unit: str) -> str:

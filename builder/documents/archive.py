@@ -9,18 +9,14 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
-
 from builder.documents.page import Column, Contents, Picture, Section, bullets, page, paragraph, table
-from builder.documents.picture import LOOP_FREQUENCY, plain_style, png, shock_picture, vehicle_picture
-from builder.documents.reference import CUSTOMARY, SECRET, Disclosure, Subject, customary, quantity, results
+from builder.documents.picture import LOOP_FREQUENCY, shock_picture, vehicle_picture
+from builder.documents.reference import SECRET, Disclosure, Subject, customary, quantity, results
 from builder.documents.terminals import terminals_and_icons
 from builder.documents.validity import validity_member
 from builder.interface import source_folder
 from eightpost import units
+from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
 from eightpost.shock import Response, Shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
 
@@ -39,8 +35,7 @@ def icon(source: Shock | Vehicle) -> bytes:
 @lru_cache
 def _drawn(draw: Callable[[Axes], None]) -> bytes:
     with plain_style():
-        figure = Figure(figsize=(2.56, 2.56), dpi=100)
-        FigureCanvasAgg(figure)
+        figure = new_figure(2.56, 2.56, dpi=100, layout=None)
         figure.patch.set_alpha(0.0)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
@@ -130,7 +125,8 @@ def _row(key: str, value: Any) -> tuple[str, str, str]:
     name = (match[1] if match else key).replace("_", " ")
     if match and _numeric(value):
         shown = quantity(value, match[2])
-        return (name, customary(value, match[2]) or shown, shown if match[2] in CUSTOMARY else "")
+        us = customary(value, match[2])
+        return (name, us or shown, shown if us else "")
     if name == "percent" and _numeric(value):
         return ("rms, share of the force's standard deviation", quantity(value, "%"), "")
     return (name, value if isinstance(value, str) else json.dumps(value), "")
@@ -174,7 +170,7 @@ def _both(value: Any, unit: str) -> str:
 def _bounds(bounds: Sequence[float | None] | None, unit: str) -> str:
     if bounds is None:
         return ""
-    target = CUSTOMARY.get(unit, unit)
+    target = units.us_customary(unit)
     low, high = ("" if end is None else f"{units.convert(float(end), unit, target):.4g}" for end in bounds)
     return f"{low or '−∞'} to {high or '∞'} {target}"
 

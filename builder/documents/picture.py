@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from builder.documents.reference import CUSTOMARY
 from eightpost import units
 from eightpost.array_types import Array
+from eightpost.report.pictures import Axes, Figure, new_figure, plain_style, png
 from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.vehicle import StateSpace, Vehicle
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: 900 x 600 pixels; tools show the picture at 600 x 400 or smaller.
 _SIZE, _DOTS = (6.0, 4.0), 150
@@ -95,24 +86,8 @@ def vehicle_picture(vehicle: Vehicle) -> bytes:
         return png(figure)
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG without a date and without the name of the software."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
-
-
-@contextmanager
-def plain_style() -> Iterator[None]:
-    """Draw with matplotlib's defaults, not the user's settings, so that the same subject gives the same bytes."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        yield
-
-
 def _figure(panels: int) -> tuple[Figure, Sequence[Axes]]:
-    figure = Figure(figsize=_SIZE, dpi=_DOTS)
-    FigureCanvasAgg(figure)
+    figure = new_figure(*_SIZE, dpi=_DOTS, layout=None)
     # Fixed margins, because a layout engine would take longer than the rest of the build.
     figure.subplots_adjust(left=0.125, right=0.975, bottom=0.135, top=0.915, wspace=0.36)
     axes = [figure.add_subplot(1, panels, k + 1) for k in range(panels)]
@@ -190,7 +165,7 @@ def _draw_responses(axes: Axes, model: StateSpace, cause: str, effect: str) -> N
 def _draw_response(axes: Axes, model: StateSpace, channels: tuple[str, str], style: tuple[str, str, str]) -> None:
     chosen = model.select(inputs=[channels[0]], outputs=[channels[1]])
     source, target = chosen.inputs[0].unit, chosen.outputs[0].unit
-    shown_source, shown_target = CUSTOMARY.get(source, source), CUSTOMARY.get(target, target)
+    shown_source, shown_target = units.us_customary(source), units.us_customary(target)
     factor = units.conversion(target, shown_target)[0] / units.conversion(source, shown_source)[0]
     gain = factor * np.abs(chosen.frequency_response(_FREQUENCIES)[0, 0])
     axes.loglog(_FREQUENCIES, gain, color=style[0], linestyle=style[1], label=style[2], linewidth=3.0)

@@ -43,23 +43,6 @@ class Disclosure(Enum):
 
 # ---- Formatting of quantities for readers ---------------------------------------------------------------------------
 
-#: US customary unit that is shown for each SI unit.
-CUSTOMARY = {
-    "Pa": "psi",
-    "K": "degF",
-    "m": "in",
-    "m/s": "in/s",
-    "m/s2": "g",
-    "N": "lbf",
-    "N.m": "lbf.in",
-    "N/m": "lbf/in",
-    "N.s/m": "lbf/(in/s)",
-    "N.m/rad": "lbf.in/deg",
-    "kg": "lbm",
-    "kg.m2": "lbm.in2",
-    "rad": "deg",
-}
-
 Number = int | float
 
 
@@ -79,9 +62,9 @@ def customary(value: Number | Sequence[Number], unit: str) -> str:
     >>> customary([-0.8, 0.75], "m/s")
     '-31.5 to 29.53 in/s'
     """
-    if unit not in CUSTOMARY:
+    if unit not in units.DISPLAY_UNITS:
         return ""
-    target = CUSTOMARY[unit]
+    target = units.DISPLAY_UNITS[unit][0]
     numbers = [value] if isinstance(value, (int, float)) else value
     return quantity([units.convert(float(number), unit, target) for number in numbers], target)
 

@@ -6,7 +6,6 @@ import hashlib
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import inf, isfinite
 from pathlib import Path
@@ -17,53 +16,27 @@ from markupsafe import Markup
 
 from cosim.energy import LIMIT
 from cosim.report.drawing import graph
-from cosim.report.figures import Spectra, Store, Traces, figure, listed, percent, spectra, traces
 from cosim.report.wiring import Group, arrows, groups
 from cosim.result import Coupled, Result
-from cosim.study.measures import DISPLAY
 from cosim.system import Scenario, System
-from eightpost import __version__, units
+from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError
-from eightpost.files import atomic_path, sha256_of
-from eightpost.page import insert, plotly, template
+from eightpost.files import sha256_of
+from eightpost.report import page as html
+from eightpost.report.charts import COLORS
+from eightpost.report.numbers import Display, figure, listed, percent
+from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
+from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
 
 # ---- Recorded channels for display ----------------------------------------------------------------------------------
-
-#: Okabe and Ito's colours, which colour-blind readers can distinguish, without the yellow, which is too light on white.
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f")
 
 #: Dash styles, which distinguish lines of the same colour.
 DASHES = ("solid", "dash", "dot", "dashdot")
 
 #: Number of panels that are open at first, and of lines that each of them draws at first: one per colour.
 _OPEN, _DRAWN = 5, len(COLORS)
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Conversion from SI to the unit on the axis: `shown = factor * value + offset`."""
-
-    si: str
-    unit: str
-    factor: float
-    offset: float
-
-    @property
-    def squared(self) -> tuple[str, str]:
-        """Square of the unit on the axis, and of the SI unit, for power spectral densities."""
-        return _squared(self.unit), _squared(self.si)
-
-    @classmethod
-    def of(cls, si: str) -> Scale:
-        """Return the scale of an SI unit."""
-        unit = DISPLAY.get(si, si)
-        return cls(si, unit, *units.conversion(si, unit))
-
-    def __call__(self, value: float) -> float:
-        """Return the value in the unit on the axis."""
-        return self.factor * value + self.offset
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +54,7 @@ class Statistics:
     """
 
     name: str
-    scale: Scale
+    scale: Display
     mean: float
     rms: float
     least: float
@@ -110,7 +83,7 @@ class Panel:
     """Channels of one quantity and unit on common axes."""
 
     quantity: str
-    scale: Scale
+    scale: Display
     lines: tuple[Line, ...]
     opened: bool
 
@@ -121,7 +94,7 @@ def panels(series: TimeSeries) -> tuple[Panel, ...]:
     for row, (name, unit) in enumerate(zip(series.names, series.units, strict=True)):
         members.setdefault((name.rpartition(".")[2], unit), []).append(row)
     return tuple(
-        Panel(quantity, Scale.of(unit), _lines(series, rows), opened=k < _OPEN)
+        Panel(quantity, Display.of(unit), _lines(series, rows), opened=k < _OPEN)
         for k, ((quantity, unit), rows) in enumerate(members.items())
     )
 
@@ -131,7 +104,7 @@ def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statist
     return tuple(
         Statistics(
             name,
-            Scale.of(unit),
+            Display.of(unit),
             *(float(row.mean()), float(row.std()), float(row.min()), float(row.max())),
             error=stated[name] if isfinite(stated.get(name, inf)) else None,
         )
@@ -144,11 +117,6 @@ def _lines(series: TimeSeries, rows: Sequence[int]) -> tuple[Line, ...]:
         Line(row, series.names[row], COLORS[k % len(COLORS)], DASHES[k // len(COLORS) % len(DASHES)], drawn=k < _DRAWN)
         for k, row in enumerate(rows)
     )
-
-
-def _squared(unit: str) -> str:
-    """Return `m²` of `m`, `(m/s)²` of `m/s`."""
-    return "1" if unit == "1" else f"{unit}²" if unit.isalpha() else f"({unit})²"
 
 
 # ---- Origin of a run ------------------------------------------------------------------------------------------------
@@ -248,15 +216,6 @@ def _made_by(path: Path) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
-    """Figure in the page's head: its name, its value, and a detail such as the channel or the limit."""
-
-    what: str
-    value: str
-    detail: str
-
-
-@dataclass(frozen=True, slots=True)
 class Worst:
     """Largest stated error of several channels, in percent of that channel's scale."""
 
@@ -337,9 +296,17 @@ def _notes(result: Result) -> Iterator[str]:
         )
 
 
-def facts(result: Result) -> tuple[tuple[str, str], ...]:
+def facts(result: Result, scenario: Scenario) -> tuple[tuple[str, str], ...]:
     """Return facts about the run, as pairs of name and value."""
-    return tuple(_facts(result))
+    return (*_facts(result), ("Drive", _drive(scenario)), ("Versions", versions()))
+
+
+def _drive(scenario: Scenario) -> str:
+    if scenario.drive is None:
+        return "none"
+    names, digest = listed(scenario.drive.names), drive_digest(scenario.drive)
+    text = '{}; from {:g} s of the drive file; <span class="digest">SHA-256 {}</span>'
+    return Markup(text).format(names, scenario.drive_start, digest)
 
 
 def _facts(result: Result) -> Iterator[tuple[str, str]]:
@@ -363,7 +330,14 @@ def _step(result: Result) -> str:
 
 # ---- Report page out/report.html ------------------------------------------------------------------------------------
 
-_PACKAGE = "cosim.report"
+_PLACES = (
+    ("notes", "Notes"),
+    ("system", "System"),
+    ("signals", "Signals"),
+    ("bonds", "Bonds"),
+    ("channels", "Channels"),
+    ("run", "What was run"),
+)
 
 #: Maximum number of drawings on a page; further unconnected parts of a system are listed in the tables only.
 _DRAWINGS = 12
@@ -391,11 +365,7 @@ def write_report(
     Returns:
         Path of the file.
     """
-    path = Path(path)
-    content = page(result, system, scenario, title=title, files=files)
-    with atomic_path(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
-    return path
+    return html.write_page(path, page(result, system, scenario, title=title, files=files))
 
 
 def page(
@@ -405,25 +375,22 @@ def page(
     settled = _settled(result)
     kept, densities = traces(result.series), spectra(settled)
     manifest, numbers = _packed(result, kept, densities)
-    return template(_PACKAGE, {"figure": figure, "percent": percent, "listed": listed}).render(
-        _summary(result, scenario)
-        | _signals(result, settled)
-        | {
-            "title": title,
-            "result": result,
-            "drawings": _drawings(result, system, scenario),
-            "bonds": system.bonds,
-            "connections": system.connections,
-            "accounts": bond_rows(result),
-            "origins": origins(result, files or {}),
-            "traces": kept,
-            "spectra": densities,
-            "manifest": manifest,
-            "numbers": numbers,
-            "plotly": plotly(),
-            "style": insert(_PACKAGE, "page.css"),
-            "script": insert(_PACKAGE, "page.js"),
-        }
+    context = _summary(result, scenario) | _signals(result, settled)
+    return html.page(
+        "cosim.report",
+        ["page.js"],
+        **context,
+        title=title,
+        places=_PLACES,
+        result=result,
+        drawings=_drawings(result, system, scenario),
+        bonds=system.bonds,
+        connections=system.connections,
+        accounts=bond_rows(result),
+        origins=origins(result, files or {}),
+        traces=kept,
+        spectra=densities,
+        data={"manifest": manifest, "numbers": numbers},
     )
 
 
@@ -433,12 +400,7 @@ def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
         "verdict": result.verdict,
         "tiles": tiles(result),
         "notes": notes(result),
-        "facts": facts(result),
-        "drive": scenario.drive,
-        "drive_start": scenario.drive_start,
-        "digest": drive_digest(scenario.drive) if scenario.drive else "",
-        "versions": versions(),
-        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "facts": facts(result, scenario),
         "limit": 100.0 * LIMIT,
     }
 
@@ -451,8 +413,8 @@ def _signals(result: Result, settled: TimeSeries) -> dict[str, Any]:
         "statistics": rows,
         "largest": max((row.error for row in rows if row.error is not None), default=None),
         "span": f"{settled.time[0]:g} to {settled.time[-1]:g} s",
-        "velocity": Scale.of("m/s"),
-        "force": Scale.of("N"),
+        "velocity": Display.of("m/s"),
+        "force": Display.of("N"),
     }
 
 
@@ -472,7 +434,7 @@ def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[di
     channels = [
         {
             "name": name,
-            "scale": asdict(Scale.of(unit)) | {"squared": Scale.of(unit).squared},
+            "scale": asdict(Display.of(unit)) | {"squared": Display.of(unit).squared},
             "low": float(values.min()),
             "high": float(values.max()),
             "at": store.add_levels(values),

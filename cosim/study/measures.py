@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.result import DISPLAY
 from cosim.study.statistics import Filtered, Response, options_for, rms, statistic
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
+from eightpost.units import us_customary
 
 # ---- User-defined measures ------------------------------------------------------------------------------------------
 
@@ -51,7 +51,7 @@ def own_function(entry: str) -> OwnFunction:
 
 # ---- Response measures ----------------------------------------------------------------------------------------------
 
-__all__ = ["DISPLAY", "Measure", "available", "channel_measures", "ride_measures", "rms"]
+__all__ = ["Measure", "available", "channel_measures", "ride_measures", "rms"]
 
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
@@ -175,10 +175,10 @@ def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, 
     return tuple(m for m in measures if all(channel in run for run in runs for channel in m.channels))
 
 
-def channel_measures(series: TimeSeries, display: Mapping[str, str]) -> tuple[Measure, ...]:
-    """Return measures for RMS and mean of every channel; `display` gives the display unit by SI unit."""
+def channel_measures(series: TimeSeries) -> tuple[Measure, ...]:
+    """Return measures for RMS and mean of every channel."""
     return tuple(
-        Measure(f"{name}, {label}", (name,), kind, display.get(unit, unit))
+        Measure(f"{name}, {label}", (name,), kind, us_customary(unit))
         for name, unit in zip(series.names, series.units, strict=True)
         for label, kind in _STATISTICS
     )

@@ -207,7 +207,7 @@ def compare(
     """
     from cosim.plots import plot_measures
     from cosim.study.choice.compare import verdict_of_runs
-    from cosim.study.measures import DISPLAY, available, channel_measures, ride_measures
+    from cosim.study.measures import available, channel_measures, ride_measures
     from eightpost.app.show import show_verdict
 
     console = Console()
@@ -219,7 +219,7 @@ def compare(
     for folder in folders:
         console.print(f"{folder}: {_sources(folder)}", highlight=False, soft_wrap=True)
     series = tuple(runs.values())
-    measures = available(ride_measures(vehicle), *series) or available(channel_measures(series[0], DISPLAY), *series)
+    measures = available(ride_measures(vehicle), *series) or available(channel_measures(series[0]), *series)
     if not measures:
         raise InputError(f"{folders[0]} and the other runs have no channel in common")
     console.print(measure_table(runs, measures))

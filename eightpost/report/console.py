@@ -28,17 +28,17 @@ def console_table(columns: Iterable[Column | str], rows: Iterable[Sequence[str]]
     return table
 
 
-def right(*headings: str) -> list[Column]:
+def right(*headings: str) -> list[Column | str]:
     """Return columns of numbers, aligned to the right."""
     return [Column(heading, justify="right") for heading in headings]
 
 
-def unbroken(*headings: str) -> list[Column]:
+def unbroken(*headings: str) -> list[Column | str]:
     """Return columns whose texts are not broken into lines."""
     return [Column(heading, no_wrap=True) for heading in headings]
 
 
-def folded(*headings: str) -> list[Column]:
+def folded(*headings: str) -> list[Column | str]:
     """Return columns whose long texts are broken at any letter."""
     return [Column(heading, overflow="fold") for heading in headings]
 

@@ -114,3 +114,20 @@ def caption_html(text: str) -> Markup:
 def in_both_units(us: str, si: str) -> Markup:
     """Return HTML of which a page shows one of two texts, according to the reader's choice of units."""
     return escape(si) if us == si else Markup('<span class="us">{}</span><span class="si">{}</span>').format(us, si)
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A value at the top of a page.
+
+    Attributes:
+        what: Name of the value.
+        us: Value with its unit, in US customary units.
+        detail: Remark on the value, such as a channel or a limit.
+        si: The same value in SI units; default: as in `us`.
+    """
+
+    what: str
+    us: str
+    detail: str
+    si: str = ""

@@ -17,11 +17,12 @@ from cosim import Bond, Connection, Result, Scenario, System
 from cosim.energy import BondEnergy
 from cosim.report import page as page_module
 from cosim.report import write_report
-from cosim.report.figures import LEVELS, figure, traces
 from cosim.report.page import drive_digest
 from cosim.report.wiring import arrows, groups
 from cosim.result import Coupled
 from eightpost.errors import OutputError
+from eightpost.report.numbers import figure
+from eightpost.report.packing import LEVELS, traces
 from eightpost.signals import Drivefile, TimeSeries
 
 NASTY = 'a <b>&"quoted"\'</script>'

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cosim.study.choice.compare import Comparison
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.verdict import Verdict
 
 # ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
@@ -105,9 +104,9 @@ def plot_comparisons(
         shown: SI unit and display unit by measure.
         selected: Setups that were selected for each measure; they have filled markers, the others hollow ones.
     """
-    figure = Figure(figsize=(11, 3.4 * len(comparisons) + 0.4), layout="constrained")
-    panels = figure.subplots(len(comparisons), 2, squeeze=False, width_ratios=(1.3, 1.0))
-    for (trend, scatter), comparison in zip(panels, comparisons, strict=True):
+    figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
+    panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
+    for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):
         si, unit = shown[comparison.measure]
         factor = units.conversion(si, unit)[0]
         own = np.isin(comparison.setups, list((selected or {}).get(comparison.measure, comparison.setups)))
@@ -116,11 +115,10 @@ def plot_comparisons(
         trend.set_ylabel(f"{comparison.measure} [{unit}]", fontsize=9)
         scatter.set_xlabel(f"predicted [{unit}]", fontsize=9)
         scatter.set_ylabel(f"measured [{unit}]", fontsize=9)
-    panels[-1][0].set_xlabel("setup, by predicted level", fontsize=9)
-    panels[0][0].legend(frameon=False, fontsize=8)
-    panels[0][1].legend(frameon=False, fontsize=8)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    panels[-2].set_xlabel("setup, by predicted level", fontsize=9)
+    for panel in panels[:2]:
+        panel.legend(frameon=False, fontsize=8)
+    save(figure, path)
 
 
 def _trend(axes: Axes, comparison: Comparison, factor: float) -> None:

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from math import floor, log10
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from cosim.report.figures import figure, percent
 from cosim.report.page import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import Column, Indices, Scale, Sheet, Shown, build_colors, packed, shown_columns
+from cosim.study.report.sheet import Column, Indices, Scale, Sheet, build_colors, packed, shown_columns
 from eightpost.array_types import Array
-from eightpost.files import atomic_path
-from eightpost.page import insert, plotly, template
+from eightpost.report import page as html
+from eightpost.report.numbers import Display, fixed, percent
+from eightpost.report.pictures import Axes, Figure, color_legend, new_figure, panels_of, save_for_print
+from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
 
 # ---- Corner whose build explains most of a measure ------------------------------------------------------------------
@@ -66,26 +60,25 @@ def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
         return ()
     files: list[Path] = []
     for measure in sheet.measures[:_DRAWN]:
-        files += _save(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
+        files += save_for_print(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
         if len(sheet.measures) > 1:
-            files += _save(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
+            files += save_for_print(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
     return tuple(files)
 
 
 def trend(sheet: Sheet, measure: Column) -> Figure:
     """Draw the levels of all setups by the build at each corner (Figs 7.1, 7.3, 7.5)."""
     rows = (len(sheet.corners) + 1) // 2
-    figure = Figure(figsize=(7.2, rows * (0.9 + 0.24 * len(sheet.builds))), layout="constrained")
-    panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
+    figure = new_figure(7.2, rows * (0.9 + 0.24 * len(sheet.builds)))
+    panels = panels_of(figure, len(sheet.corners), 2, sharex=True, sharey=True)
     colors = np.array(build_colors(len(sheet.builds)))
-    for panel, corner, placed in zip(panels, sheet.corners, sheet.placed.T, strict=False):
+    for panel, corner, placed in zip(panels, sheet.corners, sheet.placed.T, strict=True):
         spots = panel.scatter(100.0 * measure.levels, placed, s=70, c=colors[placed], marker="|", lw=0.6, alpha=0.5)
         spots.set_rasterized(True)
         panel.set_title(f"{corner.upper()} shock", loc="left", fontsize=9)
         panel.set_yticks(range(len(sheet.builds)), sheet.builds, fontsize=8)
         panel.set_ylim(len(sheet.builds) - 0.4, -0.6)
         panel.grid(axis="x", alpha=0.3)
-    _hide(panels[len(sheet.corners) :])
     figure.supxlabel(_level_axis(measure), fontsize=9)
     return figure
 
@@ -97,20 +90,20 @@ def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
     """
     others = [column for column in sheet.measures if column is not measure][:_AGAINST]
     rows = (len(others) + 1) // 2
-    figure = Figure(figsize=(7.2, 2.7 * rows + 0.9), layout="constrained")
-    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    figure = new_figure(7.2, 2.7 * rows + 0.9)
+    panels = panels_of(figure, len(others), 2, sharex=True)
     corner = dominant_corner(sheet, measure)
     colors = np.array(build_colors(len(sheet.builds)))[sheet.placed[:, corner]]
-    for panel, other in zip(panels, others, strict=False):
+    for panel, other in zip(panels, others, strict=True):
         spots = panel.scatter(100.0 * measure.levels, 100.0 * other.levels, s=5, c=colors, lw=0, alpha=0.7)
         spots.set_rasterized(True)
         _front(panel, sheet, measure, other)
         panel.set_ylabel(f"{other.name}, level [%]", fontsize=8)
         panel.grid(alpha=0.3)
         panel.tick_params(labelsize=8)
-    _hide(panels[len(others) :])
     figure.supxlabel(_level_axis(measure), fontsize=9)
-    _legend(figure, sheet, corner)
+    colors_of_builds = build_colors(len(sheet.builds))
+    color_legend(figure, sheet.builds, colors_of_builds, f"build at {sheet.corners[corner].upper()}")
     return figure
 
 
@@ -127,53 +120,20 @@ def front(sheet: Sheet, first: Column, second: Column) -> Indices:
     return np.asarray(kept[np.argsort(first.values[kept])], dtype=np.int64)
 
 
-def _legend(figure: Figure, sheet: Sheet, corner: int) -> None:
-    colors = build_colors(len(sheet.builds))
-    marks = [Line2D([], [], color=color, marker="o", ls="", ms=5) for color in colors]
-    title = f"build at {sheet.corners[corner].upper()}"
-    figure.legend(marks, sheet.builds, title=title, loc="outside upper center", ncols=8, frameon=False, fontsize=8)
-
-
 def _level_axis(measure: Column) -> str:
     us, (low, high) = measure.scale.us, measure.extremes
     unit = "" if us.unit == "1" else f" {us.unit}"
     return f"{measure.name}, level [%]; 0 is {us(low):.4g}{unit}, 100 is {us(high):.4g}{unit}"
 
 
-def _hide(panels: Iterable[Axes]) -> None:
-    for panel in panels:
-        panel.set_visible(False)
-
-
 def _slug(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-
-
-def _save(figure: Figure, stem: Path) -> list[Path]:
-    """Save a figure as PNG and SVG; the same figure gives the same bytes."""
-    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
-    with mpl.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
-        for path in files:
-            with atomic_path(path) as temporary:
-                figure.savefig(temporary, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
-            figure.set_layout_engine("none")  # keep the layout of the first file
-    return files
 
 
 # ---- Texts and figures at the top of the page, and its tables of extremes and sensitivities -------------------------
 
 #: Share of a measure's variance [1] above which a corner is highlighted.
 MATTERS = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """A figure at the top of the page, in US customary (`us`) and metric (`metric`) units."""
-
-    what: str
-    us: str
-    metric: str
-    detail: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,39 +182,27 @@ def tiles(sheet: Sheet) -> tuple[Tile, ...]:
 def _tiles(sheet: Sheet) -> Iterator[Tile]:
     column, best = sheet.ranked_by, int(sheet.order[0])
     us, metric = _both(column.scale, float(column.values[best]))
-    yield Tile(f"best {column.name}", us, metric, f"setup {sheet.numbers[best]}")
+    yield Tile(f"best {column.name}", us, f"setup {sheet.numbers[best]}", metric)
     if sheet.baseline is not None and sheet.done[sheet.baseline]:
         base = float(column.values[sheet.baseline])
         gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
-        yield Tile("best compared with baseline", gain, gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
+        yield Tile("best compared with baseline", gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
         place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
-        yield Tile("rank of the baseline", place, place, sheet.fitted(sheet.baseline))
+        yield Tile("rank of the baseline", place, sheet.fitted(sheet.baseline))
     known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
     if known.size:
         worst = percent(float(known.max()))
-        yield Tile("largest coupling error", worst, worst, f"median {percent(float(np.median(known)))}")
+        yield Tile("largest coupling error", worst, f"median {percent(float(np.median(known)))}")
     ran = f"{int(sheet.done.sum())}"
-    yield Tile("setups", ran, ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
+    yield Tile("setups", ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
 
 
 def _both(scale: Scale, value: float) -> tuple[str, str]:
     return _with_unit(scale.us, value), _with_unit(scale.metric, value)
 
 
-def _with_unit(shown: Shown, value: float) -> str:
+def _with_unit(shown: Display, value: float) -> str:
     return fixed(shown(value)) if shown.unit == "1" else f"{fixed(shown(value))} {shown.unit}"
-
-
-def fixed(value: float, digits: int = 4) -> str:
-    """Return a number with all significant digits, including trailing zeros, so that the digits of a column align.
-
-    >>> fixed(162.0), fixed(-0.05)
-    ('162.0', '−0.05000')
-    """
-    if not 1e-4 <= abs(value) < 1e5:
-        return figure(value, digits)
-    places = max(0, digits - 1 - floor(log10(abs(value))))
-    return f"{value:.{places}f}".replace("-", "−")
 
 
 def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
@@ -279,8 +227,6 @@ def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Sha
 
 
 # ---- The study's page -----------------------------------------------------------------------------------------------
-
-_PACKAGE = "cosim.study.report"
 
 #: Parts of the page's script, in the order of their dependencies.
 _SCRIPTS = ("store", "state", "table", "dots", "plots", "setup", "sensitivity", "page")
@@ -315,24 +261,31 @@ def page(sheet: Sheet, extras: Extras) -> str:
     groups = _groups(sheet, extras.selection)
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras.traces, extras.sensitivities, picked)
-    return template(_PACKAGE, {"fixed": fixed}).render(
-        _words(sheet)
-        | _choices(sheet)
-        | _effects(sheet, extras.sensitivities)
-        | {
-            "sheet": sheet,
-            "background": sheet.background,
-            "groups": groups,
-            "ranks": np.argsort(sheet.order) + 1,
-            "selection_columns": _selected_for(sheet, extras.selection),
-            "traced": sorted(extras.traces),
-            "manifest": manifest,
-            "numbers": numbers,
-            "plotly": plotly(),
-            "style": insert(_PACKAGE, "page.css"),
-            "script": Markup("\n").join(insert(_PACKAGE, f"script/{name}.js") for name in _SCRIPTS),
-        }
+    context = _words(sheet) | _choices(sheet) | _effects(sheet, extras.sensitivities)
+    return html.page(
+        "cosim.study.report",
+        [f"script/{name}.js" for name in _SCRIPTS],
+        **context,
+        title=sheet.background.title,
+        places=_places(sheet, groups),
+        sheet=sheet,
+        background=sheet.background,
+        groups=groups,
+        ranks=np.argsort(sheet.order) + 1,
+        selection_columns=_selected_for(sheet, extras.selection),
+        traced=sorted(extras.traces),
+        data={"manifest": manifest, "numbers": numbers},
     )
+
+
+def _places(sheet: Sheet, groups: Sequence[Any]) -> Iterator[tuple[str, str]]:
+    yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("setup", "Setup"))
+    yield "sensitivity", "Sensitivity"
+    if groups:
+        yield "selected", "Selected"
+    if sheet.failures or sheet.marks:
+        yield "doubtful", "Failed, marked"
+    yield "provenance", "Provenance"
 
 
 def _words(sheet: Sheet) -> dict[str, Any]:
@@ -344,7 +297,6 @@ def _words(sheet: Sheet) -> dict[str, Any]:
         "problems": problems[:_LISTED],
         "more_problems": max(0, len(problems) - _LISTED),
         "versions": versions(),
-        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
 
 

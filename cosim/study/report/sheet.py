@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from colorsys import hls_to_rgb
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.report.figures import TRACES_CAPACITY, Store, traces
-from cosim.report.page import COLORS
+from cosim.report.page import Origin
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.measures import DISPLAY
-from eightpost import units
 from eightpost.array_types import Array
+from eightpost.report.charts import COLORS
+from eightpost.report.numbers import Display
+from eightpost.report.packing import TRACES_CAPACITY, Store, traces
 from eightpost.signals import TimeSeries
+from eightpost.units import metric
 from eightpost.verdict import Verdict
 
 # ---- Colours of the builds of a bank --------------------------------------------------------------------------------
@@ -32,56 +33,23 @@ def build_colors(count: int) -> tuple[str, ...]:
 
 # ---- Display units of the page --------------------------------------------------------------------------------------
 
-#: US customary unit by SI unit, as race engineers use it; other units are shown unchanged.
-US = {**DISPLAY, "N/m": "lbf/in", "N.s/m": "lbf.s/in"}
-METRIC = {"m": "mm", "m/s": "mm/s", "rad": "deg"}
 
+class Scale(NamedTuple):
+    """Display units of a quantity in both systems."""
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """Display unit and its conversion from SI: `shown = factor * value + offset`."""
-
-    unit: str
-    factor: float
-    offset: float
-
-    @classmethod
-    def of(cls, si: str, unit: str) -> Shown:
-        """Return the conversion from the SI unit `si` to `unit`."""
-        return cls(unit, *units.conversion(si, unit))
-
-    def __call__(self, value: float) -> float:
-        """Return a value in SI converted to the display unit."""
-        return self.factor * value + self.offset
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Display units of an SI unit in both systems.
-
-    Args:
-        si: SI unit; the unit of a user-defined measure may be unknown to the units module and is then shown unchanged.
-        us: US customary display unit.
-        metric: Metric display unit.
-    """
-
-    si: str
-    us: Shown
-    metric: Shown
+    us: Display
+    metric: Display
 
     @classmethod
     def of(cls, si: str, display: str = "") -> Scale:
-        """Return the scale of an SI unit.
+        """Return the display units of an SI unit; an unknown unit of a user-defined measure is shown unchanged.
 
         Args:
             si: SI unit.
-            display: US customary unit that the measure asks for; empty for the default of `US`.
+            display: US customary unit that the measure asks for; default: that of the table of display units.
         """
-        if not units.is_unit(si):
-            same = Shown(si, 1.0, 0.0)
-            return cls(si, same, same)
-        us = display if display and display != si else US.get(si, si)
-        return cls(si, Shown.of(si, us), Shown.of(si, METRIC.get(si, si)))
+        us = display if display != si else ""
+        return cls(Display.of(si, us or None), Display.of(si, metric(si)))
 
 
 # ---- Data of the report ---------------------------------------------------------------------------------------------
@@ -137,25 +105,6 @@ class Column:
         """Levels (S,): 0 for the lowest value of all setups, 1 for the highest (7.2)."""
         low, high = self.extremes
         return (self.values - low) / ((high - low) or 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """A file that the study used.
-
-    Args:
-        what: Role of the file in the study.
-        file: Name of the file.
-        identity: GUID; empty if the file is not an FMU.
-        digest: SHA-256 of the file; empty if not known.
-        parameters: Parameter values that differ from the FMU's defaults, in the parameters' units.
-    """
-
-    what: str
-    file: str
-    identity: str = ""
-    digest: str = ""
-    parameters: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

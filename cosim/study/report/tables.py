@@ -11,10 +11,7 @@ import numpy as np
 import xlsxwriter
 import xlsxwriter.exceptions
 
-from cosim.study.report.sheet import (
-    Sheet,
-    shown_columns,
-)
+from cosim.study.report.sheet import Sheet, shown_columns
 from eightpost.cells import safe_cell
 from eightpost.errors import OutputError
 from eightpost.files import atomic_path
@@ -163,19 +160,11 @@ def _digits(value: float) -> str:
 
 
 def _units(workbook: Any, sheet: Sheet) -> None:
-    heads = [
-        "measure",
-        "unit here",
-        "SI unit",
-        "here = factor * SI + offset: factor",
-        "offset",
-        "least",
-        "greatest",
-    ]
+    heads = ["measure", "unit here", "SI unit", "here = factor * SI + offset: factor", "offset", "least", "greatest"]
     rows: list[list[Cell]] = []
     for column in shown_columns(sheet):
         us, (least, greatest) = column.scale.us, column.extremes
-        rows.append([column.name, us.unit, column.scale.si, us.factor, us.offset, us(least), us(greatest)])
+        rows.append([column.name, us.unit, us.si, us.factor, us.offset, us(least), us(greatest)])
     _table(workbook, workbook.add_worksheet("Units"), heads, rows)
 
 
@@ -183,7 +172,7 @@ def _provenance(workbook: Any, sheet: Sheet) -> None:
     source = sheet.background
     words = [("Study", source.title), ("Objective", source.objective or "none"), *source.facts]
     words += [("Constraint", str(bound)) for bound in source.constraints] + [("Note", text) for text in source.notes]
-    files = [(o.what, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
+    files = [(o.name, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
     page = workbook.add_worksheet("Provenance")
     _table(workbook, page, ["what", "value or file", "GUID", "SHA-256", "parameters set"], [*words, *files])
     page.set_column(1, 1, 60)

@@ -11,27 +11,19 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 
+from cosim.report.page import Origin
 from cosim.study.choice.robust import REACH, Spread
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.page import Extras, page, write_figures
-from cosim.study.report.sheet import (
-    Background,
-    Bound,
-    Column,
-    Indices,
-    Origin,
-    Scale,
-    Sheet,
-    Uncertainty,
-)
+from cosim.study.report.sheet import Background, Bound, Column, Indices, Scale, Sheet, Uncertainty
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from cosim.study.verdict import study_verdict
 from eightpost.array_types import Array
-from eightpost.files import atomic_path
+from eightpost.report.page import write_page
 from eightpost.signals import TimeSeries
 
 # ---- Uncertainty of the measures of a study, setup by setup ---------------------------------------------------------
@@ -224,9 +216,8 @@ def _origins(result: StudyResult) -> Iterator[Origin]:
     files |= {f"file {PurePath(path).name}": (PurePath(path), {}) for path in source.digests if path not in known}
     for what, (file, parameters) in files.items():
         identity, digest = (found.get(str(file)) or found.get(file.name, "") for found in (guids, digests))
-        yield Origin(
-            what, file.name, identity, digest, tuple(f"{name} = {value}" for name, value in parameters.items())
-        )
+        changed = tuple(f"{name} = {value}" for name, value in parameters.items())
+        yield Origin(what, file.name, identity, "", digest, changed)
 
 
 def _by_name(known: Mapping[str, str]) -> dict[str, str]:
@@ -288,7 +279,7 @@ def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPath
     """Write all files of a report from its data."""
     folder = Path(out_dir)
     return ReportPaths(
-        page=_write_page(sheet, folder / "report.html", extras),
+        page=write_page(folder / "report.html", page(sheet, extras)),
         workbook=write_workbook(sheet, folder / "ranking.xlsx"),
         ranking=write_ranking(sheet, folder / "ranking.csv"),
         traces={
@@ -298,10 +289,3 @@ def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPath
         },
         figures=write_figures(sheet, folder / "figures"),
     )
-
-
-def _write_page(sheet: Sheet, path: Path, extras: Extras) -> Path:
-    content = page(sheet, extras)
-    with atomic_path(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
-    return path

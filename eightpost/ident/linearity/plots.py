@@ -7,14 +7,11 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 
 from eightpost.cells import write_rows
 from eightpost.files import atomic_path
 from eightpost.ident.linearity.linearity import Condition
+from eightpost.report.pictures import Axes, color_cells, new_figure, save
 
 if TYPE_CHECKING:
     from eightpost.ident.linearity.linearity import Linearity
@@ -87,15 +84,14 @@ def plot_output(found: Linearity, output: str, path: str | FilePath) -> None:
         path: Path of the PNG file; it is replaced completely or not at all.
     """
     columns = _columns(found, output)
-    figure = Figure(figsize=(5.2 * len(columns), 8.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(5.2 * len(columns), 8.6)
     panels = figure.subplots(3, len(columns), squeeze=False)
     for column, (title, chosen) in enumerate(columns):
         _traces(panels[0, column], chosen, title)
         _magnitudes(panels[1, column], chosen)
         _coherences(panels[2, column], found, chosen)
     figure.suptitle(f"{output} (coherence: bold where the response is high)")
-    _save(figure, path)
+    save(figure, path, format="png")
 
 
 def plot_conditions(found: Linearity, path: str | FilePath) -> None:
@@ -103,10 +99,9 @@ def plot_conditions(found: Linearity, path: str | FilePath) -> None:
     inputs, outputs = found.inputs, found.outputs
     verdicts = {(each.output, each.input): each for each in found.verdicts}
     cells = np.array([[verdicts[output, name].condition.value for name in inputs] for output in outputs])
-    figure = Figure(figsize=(2.4 + 1.05 * len(inputs), 1.9 + 0.55 * len(outputs)), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.4 + 1.05 * len(inputs), 1.9 + 0.55 * len(outputs))
     axes = figure.subplots()
-    axes.imshow(cells, cmap=ListedColormap(list(_COLORS.values())), vmin=0.5, vmax=4.5, aspect="auto")
+    color_cells(axes, cells, list(_COLORS.values()))
     for i, output in enumerate(outputs):
         for j, name in enumerate(inputs):
             each = verdicts[output, name]
@@ -116,7 +111,7 @@ def plot_conditions(found: Linearity, path: str | FilePath) -> None:
     axes.set_yticks(range(len(outputs)), outputs)
     lines = "\n".join(f"{kind.name}: {kind.meaning}" for kind in Condition)
     axes.set_title(f"{lines}\nmean coherence, level relative to the output's largest", fontsize=8, loc="left")
-    _save(figure, path)
+    save(figure, path, format="png")
 
 
 def _columns(found: Linearity, output: str) -> list[tuple[str, list[Path]]]:
@@ -136,7 +131,7 @@ def _traces(axes: Axes, chosen: Sequence[Path], title: str) -> None:
     for path in chosen:
         axes.plot(np.arange(path.trace.size) / path.rate, path.trace, linewidth=1.0, label=path.input.name)
     axes.set(title=title, xlabel="time [s]", ylabel=f"response [{chosen[0].output.unit}]")
-    _finish(axes)
+    axes.grid(alpha=0.3)
 
 
 def _magnitudes(axes: Axes, chosen: Sequence[Path]) -> None:
@@ -144,7 +139,7 @@ def _magnitudes(axes: Axes, chosen: Sequence[Path]) -> None:
         axes.plot(path.frequency, 20.0 * np.log10(np.maximum(np.abs(path.H), 1e-300)), linewidth=1.2)
     unit = f"{chosen[0].output.unit} per {chosen[0].input.unit}"
     axes.set(xlabel="frequency [Hz]", ylabel=f"magnitude [dB re {unit}]")
-    _finish(axes)
+    axes.grid(alpha=0.3)
 
 
 def _coherences(axes: Axes, found: Linearity, chosen: Sequence[Path]) -> None:
@@ -157,13 +152,4 @@ def _coherences(axes: Axes, found: Linearity, chosen: Sequence[Path]) -> None:
     axes.axhline(chosen[0].chance, color="0.5", linestyle=":", label="noise alone (5 %)")
     axes.set(xlabel="frequency [Hz]", ylabel="coherence", ylim=(0.0, 1.02))
     axes.legend(fontsize=7)
-    _finish(axes)
-
-
-def _finish(axes: Axes) -> None:
     axes.grid(alpha=0.3)
-
-
-def _save(figure: Figure, path: str | FilePath) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)

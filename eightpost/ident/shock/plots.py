@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.table import Table
 
 from eightpost.array_types import Array
-from eightpost.files import atomic_path
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.verdict import in_field_units
+from eightpost.report.console import Table, console_table, right, unbroken
+from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -37,42 +34,39 @@ def law_title(name: str) -> str:
 
 def fit_table(fits: Sequence[ShockFit]) -> Table:
     """Return a table of fits like Table 3.4; the reduction is relative to Polylinear of the same shock, if fitted."""
-    table = Table("shock", title="Fits")
-    table.add_column("law", no_wrap=True)
-    for title in ("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s"):
-        table.add_column(title, justify="right")
     static = {fit.shock.name: fit.rms for fit in fits if fit.shock.law_name == "polylinear"}
-    for fit in fits:
-        table.add_row(
+    columns = right("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s")
+    rows = [
+        (
             fit.shock.name,
             law_title(fit.shock.law_name),
-            f"{convert(fit.rms, 'N', 'lbf'):.2f}",
-            f"{fit.rms:.2f}",
-            f"{fit.percent:.2f}",
+            *(f"{rms:.2f}" for rms in (convert(fit.rms, "N", "lbf"), fit.rms, fit.percent)),
             _reduction(fit, static.get(fit.shock.name)),
             f"{fit.seconds:.2f}",
         )
-    return table
+        for fit in fits
+    ]
+    return console_table(["shock", *unbroken("law"), *columns], rows, title="Fits")
 
 
 def parameter_table(fit: ShockFit) -> Table:
     """Return the parameters of a fit: value, 95 % interval and bounds in SI and in field units."""
-    table = Table(title=f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters")
-    table.add_column("parameter", no_wrap=True)
-    for title in ("value", "95 % interval", "SI", "bounds"):
-        table.add_column(title, justify="right")
-    table.add_column("at bound")
-    for parameter in fit.parameters:
-        value, unit = in_field_units(parameter.value, parameter.unit)
-        table.add_row(
-            parameter.name,
-            f"{value:.4g} {unit}",
-            _interval(parameter),
-            f"{parameter.value:.4g} {parameter.unit}",
-            _bounds(parameter),
-            parameter.at_bound or "-",
-        )
-    return table
+    columns = [*unbroken("parameter"), *right("value", "95 % interval", "SI", "bounds"), "at bound"]
+    title = f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters"
+    return console_table(columns, map(_parameter_row, fit.parameters), title=title)
+
+
+def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
+    value, unit = in_field_units(parameter.value, parameter.unit)
+    si = f"{parameter.value:.4g} {parameter.unit}"
+    return (
+        parameter.name,
+        f"{value:.4g} {unit}",
+        _interval(parameter),
+        si,
+        _bounds(parameter),
+        parameter.at_bound or "-",
+    )
 
 
 def _reduction(fit: ShockFit, static: float | None) -> str:
@@ -111,13 +105,10 @@ def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], 
         path: File to write; an existing file is replaced only when the new one is complete.
     """
     shown = list(fits) if isinstance(fits, (tuple, list)) else [fits]
-    figure = Figure(figsize=(7.2 * len(shown), 6.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = np.atleast_1d(figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=True))
-    for axes, fit in zip(panels, shown, strict=True):
+    figure = new_figure(7.2 * len(shown), 6.4)
+    for axes, fit in zip(panels_of(figure, len(shown), len(shown), sharex=True, sharey=True), shown, strict=True):
         _panel(axes, fit)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save(figure, path, format="png")
 
 
 def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: str | Path) -> None:
@@ -127,8 +118,7 @@ def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: s
         found: Tables and the shocks made of them.
         path: File to write; an existing file is replaced only when the new one is complete.
     """
-    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(7.2, 6.4)
     axes = figure.subplots()
     for table, shock in found:
         (line,) = axes.plot(*_static_curve(shock.law.curve), linewidth=1.5, label=table.clicks or shock.name)
@@ -137,8 +127,7 @@ def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: s
         axes.plot(_INCH * speed, _POUND * force, "o", color=line.get_color(), markersize=4.0)
     axes.set_title("points of the table and curves through them", pad=34)
     _decorate(axes)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save(figure, path, format="png")
 
 
 def _panel(axes: Axes, fit: ShockFit) -> None:

@@ -13,7 +13,7 @@ from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.uncertainty import quantile
 from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
-from eightpost.units import convert
+from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
@@ -113,18 +113,11 @@ _NOTABLE_OFFSET = 0.01
 #: Share of the standard deviation from which the residual is reported as too large for the law.
 _POOR = 0.1
 
-_IN_WORDS = {
-    "s": (1e3, "ms"),
-    "N": (convert(1.0, "N", "lbf"), "lbf"),
-    "N/m": (convert(1.0, "N/m", "lbf/in"), "lbf/in"),
-    "N.s/m": (convert(1.0, "N.s/m", "lbf.s/in"), "lbf.s/in"),
-}
-
 
 def in_field_units(value: float, unit: str) -> tuple[float, str]:
     """Return an SI value in the unit used in the field: ms, lbf, lbf/in."""
-    factor, name = _IN_WORDS.get(unit, (1.0, unit))
-    return factor * value, name
+    shown = "ms" if unit == "s" else us_customary(unit)
+    return convert(value, unit, shown), shown
 
 
 def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str, rms: float) -> list[str]:

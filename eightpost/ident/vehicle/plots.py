@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from eightpost.array_types import Array, Complex
-from eightpost.files import atomic_path
 from eightpost.ident.response import response_of
+from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 
 if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
@@ -38,18 +35,13 @@ def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, pat
     first = next(iter(responses.values()))
     inputs = first.input_names
     columns = min(_COLUMNS, len(inputs))
-    rows = -(-len(inputs) // columns)
-    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    for axes, name in zip(panels, inputs, strict=False):
+    figure = new_figure(4.2 * columns, 3.4 * -(-len(inputs) // columns))
+    panels = panels_of(figure, len(inputs), columns, sharex=True)
+    for axes, name in zip(panels, inputs, strict=True):
         _panel(axes, responses, output, name)
-    for axes in panels[len(inputs) :]:
-        axes.set_visible(False)
     if len(responses) > 1:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(responses))
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save(figure, path, format="png")
 
 
 def _panel(axes: Axes, responses: Mapping[str, FrequencyResponse], output: str, source: str) -> None:
@@ -93,8 +85,7 @@ def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Pat
     paths = [folder / f"{output}.png" for output in outputs]
     for row, path in enumerate(paths):
         sheet.show(estimate, model, row)
-        with atomic_path(path) as temporary:
-            sheet.figure.savefig(temporary, format="png", dpi=90, pil_kwargs={"compress_level": _COMPRESSION})
+        save(sheet.figure, path, format="png", dpi=90, pil_kwargs={"compress_level": _COMPRESSION})
     return paths
 
 
@@ -111,8 +102,7 @@ class _Sheet:
     def __init__(self, estimate: FrequencyResponse, recipe: str) -> None:
         columns = min(_COLUMNS, len(estimate.inputs))
         rows = -(-len(estimate.inputs) // columns)
-        self.figure = Figure(figsize=(_WIDE * columns, _STRIP + _HIGH_ROW * rows + 0.25))
-        FigureCanvasAgg(self.figure)
+        self.figure = new_figure(_WIDE * columns, _STRIP + _HIGH_ROW * rows + 0.25, layout=None)
         self._panels = []
         for place in range(len(estimate.inputs)):
             row, column = divmod(place, columns)

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
 from eightpost.ident.vehicle.experiment import channel
+from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
@@ -35,40 +34,36 @@ def residual_table(fit: VehicleFit) -> Table:
     """Return the misfit of the model's response [%]: one row per quantity, one column per corner."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in fit.residual)
     ports = [port for port in ("", *_CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
-    table = Table("output", title=f"{fit.vehicle.name}, recipe {fit.recipe}: misfit of the model's response, %")
-    for port in ports:
-        table.add_column(port or "misfit", justify="right")
-    for quantity in quantities:
-        table.add_row(quantity, *(_percent(fit.residual.get(channel(port, quantity))) for port in ports))
-    return table
+    return console_table(
+        ["output", *right(*(port or "misfit" for port in ports))],
+        [(q, *(_percent(fit.residual.get(channel(port, q))) for port in ports)) for q in quantities],
+        title=f"{fit.vehicle.name}, recipe {fit.recipe}: misfit of the model's response, %",
+    )
 
 
 def trust_table(trust: Trust) -> Table:
     """Return the uncertainty of each quantity: that of its worst output."""
-    table = Table(
-        "quantity",
-        title=f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models "
-        "with resampled noise",
-    )
     figures = _FIGURES if any(one.with_friction is not None for one in trust.outputs.values()) else _FIGURES[:-1]
-    for head, _ in figures:
-        table.add_column(head, justify="right")
+    rows = []
     for quantity in dict.fromkeys(name.rpartition(".")[2] for name in trust.outputs):
         outputs = [one for name, one in trust.outputs.items() if name.rpartition(".")[2] == quantity]
-        table.add_row(quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures))
-    return table
+        rows.append((quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures)))
+    title = (
+        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models with "
+        "resampled noise"
+    )
+    return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
 def friction_table(fit: VehicleFit, trust: Trust) -> Table:
     """Return the estimated friction of every port and the friction that the vehicle has."""
-    table = Table("port", title="friction at the ports")
-    for head in ("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s"):
-        table.add_column(head, justify="right")
+    rows = []
     for port, force in trust.friction.items():
         law = fit.vehicle.friction.get(port)
         used = ("none", "") if law is None else (f"{law.force:.1f}", f"{1e3 * law.velocity:.2g}")
-        table.add_row(port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used)
-    return table
+        rows.append((port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used))
+    columns = right("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s")
+    return console_table(["port", *columns], rows, title="friction at the ports")
 
 
 def damping_sentence(fit: VehicleFit) -> str:

@@ -1,8 +1,6 @@
 // Event handlers, and the start of the page.
 
-function switchUnits(event) {
-  state.metric = event.target.value === "metric";
-  document.body.classList.toggle("metric", state.metric);
+function redraw() {
   if (!data) return;
   drawSetup();
   redrawTraces();
@@ -109,9 +107,9 @@ function resetInputs() {
 }
 
 resetInputs();
-for (const box of document.querySelectorAll("input[name=units]")) box.addEventListener("change", switchUnits);
+onUnits(redraw);
 try {
-  data = decode(await unpack("numbers"));
+  data = decode(await unpacked("numbers"));
   for (const row of manifest.picked) state.picked.add(row);
   state.focus = Number(document.getElementById("focus").value);
   state.current = manifest.best;
@@ -127,7 +125,5 @@ try {
   refresh();
   document.body.dataset.ready = "yes";
 } catch (error) {
-  const trouble = document.getElementById("trouble");
-  trouble.textContent = `The plots and tables of this page cannot be drawn (${error}). The page needs a browser of 2023 or later.`;
-  trouble.hidden = false;
+  fail("The plots and tables of this page", error);
 }

@@ -8,8 +8,7 @@ if (sensitivityPlace) new IntersectionObserver(([{ isIntersecting }]) => {
   drawSensitivity();
 }, { rootMargin: "300px" }).observe(sensitivityPlace);
 
-const effectLayout = (more) => ({ margin: { l: 70, r: 10, t: 30, b: 46 }, height: 330, paper_bgcolor: "#fff", plot_bgcolor: "#fff",
-  font: { family: "system-ui, sans-serif", size: 12, color: INK }, modebar: { bgcolor: "rgba(0,0,0,0)" }, ...more });
+const effectLayout = (more) => ({ ...PAPER, margin: { l: 70, r: 10, t: 30, b: 46 }, height: 330, ...more });
 
 async function drawSensitivity() {
   if (!sensitivityPlace) return;

@@ -1,7 +1,6 @@
 // One setup: its builds, its values compared with the baseline and the best setup, its time traces.
 
-const PLOT = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"] };
-const AXIS = { gridcolor: "#e6e9ee", zeroline: false, linecolor: "#b9c1cb", ticks: "outside", tickcolor: "#b9c1cb" };
+const PLOT = { ...SETTINGS, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"] };
 const LINES = ["#0072b2", "#d55e00", "#009e73", "#8e5a9b", "#56b4e9", "#e69f00", "#4d4d4d", "#a6374f"];
 const DRAWN = 700; // pairs of points (minimum, maximum) drawn per line
 
@@ -92,29 +91,14 @@ const traceWatch = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) if (isIntersecting) drawTrace(target);
 }, { rootMargin: "300px" });
 
-/** Keep the minimum and maximum of every few samples, so that no peak is lost. */
-function decimate(values, time) {
-  const few = Math.max(1, Math.ceil(values.length / DRAWN)), kept = [];
-  for (let start = 0; start < values.length; start += few) {
-    let lowest = start, highest = start;
-    for (let k = start; k < Math.min(values.length, start + few); k++) {
-      if (values[k] < values[lowest]) lowest = k;
-      if (values[k] > values[highest]) highest = k;
-    }
-    kept.push(Math.min(lowest, highest));
-    if (lowest !== highest) kept.push(Math.max(lowest, highest));
-  }
-  return { x: kept.map((k) => time[k]), y: kept.map((k) => values[k]) };
-}
-
 function lineOf(trace, channel, span, color, dash) {
-  const time = new Float64Array(data.bytes, trace.at, trace.count), values = samples(channel, trace.count);
+  const time = new Float64Array(data.bytes, trace.at, trace.count), values = samplesOf(channel, data.bytes, trace.count);
   const first = time.findIndex((moment) => moment >= span[0]), after = time.findIndex((moment) => moment > span[1]);
   const last = after < 0 ? time.length : after;
   const name = plain(channel.name.replace(/\.[^.]*$/, "")) + (dash ? ", baseline" : "");
-  const { x, y } = decimate(values.subarray(first, last), time.subarray(first, last));
-  return { type: "scatter", mode: "lines", name, showlegend: !dash, x, y: y.map((value) => convert(channel, value)),
-    line: { color, width: dash ? 1 : 1.4, dash: dash || "solid" }, hovertemplate: `%{y:.4~g} ${unit(channel)}` };
+  const kept = decimated(values, first, last, DRAWN);
+  return { type: "scatter", mode: "lines", name, showlegend: !dash, x: kept.map((k) => time[k]),
+    y: kept.map((k) => convert(channel, values[k])), line: { color, width: dash ? 1 : 1.4, dash: dash || "solid" }, hovertemplate: `%{y:.4~g} ${unit(channel)}` };
 }
 
 const wholeOf = (trace) => [trace.from, trace.to];
@@ -132,9 +116,8 @@ async function drawTrace(place) {
   const lines = channels.flatMap((channel, k) => [
     ...(twin(channel) ? [lineOf(other, twin(channel), span, `${LINES[k % LINES.length]}80`, "dot")] : []),
     lineOf(trace, channel, span, LINES[k % LINES.length], "")]);
-  const layout = { margin: { l: 64, r: 10, t: 24, b: 38 }, height: 230, hovermode: "x unified", dragmode: "zoom",
-    font: { family: "system-ui, sans-serif", size: 12, color: INK }, paper_bgcolor: "#fff", plot_bgcolor: "#fff",
-    modebar: { bgcolor: "rgba(0,0,0,0)" }, legend: { font: { size: 11 } }, hoverlabel: { namelength: 40, font: { size: 11 } },
+  const layout = { ...PAPER, margin: { l: 64, r: 10, t: 24, b: 38 }, height: 230, hovermode: "x unified", dragmode: "zoom",
+    legend: { font: { size: 11 } }, hoverlabel: { namelength: 40, font: { size: 11 } },
     xaxis: { ...AXIS, range: span, title: { text: "time [s]", font: { size: 12 }, standoff: 4 } },
     yaxis: { ...AXIS, fixedrange: true, title: { text: `${plain(place.quantity)}${inUnit(channels[0])}`, font: { size: 12 } } } };
   Plotly.react(place, lines, layout, PLOT);
@@ -145,8 +128,6 @@ async function drawTrace(place) {
     else if (changed["xaxis.autorange"]) zoomTraces(wholeOf(traceOf(state.current)));
   });
 }
-
-const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
 function zoomTraces(span) {
   state.span = span;

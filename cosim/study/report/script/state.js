@@ -5,7 +5,6 @@ let shown; // one byte per setup: whether it passes the filters and is inside th
 let waiting = false;
 
 const state = {
-  metric: false,
   focus: 0, // the column whose levels and trade-offs are drawn
   colored: 0, // the corner whose build gives a setup its colour
   sort: { key: "rank", falling: false },
@@ -20,15 +19,15 @@ const state = {
 
 const label = (row) => manifest.corners.map((_, corner) => manifest.builds[data.placed[corner][row]]);
 const unit = (column) => {
-  const { unit: name } = state.metric ? column.metric : column.us;
+  const { unit: name } = metric ? column.metric : column.us;
   return name === "1" ? "" : name;
 };
 const inUnit = (column) => (unit(column) ? ` [${unit(column)}]` : "");
 const convert = (scale, value) => {
-  const shownAs = state.metric ? scale.metric : scale.us;
+  const shownAs = metric ? scale.metric : scale.us;
   return shownAs.factor * value + shownAs.offset;
 };
-const width = (scale, value) => (state.metric ? scale.metric : scale.us).factor * value;
+const width = (scale, value) => (metric ? scale.metric : scale.us).factor * value;
 
 /** Format a number with four significant digits and a true minus sign. */
 function figure(value, digits = 4) {

@@ -5,19 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
 from eightpost.array_types import Array
-from eightpost.files import atomic_path
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
+from eightpost.report.pictures import Axes, new_figure, save, ticks_at_1_2_5
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from matplotlib.axes import Axes
 
     from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, OrderStudy
 
@@ -53,20 +48,16 @@ def _is_stable(frequency: float, damping: float, before: Array) -> bool:
 
 def plot_stabilisation(orders: Orders, path: str | Path) -> None:
     """Write a PNG of the poles over frequency and order, and of the gaps of the singular values."""
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 4.6)
     poles, gaps = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
     _poles(poles, orders)
     gaps.barh([one.states for one in orders.tried], [one.gap for one in orders.tried], height=1.2)
     gaps.axhline(orders.chosen, color="tab:red", linewidth=1.0)
     gaps.axvline(CLEAR_GAP, color="0.5", linewidth=1.0, linestyle="--", label="clear gap")
     gaps.set(title="gap", xlabel="ratio to next singular value", xscale="log")
-    gaps.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=6))
-    gaps.xaxis.set_minor_locator(NullLocator())
-    gaps.xaxis.set_major_formatter("{x:g}")
+    ticks_at_1_2_5(gaps)
     gaps.legend(fontsize="small", loc="upper right")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save(figure, path, format="png")
 
 
 def _poles(axes: Axes, orders: Orders) -> None:

@@ -220,7 +220,7 @@ def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
     opened.browser.until("document.querySelectorAll('#traces .js-plotly-plot').length === 2")
     assert opened.do(_AXIS) == "velocity [in/s]"
     assert opened.rows()[0][opened.column(FRONT)] == f"{whole.values(FRONT)[best] / IN:.4f}"
-    opened.click("input[value=metric]")
+    opened.click("input[value=si]")
     shown = f"{1e3 * whole.values(FRONT)[best]:.3f}"
     assert opened.rows()[0][opened.column(f"{FRONT} [mm]")] == shown
     assert shown in opened.text("#compared")

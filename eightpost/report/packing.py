@@ -1,49 +1,20 @@
-"""Figures of a run: traces and spectra, grouped by quantity."""
+"""Time series in a page: traces without loss of peaks, power spectral densities, and their numbers as text."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from eightpost.array_types import Array
-from eightpost.page import compressed
-from eightpost.signals import TimeSeries
+from eightpost.report.page import compressed
 
-# ---- Formatting of numbers and lists for display --------------------------------------------------------------------
+if TYPE_CHECKING:
+    from eightpost.signals import TimeSeries
 
-#: Number of names of a list that are written in full.
-_NAMED = 8
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def figure(value: float, digits: int = 4) -> str:
-    """Return a number with its significant digits and a true minus sign.
-
-    >>> figure(-0.0000744), figure(1234.5678)
-    ('−7.44·10⁻⁵', '1235')
-    """
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    power = f"·10{str(int(exponent)).translate(_SUPERSCRIPTS)}" if exponent else ""
-    return f"{mantissa}{power}".replace("-", "−")
-
-
-def percent(value: float) -> str:
-    """Return a value given in percent, with two digits."""
-    return f"{figure(value, 2 if abs(value) < 100.0 else 3)}\N{NO-BREAK SPACE}%"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names separated by commas; of a long list, the first ones and the number of the others."""
-    more = len(names) - _NAMED
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_NAMED])} and {more} more"
-
-
-# ---- Encoding of arrays and scripts as text in a page ---------------------------------------------------------------
-
+# ---- Encoding of arrays as text in a page ---------------------------------------------------------------------------
 
 #: Number of levels between the minimum and the maximum of a channel: 16 bits are 100 times finer than a screen.
 LEVELS = 65535
@@ -85,7 +56,7 @@ class Store:
         return place
 
 
-# ---- Power spectral densities of a run after settling ---------------------------------------------------------------
+# ---- Power spectral densities ---------------------------------------------------------------------------------------
 
 #: Length of a block [s]: a resolution of 0.25 Hz, and 14 blocks, half overlapping, in 30 s.
 BLOCK = 4.0

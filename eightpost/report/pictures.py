@@ -1,0 +1,112 @@
+"""Plots in image files: figures, panels and how they are saved."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
+from matplotlib.ticker import LogLocator, NullLocator
+
+from eightpost.array_types import Array
+from eightpost.files import atomic_path
+
+__all__ = [
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Rectangle", "color_cells", "color_legend", "new_figure", "panels_of",
+    "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
+]  # fmt: skip
+
+
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """Return an empty figure of a width and a height [in]; the layout of its panels is computed when it is drawn.
+
+    Args:
+        width: Width [in].
+        height: Height [in].
+        options: Options of matplotlib's figure; `layout=None` if its panels have fixed positions.
+    """
+    figure = Figure(figsize=(width, height), **{"layout": "constrained"} | options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def panels_of(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
+    """Return the panels of a grid, row by row.
+
+    Args:
+        figure: Figure to which the panels are added.
+        count: Number of panels.
+        columns: Number of panels in a row.
+        options: Options of matplotlib's subplots.
+    """
+    rows = -(-count // columns)
+    panels = list(figure.subplots(rows, columns, squeeze=False, **options).ravel())
+    for panel in panels[count:]:
+        panel.set_visible(False)
+    return panels[:count]
+
+
+def color_cells(axes: Axes, numbers: Array, colors: Sequence[str]) -> None:
+    """Draw a matrix of the numbers 1, 2, ... as cells in the first, the second, ... colour."""
+    colored = ListedColormap(list(colors))
+    axes.imshow(numbers, cmap=colored, vmin=0.5, vmax=len(colors) + 0.5, aspect="auto")
+
+
+def color_legend(figure: Figure, names: Sequence[str], colors: Sequence[str], title: str) -> None:
+    """Draw a legend of colours above the panels."""
+    marks = [Line2D([], [], color=color, marker="o", ls="", ms=5) for color in colors]
+    figure.legend(marks, names, title=title, loc="outside upper center", ncols=8, frameon=False, fontsize=8)
+
+
+def ticks_at_1_2_5(axes: Axes) -> None:
+    """Put the ticks of a logarithmic horizontal axis at 1, 2 and 5 of every decade."""
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=6))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter("{x:g}")
+
+
+@contextmanager
+def plain_style() -> Iterator[None]:
+    """Draw with matplotlib's defaults, not the user's settings, so that the same data give the same bytes."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as PNG without a date and without the name of the software."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def save(figure: Figure, path: str | Path, *, dpi: int = 110, **options: Any) -> None:
+    """Save a figure; an existing file is replaced only when the new one is complete.
+
+    Args:
+        figure: Figure to save.
+        path: File to write; its suffix is its format.
+        dpi: Resolution [1/in].
+        options: Options of matplotlib's savefig.
+    """
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, **options)
+
+
+def save_for_print(figure: Figure, stem: Path) -> list[Path]:
+    """Save a figure as PNG and SVG and return the files; the same figure gives the same bytes."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    with matplotlib.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
+        for path in files:
+            save(figure, path, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
+            figure.set_layout_engine("none")  # keep the layout of the first file
+    return files
