@@ -61,7 +61,7 @@ def figures(root: Path) -> dict[str, str]:
     lengths = sorted(_function_lengths(files))
     folders = Counter(file.path.parent for file in files)
     lines = sorted(file.text.count("\n") for file in files)
-    importers = _importers(files)
+    importers = importers(files)
     names = [name for file in files for name in _public_names(file.tree)]
     mutual = {frozenset((a, b)) for a in importers for b in importers[a] if a in importers.get(b, ())}
     return {
@@ -103,7 +103,7 @@ def _import_lines(tree: ast.Module) -> int:
     return sum((node.end_lineno or 0) - node.lineno + 1 for node in imports)
 
 
-def _importers(files: list[Source]) -> dict[str, set[str]]:
+def importers(files: list[Source]) -> dict[str, set[str]]:
     """Return the modules that import each module; a name that a package exports counts for the module it is from."""
     modules = {file.module for file in files if not file.is_package}
     exported = {file.module: _exported(file) for file in files if file.is_package}

@@ -213,3 +213,17 @@ def test_a_maxwell_fmu_refuses_what_the_law_refuses(component, python_component,
     for load in (component, python_component):
         with pytest.raises(StepError, match=r"rise|must be positive for a Maxwell law"):
             load("maxwell", **values).end_initialization()
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "maxwell"])  # whose curve would fall there
+def test_a_transition_of_up_to_twice_its_speed_is_accepted(component, shocks, name):
+    """The curve must pass through zero at zero velocity, which a wider transition does not allow."""
+    speed = shocks[name].law.curve.transition_speed
+    fmu = component(name)
+    fmu.finish()
+    fmu.begin(0.0, 1e6, {"curve.transition_width": 1.05 * speed})
+    fmu.end_initialization()
+    fmu.finish()
+    fmu.begin(0.0, 1e6, {"curve.transition_width": 2.0 * speed})
+    with pytest.raises(StepError, match="transition_width must be less than twice"):
+        fmu.end_initialization()

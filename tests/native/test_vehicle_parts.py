@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 HARNESS = Path(__file__).with_name("vehicle_parts.c")
 
@@ -51,9 +53,26 @@ def test_the_factors_of_a_step_are_exact_at_any_step(parts, h):
     np.testing.assert_allclose((factors[2] + 1j * factors[3]) / h, one - two, rtol=tolerance)
 
 
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.floats(0.0, 30.0), st.floats(0.5 * math.pi, 1.5 * math.pi))
+def test_the_exponentials_of_a_damped_mode_are_exact_in_both_forms(parts, size, angle):
+    x = size * complex(math.cos(angle), math.sin(angle))
+    expected = [phi(x, order) for order in range(3)]
+    doublings = max(0, math.ceil(math.log2(2.0 * size))) if size > 0.5 else 0
+    for way in (-1, doublings):
+        found, at = reals(6)
+        parts.exponentials_of(ctypes.c_double(x.real), ctypes.c_double(x.imag), way, at)
+        np.testing.assert_allclose(found[::2] + 1j * found[1::2], expected, rtol=1e-13, atol=1e-14)
+
+
 def test_a_state_that_is_too_large_is_detected_wherever_it_is(parts):
     parts.is_sound_with.argtypes = [ctypes.c_int, ctypes.c_double]
     places = range(parts.state_count())
     assert all(parts.is_sound_with(k, 0.9e150) for k in places)
     for large in (1.1e150, -1.1e150, math.inf, math.nan):
         assert not any(parts.is_sound_with(k, large) for k in places)
+
+
+def test_the_number_of_sub_steps_is_the_next_whole_number(parts):
+    parts.sub_steps.argtypes = [ctypes.c_double]
+    assert [parts.sub_steps(count) for count in (0.0, 0.4, 1.0, 1.1, 2.0, 2.9, 99999.5)] == [1, 1, 1, 2, 2, 3, 100000]

@@ -34,3 +34,25 @@ int is_sound_with(int place, double value)
     z.at[place] = value;
     return is_sound(&z);
 }
+
+/* Real and imaginary parts of e^x, phi1(x) and phi2(x): in closed form, or by the series of x / 2^doublings. */
+void exponentials_of(double re, double im, int doublings, double *parts)
+{
+    Lanes x;
+    const double share = doublings < 0 ? 1.0 : 1.0 / (double)(1 << doublings);
+    for (int i = 0; i < LANES; i++) {
+        x.re[i] = i == LANES - 1 ? share * re : 0.0;
+        x.im[i] = i == LANES - 1 ? share * im : 0.0;
+    }
+    const Exponentials a = doublings < 0 ? exponentials_in_closed_form(&x) : exponentials_by_series(&x, doublings);
+    const Lanes *rows[] = {&a.e, &a.phi1, &a.phi2};
+    for (int row = 0; row < 3; row++) {
+        parts[2 * row] = rows[row]->re[LANES - 1];
+        parts[2 * row + 1] = rows[row]->im[LANES - 1];
+    }
+}
+
+int sub_steps(double count)
+{
+    return whole_number_above(count);
+}
