@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from eightpost.signals import ChannelMap
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 
 from eightpost.app.options import UNITS, Assignment, Quantity, flip_option, map_option
 from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from eightpost.ident.validation.record import Record
+    from eightpost.report.tables import ResultTable
+    from eightpost.signals import ChannelMap
+    from eightpost.verdict import Verdict
 
 #: Settling time at the start of a vehicle's records, which is left out [s].
 SETTLING = 4.0
@@ -87,29 +92,24 @@ def validate(  # one parameter per option
       eightpost validate vehicle.json rig/*.parquet --report car.html
       eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json --report car.html
     """
-    from eightpost.app.validate_paths import is_vehicle, sorted_paths
+    from eightpost.ident.validation.record import is_vehicle, models_and_records
 
     console = Console()
-    models, records = sorted_paths(paths)
+    models, records = models_and_records(paths)
     if report and report.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{report}: a report ends in .html; write --report {report.with_suffix('.html')}")
     if settling is not None and settling < 0.0:
         raise InputError(f"--settling must be 0 or more, not {settling:g} s")
+    reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}
+    given = _Given(console, records, kinds, reading, report, keep)
     if is_vehicle(models):
         _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff})
-        from eightpost.app import validate_vehicle as vehicles
-
-        limits = vehicles.limits_of(level, limit)
         settled = SETTLING if settling is None else settling
-        car = vehicles.VehicleOptions(
-            kinds, dict(shocks), against, limits, settled, dict(units), channel_map, flip, keep
-        )
-        ctx.exit(0 if vehicles.validate_one(console, models[0], records, car, report).is_acceptable else 1)
-    _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
-    from eightpost.app.validate_shock import ShockOptions, validate_all
-
-    options = ShockOptions(kinds, configurations, limit, cutoff, dict(units), channel_map, flip, keep)
-    ctx.exit(0 if validate_all(console, models, records, options, report).is_acceptable else 1)
+        verdict = _validate_vehicle(given, models[0], dict(shocks), against, level, limit, settled)
+    else:
+        _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
+        verdict = _validate_shocks(given, models, configurations, limit, cutoff)
+    ctx.exit(0 if verdict.is_acceptable else 1)
 
 
 def _refuse(kind: str, given: Mapping[str, object]) -> None:
@@ -117,3 +117,154 @@ def _refuse(kind: str, given: Mapping[str, object]) -> None:
     for option, value in given.items():
         if value not in (None, ()):
             raise click.BadParameter(f"it does not apply to a {kind}; omit it", param_hint=option)
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """Records and options that apply to shocks and to vehicles.
+
+    Attributes:
+        console: Console of the output.
+        records: Files of the records.
+        kinds: Kinds of records, each `KIND` or `FILE=KIND`.
+        reading: Options of reading a record: channel map, units and reversed channels.
+        report: Page to write.
+        keep: Whether to write the verdict into the files of the models.
+    """
+
+    console: Console
+    records: list[Path]
+    kinds: tuple[str, ...]
+    reading: dict[str, Any]
+    report: Path | None
+    keep: bool
+
+    def kind_of(self, kinds: Sequence[str]) -> dict[Path, Any]:
+        """Return the kind of each record for which one is given."""
+        found = self.by_record(self.kinds, "--kind")
+        for word in found.values():
+            if word not in kinds:
+                raise click.BadParameter(f"{word!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
+        return found
+
+    def by_record(self, words: Iterable[str], option: str) -> dict[Path, str]:
+        """Return a value for each record from `VALUE` (for all) and `FILE=VALUE`; the value of a file has priority."""
+        chosen: dict[Path, str] = {}
+        for word in sorted(words, key=lambda word: "=" in word):
+            name, equals, value = word.rpartition("=")
+            matching = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
+            if not matching:
+                known = ", ".join(path.name for path in self.records)
+                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint=option)
+            chosen |= dict.fromkeys(matching, value)
+        return chosen
+
+    def each_record(self) -> Iterable[Path]:
+        """Yield the records with a progress bar."""
+        from eightpost.app.progress import each
+
+        return each(self.console, self.records, "reading", len(self.records))
+
+    def show(self, records: Iterable[Record], tables: Iterable[ResultTable]) -> None:
+        """Print the kind of each record, and the tables that have rows."""
+        from eightpost.report.console import result_table
+
+        for record in records:
+            self.show_line(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}")
+        for table in tables:
+            if table.rows:
+                self.console.print(result_table(table))
+
+    def show_verdict(self, notes: Iterable[str], verdict: Verdict) -> None:
+        """Print the notes and the verdict."""
+        from eightpost.app.show import show_verdict
+
+        for note in notes:
+            self.show_line(f"[yellow]note[/] {escape(note)}")
+        show_verdict(self.console, verdict)
+
+    def show_line(self, text: str) -> None:
+        """Print a line of any length."""
+        self.console.print(text, soft_wrap=True, highlight=False)
+
+
+def _validate_shocks(
+    given: _Given, paths: list[Path], configurations: tuple[str, ...], limit: float | None, cutoff: float | None
+) -> Verdict:
+    """Validate shocks, print the tables, write the report, and return the verdict."""
+    from eightpost.ident.validation.dyno_record import dyno_record
+    from eightpost.ident.validation.record import KINDS
+    from eightpost.ident.validation.shock_tables import terminal_tables
+    from eightpost.ident.validation.shock_verdict import keep_verdicts, notes_on, shock_verdict
+    from eightpost.ident.validation.shocks import validate_shocks
+    from eightpost.rig import read_dyno_test
+    from eightpost.shock import read_shock
+
+    kind_of, number_of = given.kind_of(KINDS), given.by_record(configurations, "--configuration")
+    for word in number_of.values():
+        if not word.isdigit():
+            text = f"{word!r}: write it as a number from 1 to 12"
+            raise click.BadParameter(text, param_hint="--configuration")
+    shocks = [read_shock(path) for path in paths]
+    records = [
+        dyno_record(
+            read_dyno_test(path, cutoff=cutoff, **given.reading),
+            kind=kind_of.get(path),
+            configuration=int(number_of[path]) if path in number_of else None,
+        )
+        for path in given.each_record()
+    ]
+    study = validate_shocks(shocks, records, cutoff=cutoff)
+    verdict = shock_verdict(study, limit)
+    given.show(study.records, terminal_tables(study))
+    given.show_verdict(notes_on(study), verdict)
+    if given.report:
+        from eightpost.ident.validation.shock_page import write_shock_page
+
+        title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in shocks))}"
+        given.show_line(f"wrote {write_shock_page(given.report, study, limit=limit, title=title)}")
+    for path in keep_verdicts(study, paths, limit) if given.keep else ():
+        given.show_line(f"wrote the verdict into {path}")
+    return verdict
+
+
+def _validate_vehicle(
+    given: _Given, path: Path, shocks: dict[str, str], against: Path | None, level: float | None, limit: float | None,
+    settling: float,
+) -> Verdict:  # fmt: skip
+    """Validate a vehicle, print the tables, write the report, and return the verdict."""
+    from eightpost.ident.validation.rig_record import rig_record
+    from eightpost.ident.validation.vehicle_tables import terminal_tables
+    from eightpost.ident.validation.vehicle_verdict import Limits, keep_verdict, vehicle_verdict
+    from eightpost.ident.validation.vehicles import validate_vehicle
+    from eightpost.ident.vehicle import read_fit
+    from eightpost.ident.vehicle.verdict import trust_table
+    from eightpost.rig.post import read_rig_test
+    from eightpost.shock import read_shock
+    from eightpost.vehicle import read_vehicle
+
+    fit, kind_of = read_fit(path), given.kind_of(("random", "sine", "bump", "static"))
+    limits = Limits.of_percent(level, limit)
+    laws = {name: read_shock(file).law for name, file in shocks.items()}
+    other = read_vehicle(against) if against else None
+    model = fit.vehicle.state_space
+    records = [
+        rig_record(read_rig_test(one, **given.reading), model, kind=kind_of.get(one)) for one in given.each_record()
+    ]
+    with given.console.status("predicting"):
+        study = validate_vehicle(fit, records, shocks=laws, against=other, settling=settling)
+    verdict = vehicle_verdict(study, limits)
+    given.show(records, terminal_tables(study))
+    if fit.trust is not None and fit.trust.outputs:
+        given.console.print(trust_table(fit.trust))
+    given.show_verdict(study.notes, verdict)
+    given.show_line(limits.summary())
+    if given.report:
+        from eightpost.ident.validation.vehicle_page import write_vehicle_page
+
+        title = f"Validation of {fit.vehicle.name}"
+        given.show_line(f"wrote {write_vehicle_page(given.report, study, limits=limits, title=title)}")
+    if given.keep:
+        keep_verdict(path, fit, verdict)
+        given.show_line(f"wrote the verdict into {path}")
+    return verdict

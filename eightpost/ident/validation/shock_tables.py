@@ -31,6 +31,12 @@ def random_table(study: ShockValidation) -> ResultTable:
     return ResultTable.of("Random records", columns, rows)
 
 
+def terminal_tables(study: ShockValidation) -> tuple[ResultTable, ...]:
+    """Return the tables for a terminal; tables of kinds that have no record are empty."""
+    sines = (sine_table(rows) for rows in sine_groups(study))
+    return random_table(study), *sines, static_table(study), bump_table(study), beside_printed(study)
+
+
 def sine_groups(study: ShockValidation) -> tuple[list[tuple[ShockCase, ...]], ...]:
     """Return the cases of each sine record by configuration and shocks; the largest first, then the slowest."""
     groups: dict[tuple[int | None, tuple[str, ...]], list[tuple[ShockCase, ...]]] = {}

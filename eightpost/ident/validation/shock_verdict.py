@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.shocks import MOST_BEYOND, ShockCase, ShockValidation
 from eightpost.ident.validation.static import SETTLING, StaticValidation
+from eightpost.shock import write_shock
 from eightpost.units import convert
+from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
 
 ABOUT = "validation of the shock"
@@ -159,6 +163,25 @@ def _worst(rule: Rule, text: str, found: Sequence[tuple[float, ShockCase]], figu
 
 def _place(case: ShockCase) -> str:
     return f"{case.label} on {case.record.name}"
+
+
+def keep_verdicts(study: ShockValidation, paths: Sequence[Path], limit: float | None = None) -> Iterator[Path]:
+    """Write the verdict into each shock file; a shock that was compared with no record keeps its file.
+
+    Args:
+        study: Validation.
+        paths: Files of the shocks, in the order of the study.
+        limit: Limit of the error [percent of standard deviation].
+
+    Yields:
+        Each file that was written.
+    """
+    for (label, shock), path in zip(study.shocks.items(), paths, strict=True):
+        part = study.of_shock(label)
+        if part.cases:
+            validity = Validity.with_verdict(shock.validity, shock_verdict(part, limit))
+            write_shock(replace(shock, validity=validity), path)
+            yield path
 
 
 # ---- Notes on a validation that a reader should know, one sentence each ---------------------------------------------

@@ -126,8 +126,7 @@ def _static(study: VehicleValidation) -> str:
 
 def _vehicle_notes(study: VehicleValidation) -> Section:
     headings = [Markup("<h3>{}</h3>").format(f"About the {what}") for what in ("records", "fit")]
-    notes = tuple(note for case in study.cases for note in case.extrapolations + case.notes)
-    return Section("notes", "Notes", [headings[0], notes, headings[1], tuple(study.fit.notes)])
+    return Section("notes", "Notes", [headings[0], study.notes, headings[1], tuple(study.fit.notes)])
 
 
 def _vehicle_origins(study: VehicleValidation) -> Section:

@@ -45,6 +45,11 @@ def port_table(fit: VehicleFit) -> ResultTable:
 # ---- Comparison with the records ------------------------------------------------------------------------------------
 
 
+def terminal_tables(study: VehicleValidation) -> tuple[ResultTable, ...]:
+    """Return the tables for a terminal; some may be empty."""
+    return overview(study), trend_table(study), friction_table(study), port_table(study.fit), mode_table(study)
+
+
 def overview(study: VehicleValidation) -> ResultTable:
     """Return a row for each record with its worst outputs."""
     columns = ("record", "number", "kind", "shocks", "worst RMS, %", "output", "worst error, %", "output",

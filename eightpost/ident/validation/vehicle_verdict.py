@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import Comparison
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
+from eightpost.ident.vehicle import VehicleFit, write_fit
+from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
 
 ABOUT = "validation of the vehicle"
@@ -45,6 +48,12 @@ class Limits:
         """Check the ranges."""
         if not (self.level > 0.0 and self.error > 0.0 and -1.0 <= self.rank <= 1.0):
             raise ParameterError(f"{self}: level and error must be above 0, and rank must be between -1 and 1")
+
+    @classmethod
+    def of_percent(cls, level: float | None, error: float | None) -> Limits:
+        """Return the limits from percentages; None keeps the default."""
+        given = {"level": level, "error": error}
+        return cls(**{name: percent / 100.0 for name, percent in given.items() if percent is not None})
 
     def summary(self) -> str:
         """Return the limits as a sentence."""
@@ -151,6 +160,12 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
         places = listed(case.record.name for case in study.independent)
         reasons.append(PREDICTS.reason("the car predicts its records", figure=_best(study), origin=places))
     return Verdict(reasons)
+
+
+def keep_verdict(path: Path, fit: VehicleFit, verdict: Verdict) -> None:
+    """Write a verdict into the file of a vehicle, in place of an earlier one."""
+    validity = Validity.with_verdict(fit.vehicle.validity, verdict)
+    write_fit(path, replace(fit, vehicle=replace(fit.vehicle, validity=validity)))
 
 
 def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:

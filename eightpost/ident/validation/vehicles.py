@@ -171,6 +171,11 @@ class VehicleValidation:
         return tuple(case for case in self.cases if case.record.kind == kind)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the records, a sentence each."""
+        return tuple(note for case in self.cases for note in case.extrapolations + case.notes)
+
+    @property
     def independent(self) -> tuple[VehicleCase, ...]:
         """Cases that the criteria apply to: held-out records that are neither static nor too gentle."""
         return tuple(case for case in self.cases if case.outputs and not (case.is_fit_record or case.is_gentle))
