@@ -165,3 +165,9 @@ def test_spreads_of_another_study_are_refused(tmp_path):
     write_spreads([spread([1.0, 2.0])], tmp_path / "robust.parquet", digest="a")
     with pytest.raises(FileFormatError, match="belongs to another study"):
         read_spreads(tmp_path / "robust.parquet", digest="b")
+
+
+def test_a_spread_needs_two_draws_and_may_have_one_setup():
+    assert spread([1.0], np.array([[1.0], [3.0]])).deviation == pytest.approx(np.sqrt(2.0))
+    with pytest.raises(InputError, match="a spread cannot be computed from one draw"):
+        spread([1.0, 2.0], np.ones((1, 2)))

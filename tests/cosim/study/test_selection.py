@@ -11,7 +11,7 @@ import pytest
 from cosim.study.choice.compare import read_run_list
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_file import write_spreads
-from cosim.study.choice.selection import _spread, read_selection, select, write_selection
+from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
 from cosim.study.study import Term
 from eightpost.app.study_page import chosen_so_far
 from eightpost.errors import InputError
@@ -141,3 +141,9 @@ def test_a_selection_with_names_like_formulas_is_safe_in_a_spreadsheet_and_is_re
     ]
     runs = read_run_list(tmp_path / "selection.csv", study.study)
     assert [run.setup for run in runs] == [one.setup.index for one in selection.chosen]
+
+
+def test_a_selection_of_one_setup_has_no_distance():
+    chosen = select(STUDY, share={"front": 1}).chosen
+    assert selection_of(STUDY, chosen[:1]).closest == 0
+    assert selection_of(STUDY, chosen).closest == select(STUDY, share={"front": 1}).closest > 0
