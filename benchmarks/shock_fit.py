@@ -29,7 +29,7 @@ from benchmarks.shock_picture import draw
 from benchmarks.shock_records import BOUC_WEN, LAWS
 from benchmarks.shock_rows import Bench, FailedFit, Result, results
 from benchmarks.shock_tables import gains_table, markdown, virtual
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 
 def main() -> None:

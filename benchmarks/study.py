@@ -32,7 +32,7 @@ from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import run_study
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study_file import read_study, source_files
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -6,19 +6,26 @@ import contextlib
 import itertools
 import logging
 import os
+import shutil
+import subprocess
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cosim.fmu_file import FmuFile, OpenedFmu, remove, temporary_folder
 from cosim.fmu_log import ComponentLog, no_state, not_begun, unknown_state
-from cosim.functions import FunctionTable
-from cosim.isolated_process import Call, EndedError, Process, StateCallbacks
-from eightpost.errors import InputError, StepError
+from cosim.functions import FunctionTable, StateCallbacks
+from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
+from eightpost.workers.child import Child, EndedError
 
 #: Time limit of a call [s].
 DEFAULT_TIME_LIMIT = 30.0
+_STARTING = 60.0  # s: for Python and fmpy, without the FMU
+_PRINTED = 65536  # bytes of the FMU's output per run that are passed on
+_ERRORS: dict[str, type[EightpostError]] = {kind.__name__: kind for kind in (StepError, TerminatedError, FmuError)}
+
+_Call = tuple[Any, ...]
 
 _CRASHED = (
     "check whether these inputs are in its range, try a smaller coupling step, and report the fault to its maker; it "
@@ -69,7 +76,7 @@ class IsolatedComponent(OpenedFmu):
             raise InputError(f"component {name!r}: the time limit must be positive, not {time_limit!r} s")
         self._time_limit = time_limit
         self._folder = temporary_folder()
-        self._processes: list[Process] = []
+        self._processes: list[_Process] = []
         # close() ends the process and removes the folder: on call, or when the component or the interpreter ends.
         self.close = weakref.finalize(self, _release, self._processes, self._folder, os.getpid())
         self._log = ComponentLog(name)
@@ -77,7 +84,7 @@ class IsolatedComponent(OpenedFmu):
         super().__init__(fmu, name, self._log.messages)
         self._numbers = itertools.count()
         self._states: set[_State] = set()
-        self._pending: list[Call] = []
+        self._pending: list[_Call] = []
         self._asked: dict[tuple[str, ...], None] = {}
         self._known: dict[tuple[str, ...], list[float]] = {}
         self._running = False
@@ -206,28 +213,28 @@ class IsolatedComponent(OpenedFmu):
             if not self.is_ours:
                 self._process.kill()
 
-    def _start(self) -> Process:
-        process = Process(self._fmu.path.absolute(), self._name, Path(self._folder), self._log.write)
+    def _start(self) -> _Process:
+        process = _Process(self._fmu.path.absolute(), self._name, Path(self._folder), self._log.write)
         self._processes[:] = [process]
         return process
 
-    def _later(self, call: Call) -> None:
+    def _later(self, call: _Call) -> None:
         self._check_running()
         self._pending.append(call)
         self._known = {}
 
-    def _do(self, *calls: Call) -> list[Any]:
+    def _do(self, *calls: _Call) -> list[Any]:
         """Make the pending calls, then these."""
         self._check_running()
         pending, self._pending = self._pending, []
         self._known = {}
         return self._ask([*pending, *calls])
 
-    def _ask(self, calls: list[Call]) -> list[Any]:
+    def _ask(self, calls: list[_Call]) -> list[Any]:
         try:
-            return self._process.ask(calls, self._time_limit)
+            return self._process.call(calls, self._time_limit)
         except EndedError as ended:
-            what = _description(calls[min(ended.index, len(calls) - 1)])
+            what = _description(calls[min(self._process.calls_begun(), len(calls) - 1)])
             printed = self._pass_on_prints()
             why = f"it printed {printed[-1]!r}." if printed else "it printed nothing."
             raise self._failure(f"{ended.how} in: {what}", why, _HUNG if ended.hung else _CRASHED) from None
@@ -252,6 +259,61 @@ class IsolatedComponent(OpenedFmu):
         return state
 
 
+class _Process(Child):
+    """Child process with one FMU.
+
+    Args:
+        path: FMU file (.fmu).
+        name: Name of the component.
+        folder: Folder with the unpacked FMU in `fmu`; it is not removed while this process lives.
+        log: Function that takes the level and the text of the FMU's messages.
+    """
+
+    def __init__(self, path: Path, name: str, folder: Path, log: Callable[[int, str], None]) -> None:
+        self._folder, self._log, self._read = folder, log, 0
+        shutil.rmtree(folder / "work", ignore_errors=True)  # remove the files of an earlier process
+        (folder / "work").mkdir(exist_ok=True)
+        (folder / "call").write_bytes(b"\0")
+        with (folder / "printed").open("wb") as printed:
+            super().__init__(
+                "cosim.isolated_child",
+                *(str(path), name, str(folder)),
+                bare="cosim",
+                folder=str(folder),
+                starting=_STARTING,
+                cwd=folder,
+                stdout=printed,
+                stderr=subprocess.STDOUT,
+            )
+
+    def call(self, calls: Sequence[_Call], seconds: float) -> list[Any]:
+        """Make calls in order; return the result of each.
+
+        Raises:
+            EndedError: The child crashed, or did not respond within `seconds` and was killed.
+            StepError: A call failed; the message is that of the component.
+        """
+        outcome, *answer = self.ask(list(calls), seconds, lambda message: self._log(*message))
+        if outcome == "done":
+            return list(answer[0])
+        kind, message, usable = answer
+        if not usable:
+            self.kill()
+        raise _ERRORS.get(kind, StepError)(message)
+
+    def calls_begun(self) -> int:
+        """Return the index of the call that was begun last; after a crash, that of the call that crashed."""
+        return int.from_bytes((self._folder / "call").read_bytes()[:1], "little")
+
+    def printed(self) -> list[str]:
+        """Return the lines printed since the last call; only the last ones if there are many."""
+        with (self._folder / "printed").open("rb") as file:
+            file.seek(max(self._read, file.seek(0, os.SEEK_END) - _PRINTED))
+            text = file.read()
+            self._read = file.tell()
+        return [line.rstrip() for line in text.decode("utf-8", "replace").splitlines() if line.strip()]
+
+
 class _State:
     """State that the child process holds, with the time and the inputs at which it was saved."""
 
@@ -259,7 +321,7 @@ class _State:
         self.number, self.time, self.inputs = number, time, inputs
 
 
-def _release(processes: Sequence[Process], folder: str, owner: int) -> None:
+def _release(processes: Sequence[_Process], folder: str, owner: int) -> None:
     """End the process and remove the folder, except in a process that was forked off the owner."""
     for process in processes:
         process.close()
@@ -267,7 +329,7 @@ def _release(processes: Sequence[Process], folder: str, owner: int) -> None:
         remove(folder)
 
 
-def _description(call: Call) -> str:
+def _description(call: _Call) -> str:
     if call[0] == "step":
         return f"step from {call[1]:g} s by {call[2]:g} s"
     return _CALLS[call[0]]

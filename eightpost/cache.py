@@ -1,23 +1,46 @@
-"""Disk cache of compiled libraries, with keys computed from their sources, so that nothing is compiled twice."""
+"""Disk cache of compiled code, so that nothing is compiled twice: libraries, the loop's object files, numba's code.
+
+Every file begins with the SHA-256 of its content. A damaged file is compiled again, and a folder without write access
+is skipped, both with a warning: numba by itself raises an error for a damaged index and runs damaged machine code.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import logging
 import os
+import pickle
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
+from typing import Any, TypeVar
 
 import platformdirs
 
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 
+Dispatcher = TypeVar("Dispatcher")
+
 #: Maximum number of libraries in a folder; those not used for the longest time are removed first.
 KEPT = 600
 
 _LOG = logging.getLogger(__name__)
+_DIGEST = hashlib.sha256().digest_size
+
+
+def _sealed(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest() + content
+
+
+def _unsealed(content: bytes) -> bytes | None:
+    """Return the content of a file without its checksum; None if it is damaged."""
+    body = content[_DIGEST:]
+    return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None
+
+
+# ---- Libraries and object files under keys computed from their sources ----------------------------------------------
 
 
 def cache_folder() -> Path:
@@ -43,26 +66,108 @@ def recall(folder: str, key: str) -> bytes | None:
         return None
     with suppress(OSError):  # the cache may be read-only
         os.utime(path)
-    checksum, body = content[:32], content[32:]
-    if hashlib.sha256(body).digest() == checksum:
-        return body
-    _LOG.warning("a cached library is damaged and is compiled again: %s", path)
-    return None
+    if (body := _unsealed(content)) is None:
+        _LOG.warning("a cached library is damaged and is compiled again: %s", path)
+    return body
 
 
-def keep(folder: str, key: str, content: bytes) -> None:
-    """Store a content in a folder of the cache under a key; if the folder cannot be written, log a warning only."""
+def keep(folder: str, key: str, content: bytes, *, most: int | None = None) -> None:
+    """Store a content in a folder of the cache under a key; if the folder cannot be written, log a warning only.
+
+    Args:
+        folder: Folder in the cache.
+        key: Name of the file.
+        content: Content.
+        most: Maximum number of files in the folder; None for KEPT.
+    """
     path = cache_folder() / folder / key
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary:
-            temporary.write_bytes(hashlib.sha256(content).digest() + content)
-        _forget_the_oldest(path.parent)
+            temporary.write_bytes(_sealed(content))
+        entries = sorted(path.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for old in entries[most or KEPT :]:
+            old.unlink(missing_ok=True)
     except (OSError, InputError) as error:
         _LOG.warning("compiled libraries cannot be cached and are compiled in every run: %s", error)
 
 
-def _forget_the_oldest(folder: Path) -> None:
-    entries = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in entries[KEPT:]:
-        path.unlink(missing_ok=True)
+# ---- numba's own cache ----------------------------------------------------------------------------------------------
+
+
+def kept(function: Dispatcher) -> Dispatcher:
+    """Enable caching of a numba function's machine code on disk, in files with a checksum.
+
+    Args:
+        function: Function returned by `numba.njit` without `cache=True`.
+
+    Returns:
+        The function itself. If no cache folder is writable, it is compiled in every process.
+    """
+    dispatcher: Any = function
+    try:
+        dispatcher.enable_caching()
+    except RuntimeError as error:  # neither this folder nor the user's cache folder is writable
+        _LOG.warning("machine code cannot be cached and is compiled in every run: %s", error)
+        return function
+    numbas = dispatcher._cache
+    files = _checked_files()
+    numbas._cache_file = files(numbas._cache_path, numbas._impl.filename_base, numbas._cache_file._source_stamp)
+    return function
+
+
+@cache
+def _checked_files() -> Any:
+    """Return the class of the index and machine code files of one numba function, each preceded by its SHA-256."""
+    from numba.core.caching import IndexDataCacheFile  # noqa: PLC0415 - takes long, and most users need no numba
+    from numba.core.serialize import dumps  # noqa: PLC0415
+
+    class CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]
+        def __init__(self, cache_path: str, filename_base: str, source_stamp: Any) -> None:
+            super().__init__(cache_path, f"{filename_base}.checked", source_stamp)
+
+        def load(self, key: Any) -> Any:
+            name = self._load_index().get(key)
+            return None if name is None else _read(Path(self._data_path(name)))
+
+        def _load_index(self) -> dict[Any, str]:
+            found = _read(Path(self._index_path))
+            if not isinstance(found, tuple) or found[:2] != (self._version, self._source_stamp):
+                return {}
+            overloads: dict[Any, str] = found[2]
+            return overloads
+
+        def _save_index(self, overloads: dict[Any, str]) -> None:
+            self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+        def _save_data(self, name: str, data: Any) -> None:
+            self._write(self._data_path(name), data)
+
+        def _write(self, path: str, content: Any) -> None:
+            try:
+                with self._open_for_write(path) as stream:
+                    stream.write(_sealed(dumps(content)))
+            except OSError as error:
+                what = "machine code cannot be cached and is compiled in every run"
+                _LOG.warning("%s: %s: %s", what, path, error.strerror)
+
+    return CheckedFiles
+
+
+def _read(path: Path) -> Any:
+    """Return the content of one of numba's files; None if it is missing, unreadable or damaged."""
+    try:
+        body = _unsealed(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        _LOG.warning("cached machine code cannot be read and is compiled again: %s: %s", path, error.strerror)
+        return None
+    if body is None:
+        _LOG.warning("cached machine code is damaged and is compiled again: %s", path)
+        return None
+    try:
+        return pickle.loads(body)
+    except Exception:  # intact, but written by a version of numba or eightpost with other class names
+        _LOG.info("cached machine code is of another version and is compiled again: %s", path)
+        return None

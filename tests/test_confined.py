@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from eightpost.confined import process, read_confined
+from eightpost import confined
+from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries, read_series, write_series
 
@@ -23,7 +24,7 @@ def record(tmp_path):
 def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkeypatch):
     (tmp_path / "crashes.py").write_text("import os\n\n\ndef read(path):\n    os.kill(os.getpid(), 11)\n")
     monkeypatch.syspath_prepend(tmp_path)
-    process._close()  # the next process has this path
+    confined._children.clear()  # the next process has this path
     with pytest.raises(
         FileFormatError, match=r"run\.mat: not a mat file: the process that read it crashed \(SIGSEGV\)"
     ):
@@ -34,13 +35,13 @@ def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkey
 def test_a_file_is_not_refused_because_an_earlier_one_damaged_the_process(record):
     """If the first process dies, a new one reads the file."""
     read_series(record)
-    (child,) = process._children
+    (child,) = confined._children
     child._process.kill()
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 
 
 def test_a_file_that_takes_too_long_is_refused(record, monkeypatch):
-    monkeypatch.setattr(process, "_TIME", 0.5)
+    monkeypatch.setattr(confined, "_TIME", 0.5)
     slow = record.with_name("slow.mat")
     slow.write_text("#!/bin/sh\nexec sleep 20\n")
     slow.chmod(0o755)
@@ -51,8 +52,8 @@ def test_a_file_that_takes_too_long_is_refused(record, monkeypatch):
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="the address space is Linux's")  # noqa: PTH110
 def test_a_file_that_takes_too_much_memory_is_refused(record, monkeypatch):
-    monkeypatch.setattr(process, "MEMORY", 2**26)
-    monkeypatch.setattr(process, "_MEMORY_PER_BYTE", 0)
+    monkeypatch.setattr(confined, "MEMORY", 2**26)
+    monkeypatch.setattr(confined, "_MEMORY_PER_BYTE", 0)
     large = record.with_name("large.mat")
     with large.open("wb") as stream:
         stream.truncate(2**28)
@@ -69,7 +70,7 @@ def test_an_error_of_the_library_is_reported_with_the_file_name(record):
 
 def test_several_files_are_read_by_one_process(record):
     read_series(record)
-    (child,) = process._children
+    (child,) = confined._children
     for _ in range(5):
         read_series(record)
-    assert process._children == [child]
+    assert confined._children == [child]

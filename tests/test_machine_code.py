@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 from numba.core import caching
 
-from eightpost.machine_code import kept
+from eightpost.cache import kept
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eightpost.interpreter import ROOT, import_path
 from eightpost.name_clash import THIRD_PARTY, clashing_files
+from eightpost.workers.process import ROOT, import_path
 
 NAMES = ("builder", "cosim", "numpy", "json", "fmpy", "logging", "eightpost_", "click", "subprocess", "ziglang")
 

@@ -13,7 +13,7 @@ import pytest
 #: A parent with a child of its own kind, which has one too.
 NESTED = """
 import subprocess, sys, time
-from eightpost.interpreter import python_command
+from eightpost.workers.process import python_command
 depth = int(sys.argv[1])
 print("begun", flush=True)
 child = depth and subprocess.Popen(python_command("nested", str(depth - 1)))
@@ -22,7 +22,7 @@ time.sleep(600)
 
 ORPHANED = """
 import os, sys, time
-from eightpost.processes import end_with
+from eightpost.workers.process import end_with
 end_with(os.getppid() + int(sys.argv[1]))
 time.sleep(2.0)
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 
 def test_only_the_processors_that_this_process_may_use_count(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,4 +32,4 @@ def test_no_other_file_asks_the_system() -> None:
         for path in (root / package).rglob("*.py")
         if any(word in path.read_text(encoding="utf-8") for word in ("sched_getaffinity", "cpu_count"))
     ]
-    assert asking == ["processes.py"]
+    assert asking == ["process.py"]

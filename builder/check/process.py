@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-import subprocess
+import os
+import shutil
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.catalogue import CATALOGUE
+from builder.check.catalogue import CATALOGUE, GROUPS
+from builder.check.catalogue import behaviour as rules
 from builder.check.catalogue.behaviour import CRASH_MISUSE, FREE_NULL
-from builder.check.groups import GROUPS
 from builder.check.probes.library import FREEING_NOTHING
-from builder.check.rules import Finding
+from builder.check.rules import Finding, Rule, listed
 from eightpost.errors import EightpostError
-from eightpost.interpreter import python_command
+from eightpost.workers.process import python_command, run
 
 _TIMEOUT, _MISUSE_TIMEOUT = 120.0, 30.0  # s
 _RULES = {rule.identifier: rule for rule in CATALOGUE}
@@ -56,8 +57,8 @@ class Unpacked:
     reach: int | None = None
 
 
-def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, module: str = "") -> Outcome:
-    """Run a probe on an unpacked FMU; `module` replaces the module of the group.
+def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, probe: str = "") -> Outcome:
+    """Run the probe of a group on an unpacked FMU; `probe` is another one to run in its place.
 
     The process is not a sandbox: it only protects this process from a crash.
 
@@ -65,29 +66,20 @@ def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, mod
         EightpostError: The probe ended before it loaded the FMU.
     """
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
-        name = module or GROUPS[group].module
+        name = probe or f"{GROUPS[group].module}.probe_{group}"
         reach = [] if unpacked.reach is None else [str(unpacked.reach)]
         command = python_command("builder.check.probes", name, str(unpacked.folder), progress.name, *reach)
         patience = _MISUSE_TIMEOUT if GROUPS[group].crash is CRASH_MISUSE else _TIMEOUT
-        try:
-            ran = subprocess.run(
-                command,
-                capture_output=True,
-                timeout=patience,
-                check=False,
-                cwd=surroundings.folder,
-                env=None if surroundings.environment is None else dict(surroundings.environment),
-            )
-        except subprocess.TimeoutExpired as error:
-            outcome = _read(error.stdout or b"")
+        ran = run(command, patience, folder=surroundings.folder, environment=surroundings.environment)
+        outcome, code = _read(ran.output), ran.code
+        if code is None:
             return _failed(group, outcome, f"did not end within {patience:g} s{_last_call(progress.name)}")
-        outcome = _read(ran.stdout)
         if outcome.completed or outcome.stopped:
             return outcome
-        if ran.returncode > 0 and not _last_call(progress.name):
-            raise _not_started(group, ran.stderr)
-        how = f"was killed by signal {-ran.returncode}" if ran.returncode < 0 else f"ended with code {ran.returncode}"
-        last = ran.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
+        if code > 0 and not _last_call(progress.name):
+            raise _not_started(group, ran.errors)
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+        last = ran.errors.decode("utf-8", "replace").strip().splitlines()[-1:]
         return _failed(group, outcome, f"{how}{_last_call(progress.name)}{f'; it printed: {last[0]}' if last else ''}")
 
 
@@ -127,3 +119,52 @@ def _read(output: bytes) -> Outcome:
             values[entry["value"]] = entry["is"]
         ends |= entry.keys() & {"completed", "stopped"}
     return Outcome(tuple(findings), tuple(skipped), "completed" in ends, "stopped" in ends, values)
+
+
+# ---- Unusual surroundings: an empty folder, an empty environment, a read-only folder, an unusual path ---------------
+
+_ODD = "a path with spaces, ä 100% #1 + äöü"
+
+
+def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
+    """Run a probe in an empty working folder; any file left there by a completed probe is a finding."""
+    with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
+        folder = Path(name)
+        outcome = run_probe(group, unpacked, Surroundings(folder))
+        left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+    if not left or not outcome.completed:  # after a crash, the system may write files such as core
+        return outcome
+    return replace(outcome, findings=(*outcome.findings, rules.FILES.finding(f"it left {listed(left)}")))
+
+
+def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
+    """Run the probe that computes a digest of the outputs, in a working folder."""
+    return run_probe("surroundings", unpacked, Surroundings(folder, environment), probe="simulation.probe_trace")
+
+
+def surroundings(unpacked: Unpacked) -> Outcome:
+    """Compare runs in unusual surroundings with a plain one."""
+    with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
+        folder = Path(name)
+        plain = trace(unpacked, folder)
+        if not plain.completed:
+            return plain
+        return Outcome((*_bare(unpacked, plain, folder / "read-only"), *_odd(unpacked, plain, folder)))
+
+
+def _bare(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
+    folder.mkdir(mode=0o555)
+    needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
+    yield from _compare(rules.BARE, plain, trace(unpacked, folder, needed))
+
+
+def _odd(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
+    shutil.copytree(unpacked.folder, folder / _ODD)
+    yield from _compare(rules.ODD_PATH, plain, trace(replace(unpacked, folder=folder / _ODD), folder))
+
+
+def _compare(rule: Rule, plain: Outcome, there: Outcome) -> Iterator[Finding]:
+    if not there.completed or there.findings:
+        yield rule.finding("; ".join(finding.message for finding in there.findings))
+    elif there.values != plain.values:
+        yield rule.finding("it runs, but the outputs differ")

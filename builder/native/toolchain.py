@@ -21,7 +21,7 @@ from typing import Protocol
 from builder.interface import source_folder
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 # ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
 

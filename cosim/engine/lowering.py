@@ -9,30 +9,14 @@ from __future__ import annotations
 
 import os
 import pickle
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from cosim.engine.blocks import Kind
 from cosim.engine.compiled import SHARED
 from cosim.engine.processor import optimised
-
-#: Folder of the packages, so that the program imports the same ones from any working folder.
-_ROOT = Path(__file__).parents[2]
-
-#: Program that ends with this process. It skips the imports of the package `cosim`, which take longer than the rest.
-_PROGRAM = """
-import sys, types
-sys.path.insert(0, {root!r})
-from eightpost.processes import end_with
-end_with({parent})
-package = sys.modules["cosim"] = types.ModuleType("cosim")
-package.__path__ = [{cosim!r}]
-from cosim.engine.lowering import main
-main()
-"""
+from eightpost.workers.process import python_command, run
 
 
 class Request(NamedTuple):
@@ -57,20 +41,17 @@ def object_file(request: Request) -> bytes:
     Raises:
         RuntimeError: numba or LLVM failed.
     """
-    program = _PROGRAM.format(root=str(_ROOT), parent=os.getpid(), cosim=str(_ROOT / "cosim"))
-    ran = subprocess.run(
-        [sys.executable, "-P", "-c", program],
-        input=pickle.dumps(request),
-        capture_output=True,
-        check=False,
-        env=os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"},
+    ran = run(
+        python_command("cosim.engine.lowering", bare="cosim"),
+        environment=os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"},
+        question=pickle.dumps(request),
     )
-    if ran.returncode != 0:
-        fault = ran.stderr.decode(errors="replace").strip()
+    if ran.code != 0:
+        fault = ran.errors.decode(errors="replace").strip()
         raise RuntimeError(
             f"{request.function.__name__} could not be compiled; engine='python' needs no compiler: {fault}"
         )
-    return ran.stdout
+    return ran.output
 
 
 def main() -> None:
@@ -102,3 +83,7 @@ def _register(functions: Sequence[Callable[..., Any]], instead: dict[str, Callab
     for function in functions:
         taken = instead.get(function.__name__, function)
         overload(function, jit_options=options, strict=False)(lambda *_, taken=taken: taken)
+
+
+if __name__ == "__main__":
+    main()

@@ -10,9 +10,12 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from cosim.engine import kept_code
 from cosim.engine.blocks import Kind, described
 from cosim.engine.processor import description, loaded
+from eightpost.cache import keep, recall
+
+#: Folder of the cache, and the number of files in it.
+_FOLDER, _KEPT = "loop", 40
 
 _FUNCTIONS: dict[str, Callable[..., int]] = {}
 _ONE_AT_A_TIME = threading.Lock()
@@ -35,12 +38,12 @@ def machine_code(
     key = _key(function.__name__, *map(described, kinds), *(f"{name}: {f.__name__}" for name, f in instead.items()))
     with _ONE_AT_A_TIME:
         if key not in _FUNCTIONS:
-            content = kept_code.recall(key)
+            content = recall(_FOLDER, key)
             if content is None:
                 from cosim.engine.lowering import Request, object_file  # noqa: PLC0415 -- rarely needed
 
                 content = object_file(Request(function, kinds, count - len(kinds), instead))
-                kept_code.keep(key, content)
+                keep(_FOLDER, key, content, most=_KEPT)
             _FUNCTIONS[key] = _callable(loaded(content), count)
     return _FUNCTIONS[key]
 

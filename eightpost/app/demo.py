@@ -17,7 +17,7 @@ from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     import cosim

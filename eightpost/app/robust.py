@@ -15,7 +15,7 @@ from rich.table import Table
 from eightpost.app.options import RANK, WORKERS, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import FileFormatError, InputError
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     from cosim.study.choice.robust import Draws, Spread, Uncertain

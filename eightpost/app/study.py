@@ -18,7 +18,7 @@ from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity
 from eightpost.app.progress import bar
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     from cosim.study.result import StudyResult

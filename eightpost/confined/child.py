@@ -1,31 +1,19 @@
-"""Child process of confined reading: requests from standard input, answers to standard output."""
+"""Child process of confined reading: reads one file after the other within a limit of memory."""
 
 from __future__ import annotations
 
 import importlib
-import os
-import pickle
 import sys
 from pathlib import Path
 from typing import Any
 
-from eightpost.confined.channel import receive, send
 from eightpost.errors import EightpostError
+from eightpost.workers.child import ParentChannel
 
 
-def serve() -> None:
-    """Answer requests until standard input is closed. Output of libraries goes to standard error."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    while True:
-        try:
-            function, path, options, memory = pickle.loads(receive(sys.stdin.buffer))
-        except EOFError:
-            return
-        send(answers, _packed(_answer(function, path, options, memory)))
-
-
-def _answer(function: str, path: str, options: tuple[Any, ...], memory: int) -> tuple[str, Any]:
+def _answer(request: tuple[str, str, tuple[Any, ...], int]) -> tuple[str, Any]:
+    """Call the function of a request; return ("done", result), ("refused", error) or ("failed", message)."""
+    function, path, options, memory = request
     module, _, name = function.partition(":")
     try:
         read = getattr(importlib.import_module(module), name)
@@ -40,11 +28,8 @@ def _answer(function: str, path: str, options: tuple[Any, ...], memory: int) -> 
         return "failed", f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
-def _packed(answer: tuple[str, Any]) -> bytes:
-    try:
-        return pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
-    except Exception as error:
-        return pickle.dumps(("failed", f"it contains objects that are not data ({error})"))
+def _unsendable(error: Exception) -> tuple[str, Any]:
+    return "failed", f"it contains objects that are not data ({error})"
 
 
 def _limit_memory(memory: int) -> None:
@@ -63,4 +48,4 @@ def _limit_memory(memory: int) -> None:
 
 
 if __name__ == "__main__":
-    serve()
+    ParentChannel(sys.argv[1]).serve(_answer, _unsendable)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from eightpost.processes import usable_processors
+from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

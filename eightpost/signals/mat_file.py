@@ -34,7 +34,7 @@ def read_mat(path: str | Path) -> RawRecord:
         FileFormatError: scipy cannot read the file (version 7.3 is HDF5), or the vectors have different lengths.
     """
     path = Path(path)
-    content: dict[str, Any] = read_confined("eightpost.confined.matlab:load", path, True, kind="a MATLAB file")
+    content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
     header = parse_header(str(content.pop("eightpost")), path) if "eightpost" in content else {}
     titles = _texts(content.pop("channel_names", {}), "channel_names", path)
     units = content.pop("units", {})

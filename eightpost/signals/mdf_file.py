@@ -18,7 +18,7 @@ from eightpost.signals.raw_record import RawRecord
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.confined.mdf import Signal
+    from eightpost.confined.readers import Signal
 
 #: Name of the time axis in the record.
 _TIME = "time"
@@ -38,7 +38,7 @@ def read_mdf(path: str | Path) -> RawRecord:
     if importlib.util.find_spec("asammdf") is None:
         what = "reading MDF files needs asammdf, which is not installed: pip install 'eightpost[mdf]'"
         raise FileFormatError(what, path=path)
-    found, comment = read_confined("eightpost.confined.mdf:load", path, kind="an MDF file that asammdf reads")
+    found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)

@@ -16,8 +16,8 @@ import fmpy
 import pytest
 from click.testing import CliRunner
 
-from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, rebuild
-from builder.check.static.units import RULES as UNIT_RULES
+from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
+from builder.check.static.variables import UNIT_RULES
 from builder.check.subject import read_subject
 from builder.native.toolchain import this_platform
 from eightpost.app.check import check as command
@@ -377,7 +377,7 @@ def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, com
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
 def test_a_hanging_compiler_is_killed_without_a_finding(fmus, compilers, monkeypatch):
-    monkeypatch.setattr(rebuild, "_TRIAL_TIMEOUT", 2.0)
+    monkeypatch.setattr(tools, "_TRIAL_TIMEOUT", 2.0)
     compilers("sleep 600")
     started = time.monotonic()
     report = check(fmus["lpf1"], groups=("rebuild",))

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.engine import kept_code, machine_code, processor
+from cosim.engine import machine_code, processor
 from cosim.engine.blocks import Block, described
 from cosim.engine.compiled import compiled
 from cosim.engine.lowering import Request, object_file
+from eightpost.cache import keep, recall
 
 #: Of numba's convention: the result goes where the first argument points.
 CODE = """
@@ -58,31 +59,30 @@ def test_a_kind_is_written_out_with_its_fields_and_their_types() -> None:
 
 
 def test_what_is_kept_comes_back_and_what_is_damaged_does_not(cache: Path) -> None:
-    kept_code.keep("key", b"machine code")
-    assert kept_code.recall("key") == b"machine code"
+    keep("loop", "key", b"machine code")
+    assert recall("loop", "key") == b"machine code"
     content = bytearray((cache / "key").read_bytes())
     content[40] ^= 1
     (cache / "key").write_bytes(content)
-    assert kept_code.recall("key") is None
+    assert recall("loop", "key") is None
     (cache / "key").write_bytes(b"")
-    assert kept_code.recall("key") is None
+    assert recall("loop", "key") is None
 
 
-def test_the_least_used_code_goes_first(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_code, "KEPT", 2)
+def test_the_least_used_code_goes_first(cache: Path) -> None:
     for k, key in enumerate("abc"):
-        kept_code.keep(key, key.encode())
+        keep("loop", key, key.encode())
         (cache / key).touch()
         os.utime(cache / key, (k, k))
-    kept_code.keep("d", b"d")
+    keep("loop", "d", b"d", most=2)
     assert sorted(path.name for path in cache.iterdir()) == ["c", "d"]
 
 
 def test_where_a_folder_cannot_be_written_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "file"))
-    kept_code.keep("key", b"machine code")
-    assert kept_code.recall("key") is None
+    keep("loop", "key", b"machine code")
+    assert recall("loop", "key") is None
 
 
 def test_an_object_file_is_loaded_and_called(doubling: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Command `python -m builder.check.probes MODULE UNPACKED_FMU PROGRESS_FILE [STEPS]`, which prints JSON lines."""
+"""Command `python -m builder.check.probes PROBE UNPACKED_FMU PROGRESS_FILE [STEPS]`, which prints JSON lines."""
 
 from __future__ import annotations
 
@@ -6,31 +6,30 @@ import importlib
 import json
 import os
 import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.description import read_description
-from builder.check.probes.bench import Bench, Result, Results, Skip
+from builder.check.probes.bench import Bench, Result, Results, Skip, open_bench
 from builder.check.probes.instance import CallError, TerminatedError
-from builder.check.probes.library import Library, MissingFunctionError, binary_path
+from builder.check.probes.library import MissingFunctionError
 from builder.check.rules import Finding
 
 
-def main(module: str, folder: Path, progress: Path, reach: int | None = None) -> None:
+def main(name: str, folder: Path, progress: Path, reach: int | None = None) -> None:
     """Run one probe; everything that the FMU itself prints goes to stderr.
 
     Args:
-        module: Name of the probe.
+        name: Module and function of the probe: simulation.probe_steps.
         folder: Folder of the unpacked FMU.
         progress: File for the name of the current call.
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    probe: Callable[[Bench], Results] = importlib.import_module(f"builder.check.probes.{module}").probe
+    module, _, function = name.partition(".")
+    probe: Callable[[Bench], Results] = getattr(importlib.import_module(f"builder.check.probes.{module}"), function)
     completed = True
     try:
         bench = open_bench(folder, progress, reach)
@@ -55,19 +54,6 @@ def _undeclared(bench: Bench) -> Iterator[Finding]:
     names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
     for name in sorted(names - set(bench.description.categories)):
         yield rules.LOG_CATEGORY.finding(f"it uses the category {name!r}")
-
-
-def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
-    """Load an unpacked FMU.
-
-    Raises:
-        OSError: There is no binary for this platform, or it cannot be loaded.
-    """
-    identifier = read_description(ET.parse(folder / "modelDescription.xml").getroot()).identifier
-    binary = binary_path(folder, identifier)
-    if binary is None:
-        raise OSError(f"there is no binary {identifier!r} for this platform")
-    return Bench(folder, Library(binary, progress), reach)
 
 
 def _line(result: Result) -> dict[str, str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import math
-import os
+import random
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,19 +12,8 @@ from pathlib import Path
 
 from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
-from builder.check.probes.library import DISCARD, ERROR, Library
+from builder.check.probes.library import DISCARD, ERROR, Library, binary_path
 from builder.check.rules import Finding
-
-# ---- Memory use of this process -------------------------------------------------------------------------------------
-
-
-def resident() -> int:
-    """Return the resident memory of the process in bytes (Linux)."""
-    gc.collect()  # callbacks and their instances refer to each other
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-# ---- Test bench for probes ------------------------------------------------------------------------------------------
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
@@ -172,6 +160,19 @@ class Bench:
         return range(self.timing.count)
 
 
+def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
+    """Load an unpacked FMU.
+
+    Raises:
+        OSError: There is no binary for this platform, or it cannot be loaded.
+    """
+    identifier = read_description(ET.parse(folder / "modelDescription.xml").getroot()).identifier
+    binary = binary_path(folder, identifier)
+    if binary is None:
+        raise OSError(f"there is no binary {identifier!r} for this platform")
+    return Bench(folder, Library(binary, progress), reach)
+
+
 def step(instance: Instance, time: float, h: float) -> None:
     """Do a step that must succeed.
 
@@ -203,6 +204,22 @@ def inside(variable: Variable, value: float) -> float:
     low, high = variable.number("min"), variable.number("max")
     value = value if low is None else max(value, low)
     return value if high is None else min(value, high)
+
+
+def other_value(variable: Variable, draw: random.Random) -> float:
+    """Return a random value in the range, within one amplitude (inputs) or 10 % (parameters) of the start value."""
+    start = variable.number("start") or 0.0
+    size = amplitude(variable) if variable.causality == "input" else (0.1 * abs(start) or 0.1)
+    change = size * draw.uniform(-1.0, 1.0)
+    if inside(variable, start + change) != start + change:
+        change = -change  # at the end of the range, change in the other direction
+    return inside(variable, start + change)
+
+
+def change_of(variable: Variable) -> float:
+    """Return a change that is small compared with the variable and large compared with rounding errors."""
+    start = abs(variable.number("start") or 0.0)
+    return 1e-3 * (amplitude(variable) if variable.causality == "input" else start or 0.1)
 
 
 def _sine(variable: Variable, sine: float) -> float:

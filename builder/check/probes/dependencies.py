@@ -1,16 +1,269 @@
-"""Probe of feedthrough: outputs that still change with an input if the step size goes to zero.
-
-A change of an output that comes through the states shrinks with the step size; a change by feedthrough does not.
-"""
+"""Probes of dependencies at initialization and over a step, compared with the declared ones."""
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
 from builder.check.catalogue import behaviour as rules
-from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, inside
-from builder.check.probes.instance import CallError
-from builder.check.probes.pairs import Pairs, declared_pairs
-from builder.check.probes.returning import Place, Route, place
+from builder.check.description import Description, Variable
+from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, change_of, inside, other_value, step
+from builder.check.probes.instance import CallError, Instance, Value, refused
+from builder.check.rules import Finding, Rule, listed
+
+# ---- Declared and observed dependencies -----------------------------------------------------------------------------
+
+#: Changes relative to the unknown's size (at least its nominal value): possible by rounding, and never by rounding.
+_ROUNDING, _CERTAIN = 1e-13, 1e-9
+
+
+def declared_pairs(description: Description, section: str) -> dict[str, set[str]]:
+    """Return the names of the declared dependencies of each unknown that declares any."""
+    found: dict[str, set[str]] = {}
+    for unknown in description.in_section(section):
+        variable = description.variable(unknown.index)
+        if variable is not None and unknown.dependencies is not None:
+            known = (description.variable(index) for index in unknown.dependencies)
+            found[variable.name] = {v.name for v in known if v is not None}
+    return found
+
+
+class Pairs:
+    """Pairs of unknown and known: declared pairs, and pairs observed when the known was changed.
+
+    `tried` are the names of the knowns that are changed.
+    """
+
+    def __init__(self, declared: Mapping[str, set[str]], tried: set[str]) -> None:
+        self._declared, self._tried = declared, tried
+        self._seen: set[tuple[str, str]] = set()
+        self._certain: set[tuple[str, str]] = set()
+
+    def record(self, unknown: Variable, known: Variable, values: tuple[float, float]) -> None:
+        """Record the two values of an unknown for two values of a known."""
+        first, second = values
+        change, size = abs(second - first), max(abs(first), abs(second), unknown.number("nominal") or 1.0)
+        if change > _ROUNDING * size:
+            self._seen.add((unknown.name, known.name))
+        if change > _CERTAIN * size:
+            self._certain.add((unknown.name, known.name))
+
+    def _unseen(self) -> list[tuple[str, str]]:
+        return [
+            (unknown, known)
+            for unknown, names in self._declared.items()
+            for known in sorted(names & self._tried)
+            if (unknown, known) not in self._seen
+        ]
+
+    def unseen_knowns(self) -> set[str]:
+        """Return the knowns of all declared pairs that were not observed."""
+        return {known for _, known in self._unseen()}
+
+    def findings(self, where: str, false: Rule) -> Iterator[Finding]:
+        """Compare both; `false` is the rule for declared dependencies that were never observed."""
+        hidden: dict[str, list[str]] = {}
+        for unknown, known in sorted(self._certain):
+            if known not in self._declared.get(unknown, {known}):
+                hidden.setdefault(unknown, []).append(known)
+        for unknown, knowns in hidden.items():
+            yield rules.HIDDEN.finding(f"{where} {unknown} depends on {listed(knowns)}, which it does not declare")
+        never: dict[str, list[str]] = {}
+        for unknown, known in self._unseen():
+            never.setdefault(unknown, []).append(known)
+        for unknown, knowns in never.items():
+            rule = rules.FALSE_VELOCITY if false is rules.FALSE_VELOCITY and _is_velocity(unknown) else rules.FALSE
+            yield rule.finding(f"{where} {unknown} never depended on {listed(knowns)}, which it declares")
+
+
+def _is_velocity(name: str) -> bool:
+    return name.rpartition(".")[2] == "velocity"
+
+
+# ---- Points of a run to which an instance can return ----------------------------------------------------------------
+
+_MOST_POINTS = 10
+
+
+@dataclass(frozen=True)
+class Route:
+    """The run to a point: inputs `scale` amplitudes from their start values, changed parameters if `moves`."""
+
+    seed: int
+    scale: float
+    moves: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a run: the inputs up to it, its time [s], an instance, and a function that returns it to the point."""
+
+    bench: Bench
+    inputs: Values
+    time: float
+    instance: Instance
+    back: Callable[[], object]
+
+    def after(self, inputs: Values, h: float) -> Values:
+        """Return the outputs after a step of h [s] from this point with these inputs."""
+        self.back()
+        self.bench.drive(self.instance, inputs)
+        step(self.instance, self.time, h)
+        return self.instance.reals(self.bench.outputs)
+
+
+@contextmanager
+def place(bench: Bench, route: Route) -> Iterator[Place]:
+    """Provide the point to which a route leads.
+
+    Raises:
+        CallError: A call was rejected on the way.
+    """
+    time = bench.timing.at(_points(bench))
+    with bench.instance() as instance:
+        inputs = _go(bench, instance, route)
+        if bench.description.can("canGetAndSetFMUstate"):
+            state = instance.state()
+            yield Place(bench, inputs, time, instance, lambda: instance.need("SetFMUstate", state))
+            return
+
+        def again() -> None:
+            instance.need("Reset")
+            _go(bench, instance, route)
+
+        yield Place(bench, inputs, time, instance, again)
+
+
+def _points(bench: Bench) -> int:
+    return min(_MOST_POINTS, bench.timing.count)
+
+
+def _go(bench: Bench, instance: Instance, route: Route) -> Values:
+    draw = random.Random(route.seed)
+    bench.enter(instance)
+    if route.moves:
+        for variable in bench.description.of("parameter"):
+            instance.set(variable, other_value(variable, draw))
+    instance.need("ExitInitializationMode")
+    inputs = [_input(variable, draw, route.scale) for variable in bench.inputs]
+    bench.run(instance, lambda _: inputs, range(_points(bench)))
+    return inputs
+
+
+def _input(variable: Variable, draw: random.Random, scale: float) -> float:
+    start = variable.number("start") or 0.0
+    return inside(variable, start + scale * (other_value(variable, draw) - start))
+
+
+# ---- Dependencies at initialization ---------------------------------------------------------------------------------
+
+#: Distance of inputs from their start values, in amplitudes, for each point.
+_SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
+_SWEEP, _MOST, _DECADES = 400, 20_000, 4
+
+
+def probe_initial_dependencies(bench: Bench) -> Results:
+    """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
+    declared = declared_pairs(bench.description, "InitialUnknowns")
+    unknowns = [v for v in _unknowns(bench) if v.name in declared]
+    knowns = [v for v in bench.description.variables if v.type in ("Real", "Boolean") and _is_known(v)]
+    if not unknowns or not knowns:
+        yield Skip("no dependencies are declared" if not declared else "there is nothing to perturb")
+        return
+    pairs = Pairs(declared, {v.name for v in knowns})
+    draw = random.Random(2)
+    for scale in _SCALES:
+        with bench.initializing() as instance:
+            point = _Point(instance, unknowns)
+            _set_all(bench, instance, draw, scale)
+            for known in knowns:
+                point.perturb(known, pairs)
+    _sweep(bench, unknowns, pairs)
+    yield from pairs.findings("in initialization mode", rules.FALSE)
+
+
+def _unknowns(bench: Bench) -> list[Variable]:
+    found = (bench.description.variable(u.index) for u in bench.description.in_section("InitialUnknowns"))
+    return [v for v in found if v is not None and v.type == "Real" and v.is_callable]
+
+
+def _is_known(variable: Variable) -> bool:
+    return variable.is_settable_at_start
+
+
+def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float) -> None:
+    """Set values other than the start values; variables whose value is rejected keep their value."""
+    for variable in bench.description.of("parameter", "Boolean"):
+        instance.set(variable, draw.random() < 0.5)
+    for variable in bench.description.of("parameter"):
+        instance.set(variable, other_value(variable, draw))
+        if refused(instance.get_reals(bench.outputs)[0]):
+            instance.set(variable, variable.number("start") or 0.0)
+    for variable in bench.inputs:
+        start = variable.number("start") or 0.0
+        value = start + scale * (other_value(variable, draw) - start)
+        instance.set(variable, inside(variable, value))
+
+
+class _Point:
+    """An instance in initialization mode, at one set of knowns."""
+
+    def __init__(self, instance: Instance, unknowns: Sequence[Variable]) -> None:
+        self._instance, self._unknowns = instance, unknowns
+
+    def perturb(self, known: Variable, pairs: Pairs) -> None:
+        """Change one known and restore it; record the unknowns that changed, if they were restored too."""
+        status, value = self._instance.get(known)
+        before = self._values()
+        if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value))):
+            return
+        during = self._values()
+        if refused(self._instance.set(known, value)) or during is None or self._values() != before:
+            return
+        for unknown, old, new in zip(self._unknowns, before, during, strict=True):
+            pairs.record(unknown, known, (old, new))
+
+    def _values(self) -> Values | None:
+        status, values = self._instance.get_reals(self._unknowns)
+        return None if refused(status) else values
+
+
+def _changed(known: Variable, value: Value) -> Value:
+    if known.type == "Boolean":
+        return not value
+    change = change_of(known)
+    moved = inside(known, float(value) + change)
+    return moved if moved != value else inside(known, float(value) - change)
+
+
+def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
+    """Sweep each input: some parameters only have an effect in a narrow range of an input, often near its start."""
+    for variable in bench.inputs:
+        names = pairs.unseen_knowns()
+        knowns = [v for v in bench.description.variables if v.name in names]
+        if not knowns:
+            return
+        with bench.initializing() as instance:
+            _set_all(bench, instance, random.Random(3), 1.0)
+            point, count = _Point(instance, unknowns), min(_SWEEP, _MOST // (len(knowns) * len(bench.inputs)))
+            for value in _spread(variable, count):
+                if not refused(instance.set(variable, inside(variable, value))):
+                    for known in knowns:
+                        point.perturb(known, pairs)
+
+
+def _spread(variable: Variable, count: int) -> Iterator[float]:
+    """Yield values on both sides of the start value, up to ten amplitudes, with geometric spacing."""
+    start, farthest, half = variable.number("start") or 0.0, 10.0 * amplitude(variable), max(count // 2, 2)
+    yield start
+    for k in range(half):
+        distance = farthest * 10.0 ** (-_DECADES * k / (half - 1))
+        yield from (start - distance, start + distance)
+
+
+# ---- Feedthrough over a tiny step -----------------------------------------------------------------------------------
 
 _LONG, _SHORT = 1e-6, 1e-7  # s
 
@@ -21,7 +274,7 @@ _SHARE = 0.05
 _POINTS = ((1.0, False), (1.0, True), (3.0, True), (10.0, True), (10.0, True))
 
 
-def probe(bench: Bench) -> Results:
+def probe_dependencies(bench: Bench) -> Results:
     """Perturb each input over two tiny steps."""
     declared = declared_pairs(bench.description, "Outputs")
     if reason := _reason_to_skip(bench, declared):

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, change_of, other_value, step
+from builder.check.probes.dependencies import Place, Route, declared_pairs, place
 from builder.check.probes.instance import Instance, refused, status_name
-from builder.check.probes.pairs import change_of, declared_pairs, other_value
-from builder.check.probes.returning import Place, Route, place
 from builder.check.rules import Finding, listed
 
 _POINTS = 3
@@ -20,7 +19,7 @@ _TINY = 1e-6  # s
 _SMOOTH, _WRONG, _NOTHING = 1e-4, 1e-3, 1e-8
 
 
-def probe(bench: Bench) -> Results:
+def probe_derivatives(bench: Bench) -> Results:
     """Check the derivatives that the flags declare."""
     if bench.description.can("providesDirectionalDerivative"):
         yield from _in_initialization(bench)

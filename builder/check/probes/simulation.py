@@ -1,40 +1,56 @@
-"""Probe of plain simulations: start values, constant inputs, varying inputs, repeated with and without logs."""
+"""Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange."""
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
 import math
+import random
 import re
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from ctypes import c_double, c_int
 from dataclasses import replace
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
-from builder.check.probes.bench import REACH, Bench, Measured, Results, Values, differ
-from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused
-from builder.check.probes.library import ERROR
+from builder.check.probes.bench import REACH, Bench, Measured, Results, Skip, Values, differ, other_value, step
+from builder.check.probes.instance import (
+    CallError,
+    Instance,
+    Message,
+    TerminatedError,
+    Value,
+    is_error,
+    refused,
+    status_name,
+)
+from builder.check.probes.library import DISCARD, ERROR, MODEL_EXCHANGE, EventInfo, MissingFunctionError
 from builder.check.rules import Finding, listed
+
+# ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 
-def probe(bench: Bench) -> Results:
+def probe_simulation(bench: Bench) -> Results:
     """Simulate and check start values, outputs, repeatability and log messages."""
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
-        reached = _walk(bench, instance, bench.held)
+        reached = _count_steps(bench, instance, bench.held)
         if reached == bench.timing.count:
-            yield from _time(bench, instance)
+            yield from _time_variable(bench, instance)
             instance.need("Terminate")
     if bench.inputs:
         with bench.running() as instance, suppress(CallError):  # reported as a finding below
-            reached = min(reached, _walk(bench, instance, bench.excitation))
+            reached = min(reached, _count_steps(bench, instance, bench.excitation))
     if reached < bench.timing.count:
         yield Measured(REACH, str(reached))
         bench.timing = replace(bench.timing, count=reached)
     yield from _start_values(bench)
     try:
-        runs = [_run(bench, logging) for logging in (True, False)]
+        runs = [_recorded(bench, logging) for logging in (True, False)]
     except CallError as error:
         yield rules.EXCITED.finding(str(error))
         return
@@ -45,7 +61,7 @@ def probe(bench: Bench) -> Results:
     yield from _messages(messages)
 
 
-def _walk(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
+def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
     """Step until the end, or until the FMU ends the simulation itself; return the number of completed steps."""
     for point in bench.all_points():
         try:
@@ -57,7 +73,7 @@ def _walk(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -
     return bench.timing.count
 
 
-def _run(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
+def _recorded(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
     with bench.instance(replace(bench.birth, logging=logging)) as instance:
         bench.initialize(instance)
         rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
@@ -65,7 +81,7 @@ def _run(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
         return rows, instance.messages
 
 
-def _time(bench: Bench, instance: Instance) -> Iterator[Finding]:
+def _time_variable(bench: Bench, instance: Instance) -> Iterator[Finding]:
     times = bench.description.of("independent")
     if not times:
         return
@@ -139,3 +155,202 @@ def _is_unformatted(message: Message) -> bool:
 
 def _shown(text: bytes) -> str:
     return text.decode("utf-8", "replace").strip()[:200]
+
+
+# ---- Steps of irregular length, also from other start times ---------------------------------------------------------
+
+_LENGTHS = (1e-3, 1e-7, 0.05, 3.3e-4, 1e-6, 7e-3, 1e-5, 1 / 3 * 1e-2, 0.02, 1.1e-7)
+_LATER = (0.0, 12.5, 1234.5)  # s after the start of the default experiment
+
+
+def probe_steps(bench: Bench) -> Results:
+    """Step with irregular lengths from several start times."""
+    if not bench.description.can("canHandleVariableCommunicationStepSize"):
+        yield Skip("canHandleVariableCommunicationStepSize is not true")
+        return
+    for later in _LATER:
+        start = bench.timing.start + later
+        with bench.instance() as instance:
+            bench.enter(instance, start=start)
+            instance.need("ExitInitializationMode")
+            yield from _walk(bench, instance, start)
+
+
+def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
+    time = start
+    for round_number in range(4):
+        for length in _LENGTHS:
+            bench.drive(instance, bench.excitation(time, 0.5))
+            status = instance.step(time, length)
+            if status == DISCARD and instance.has_terminated():
+                return
+            if refused(status):
+                is_usual = start == bench.timing.start  # after the end of its experiment an FMU may have no data
+                rule = rules.STEPS if is_error(status) and is_usual else rules.STEPS_DISCARDED
+                yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}")
+                return
+            time += length
+            if not all(map(math.isfinite, instance.reals(bench.outputs))):
+                yield rules.FINITE.finding(
+                    f"after irregular steps up to {length:g} s, at {time:g} s, round {round_number}"
+                )
+                return
+
+
+# ---- Outputs before the first step, from which that step must continue ----------------------------------------------
+
+_TINY = (1e-7, 1e-6)  # s
+_ELSEWHERE = 12.5  # s: another start time, at which an internal input of the FMU does not jump again
+#: Minimum jump relative to the change in a tiny step, and relative to the output's size (rounding).
+_TIMES, _ROUNDING = 30.0, 1e-9
+
+
+def probe_first_outputs(bench: Bench) -> Results:
+    """Compare the outputs at the start values and with other inputs.
+
+    A jump at the start time only is not a defect: it may come from an internal input of the FMU.
+    """
+    if not bench.description.can("canHandleVariableCommunicationStepSize") or not bench.outputs:
+        yield Skip("it has no Real outputs, or only supports a fixed step size")
+        return
+    for inputs in (bench.held(0.0), [other_value(v, random.Random(2)) for v in bench.inputs]):
+        wrong = _jumps(bench, inputs, bench.timing.start)
+        if wrong:
+            wrong = {name: jump for name, jump in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
+        yield from _jump_findings(wrong)
+
+
+def _jump_findings(wrong: dict[str, str]) -> Iterator[Finding]:
+    if wrong:
+        yield rules.FIRST_OUTPUTS.finding(listed(list(wrong.values()), most=3))
+
+
+def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dict[str, str]:
+    """Return the jumps at another start time; return `found` if the FMU cannot start there."""
+    try:
+        return _jumps(bench, inputs, bench.timing.start + _ELSEWHERE)
+    except CallError:
+        return found
+
+
+def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
+    """Return a description, by name, of each output that jumps in a tiny step."""
+    before, *after = (_outputs(bench, inputs, start, h) for h in (0.0, *_TINY))
+    if after[0] == after[1] and not _is_at_rest(bench, inputs, start, after[0]):
+        return {}  # the FMU has longer internal steps: the change may be that of a whole internal step
+    found = {}
+    for variable, old, new, later in zip(bench.outputs, before, *after, strict=True):
+        size = max(abs(old), abs(new), variable.number("nominal") or 1.0)  # default of FMI: 1
+        jump, rate = abs(new - old), abs(later - new)
+        if variable.variability == "continuous" and jump > max(_TIMES * rate, _ROUNDING * size):
+            found[variable.name] = f"{variable.name} is {old:.6g} before the first step, {new:.6g} {_TINY[0]:g} s later"
+    return found
+
+
+def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
+    """Return the outputs after a step of h [s], or before any step."""
+    with bench.instance() as instance:
+        _initialize(bench, instance, inputs, start)
+        if h > 0.0:
+            bench.drive(instance, inputs)
+            step(instance, start, h)
+        return instance.reals(bench.outputs)
+
+
+def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> bool:
+    """Return whether the outputs do not change over long steps either."""
+    return all(_outputs(bench, inputs, start, n * bench.timing.step) == outputs for n in (1, 2, 4))
+
+
+def _initialize(bench: Bench, instance: Instance, inputs: Values, start: float) -> None:
+    bench.enter(instance, start=start)
+    bench.drive(instance, inputs)
+    instance.need("ExitInitializationMode")
+
+
+# ---- A few steps of model exchange ----------------------------------------------------------------------------------
+
+_STEPS, _H = 5, 1e-6  # s: Euler's method must stay stable for a stiff model
+_MOST_ITERATIONS = 100
+
+
+def probe_model_exchange(bench: Bench) -> Results:
+    """Do a few tiny steps of Euler's method."""
+    declared = bench.description.model_exchange
+    if declared is None:
+        yield Skip("it does not support model exchange")
+    elif declared.get("modelIdentifier") != bench.description.identifier:
+        yield Skip("its model exchange is in a separate binary")
+    else:
+        yield from _exchange_model(bench)
+
+
+def _exchange_model(bench: Bench) -> Iterator[Finding]:
+    try:
+        with bench.instance(replace(bench.birth, kind=MODEL_EXCHANGE)) as instance:
+            yield from _exchange_steps(bench, instance)
+    except (CallError, MissingFunctionError) as error:
+        yield rules.MODEL_EXCHANGE.finding(f"instantiated for model exchange, {error}")
+
+
+def _exchange_steps(bench: Bench, instance: Instance) -> Iterator[Finding]:
+    bench.initialize(instance)
+    if _iterate_events(instance):
+        return
+    instance.need("EnterContinuousTimeMode")
+    count = len(bench.description.in_section("Derivatives"))
+    indicators = _count(bench.description.attributes.get("numberOfEventIndicators", "0"))
+    nominals = _vector(instance, "GetNominalsOfContinuousStates", count)
+    if not all(math.isfinite(value) and value > 0.0 for value in nominals):
+        yield rules.MODEL_EXCHANGE.finding(f"nominals of continuous states are not positive: {nominals[:6]}")
+    states = _vector(instance, "GetContinuousStates", count)
+    for point in range(1, _STEPS + 1):
+        slopes = _vector(instance, "GetDerivatives", count)
+        instance.need("SetTime", bench.timing.start + point * _H)
+        states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
+        if states:
+            instance.need("SetContinuousStates", (c_double * count)(*states), count)
+        enter, end = c_int(), c_int()
+        instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+        _vector(instance, "GetEventIndicators", indicators)
+        if enter.value or end.value:
+            return  # an early event of the FMU is not a defect
+    instance.need("Terminate")
+
+
+def _iterate_events(instance: Instance) -> bool:
+    """Do the event iteration after initialization; return whether the FMU ends the simulation there.
+
+    Raises:
+        CallError: A call was rejected, or the iteration does not end.
+    """
+    for _ in range(_MOST_ITERATIONS):
+        info = EventInfo()
+        instance.need("NewDiscreteStates", ctypes.byref(info))
+        if info.terminateSimulation:
+            return True
+        if not info.newDiscreteStatesNeeded:
+            return False
+    raise CallError(f"fmi2NewDiscreteStates still needs new discrete states after {_MOST_ITERATIONS} iterations")
+
+
+def _vector(instance: Instance, name: str, count: int) -> list[float]:
+    values = (c_double * count)()
+    if count:
+        instance.need(name, values, count)
+    return list(values)
+
+
+def _count(text: str) -> int:
+    return int(text) if text.isascii() and text.isdigit() else 0
+
+
+# ---- Digest of the outputs, to compare a run with the same run elsewhere --------------------------------------------
+
+
+def probe_trace(bench: Bench) -> Results:
+    """Run and yield the digest of the outputs."""
+    with bench.running() as instance:
+        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
+    flat = [value for row in rows for value in row]
+    yield Measured("outputs", hashlib.sha256(struct.pack(f"<{len(flat)}d", *flat)).hexdigest())

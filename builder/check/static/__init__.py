@@ -5,28 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from builder.check.rules import Finding
-from builder.check.static import (
-    archive,
-    binaries,
-    capabilities,
-    contents,
-    identity,
-    structure,
-    terminals,
-    units,
-    variables,
-)
+from builder.check.static.archive import CONTENT_RULES, ENTRY_RULES, TERMINAL_RULES
+from builder.check.static.binaries import RULES as BINARY_RULES
+from builder.check.static.description import CAPABILITY_RULES, IDENTITY_RULES, STRUCTURE_RULES
+from builder.check.static.variables import UNIT_RULES, VARIABLE_RULES
 from builder.check.subject import Subject
 
 
 def static_findings(subject: Subject) -> Iterator[Finding]:
     """Apply every static rule; if there is no description, apply only the rules for the archive."""
-    for archive_rule in archive.RULES:
-        yield from archive_rule(subject)
+    for entry_rule in ENTRY_RULES:
+        yield from entry_rule(subject)
     if subject.description is None:
         return
-    for module in (identity, variables, units, structure, capabilities):
-        for rule in module.RULES:
-            yield from rule(subject.description)
-    for subject_rule in (*binaries.RULES, *contents.RULES, *terminals.RULES):
+    for rule in (*IDENTITY_RULES, *VARIABLE_RULES, *UNIT_RULES, *STRUCTURE_RULES, *CAPABILITY_RULES):
+        yield from rule(subject.description)
+    for subject_rule in (*BINARY_RULES, *CONTENT_RULES, *TERMINAL_RULES):
         yield from subject_rule(subject)

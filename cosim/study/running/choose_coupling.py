@@ -11,10 +11,10 @@ from cosim.error_estimate import difference
 from cosim.result import Result
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
-from cosim.study.running.heartbeats import heartbeat
 from cosim.study.setup import Setup
 from cosim.study.study import Drive
 from eightpost.errors import DivergedError, EightpostError, StepError
+from eightpost.workers.pool import heartbeat
 
 #: Number of setups that are compared with references, and largest number of candidates for them.
 _COMPARED, _CANDIDATES = 3, 12

@@ -20,7 +20,6 @@ from cosim.result import Result
 from cosim.session import Session
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
 from cosim.study.running.error_model import ErrorModel
-from cosim.study.running.heartbeats import heartbeat
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
@@ -28,6 +27,7 @@ from cosim.system import Bond, Scenario, System
 from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
+from eightpost.workers.pool import heartbeat
 
 # ---- Drive files of a study for the co-simulation master ------------------------------------------------------------
 

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
-from multiprocessing import get_context
-from typing import Any, Protocol
+from typing import Protocol
 
 from cosim.study.result import FAILED
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
-from cosim.study.running.heartbeats import Heartbeats, heartbeat, register_worker, working
 from cosim.study.study import Study
 from eightpost.errors import StepError
-from eightpost.processes import end_with
+from eightpost.workers.pool import POLL, Pool, heartbeat, working
 
 # ---- Functions that run in worker processes; all arguments are plain values, so that they can run on ----------------
 
@@ -59,29 +54,16 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
         return found
 
 
-def start_worker(parent: int, *heartbeats: Any) -> None:
-    """Initialise a worker: register its heartbeat, end it with its parent, and leave Ctrl-C to the parent."""
-    end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    register_worker(*heartbeats)
-
-
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------
 
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2
-
-#: Interval at which a stop is checked [s].
-_POLL = 0.2
 
 #: Number of setups per worker that is started early, while the coupling is chosen: starting takes about as long.
 _WORTH = 50
 
 #: Time without a heartbeat after which a worker is ended [s]; a heartbeat comes every few thousand coupling steps.
 PATIENCE = 300.0
-
-#: Time that working processes get to finish when their results are not needed any more [s].
-_GRACE = 3.0
 
 _CRASHES = (
     "the worker process crashed while it ran only this setup, so one of its FMUs crashes (see eightpost run --isolate)"
@@ -129,8 +111,7 @@ class ProcessWorkers:
     """
 
     def __init__(self, count: int, *, patience: float = PATIENCE) -> None:
-        self.count, self._patience = count, patience
-        self._pool, self._heartbeats = self._start()
+        self.count, self._pool = count, Pool(count, patience)
 
     def choose(self, study: Study) -> Coupling:
         """Choose the coupling of a study in one worker, while the others load the study.
@@ -139,14 +120,14 @@ class ProcessWorkers:
             StepError: No setup could be run, or an FMU crashed or hung.
         """
         text = study.to_json()
-        chosen: Future[Coupling] = self._submit(choose, text)
+        chosen: Future[Coupling] = self._pool.submit(choose, text)
         for _ in range(min(self.count, len(study.space) // _WORTH) - 1):
-            self._submit(open_study, text)
-        hung = self._await(chosen)
+            self._pool.submit(open_study, text)
+        hung = self._pool.wait_for(chosen)
         try:
             return chosen.result()
         except BrokenProcessPool:
-            what = f"was not responding for {self._patience:g} s" if hung else "crashed"
+            what = f"was not responding for {self._pool.patience:g} s" if hung else "crashed"
             raise StepError(
                 f"a worker process {what} while it chose the coupling, so an FMU {'hangs' if hung else 'crashes'}. "
                 "Find it with `eightpost check` and `eightpost run --isolate`, and remove it from the bank"
@@ -160,11 +141,11 @@ class ProcessWorkers:
         running: dict[Future[list[Row]], Chunk] = {}
         while True:
             room = 0 if stop() else self.count * _SUBMITTED - len(running)
-            running |= {self._submit(rows, text, coupling, c.indices): c for c in islice(waiting, room)}
+            running |= {self._pool.submit(rows, text, coupling, c.indices): c for c in islice(waiting, room)}
             if not running:
                 return
-            finished, _ = wait(running, timeout=_POLL, return_when=FIRST_COMPLETED)
-            self._heartbeats.end_unresponsive(self._patience)
+            finished, _ = wait(running, timeout=POLL, return_when=FIRST_COMPLETED)
+            self._pool.end_unresponsive()
             if any(isinstance(future.exception(), BrokenProcessPool) for future in finished):
                 yield from self._one_by_one(study, coupling, list(running.values()), stop)
                 running.clear()
@@ -174,70 +155,34 @@ class ProcessWorkers:
 
     def close(self, *, wait: bool = False) -> None:
         """End the workers, after their current work if `wait`, else after a short time for cleaning up."""
-        self._pool.shutdown(wait=wait, cancel_futures=True)
-        self._heartbeats.end_working(_GRACE)
-
-    def _start(self) -> tuple[ProcessPoolExecutor, Heartbeats]:
-        context = get_context("spawn")
-        heartbeats = Heartbeats(self.count, context)
-        pool = ProcessPoolExecutor(
-            self.count, mp_context=context, initializer=start_worker, initargs=(os.getpid(), *heartbeats.shared)
-        )
-        return pool, heartbeats
-
-    def _restart(self) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool, self._heartbeats = self._start()
-
-    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        with _interrupts_blocked():
-            return self._pool.submit(function, *arguments)
-
-    def _await(self, future: Future[Any]) -> bool:
-        """Wait for a worker's answer; if the worker is not responding, end it. Return whether one was ended."""
-        hung = False
-        while not wait([future], timeout=_POLL).done:
-            hung = self._heartbeats.end_unresponsive(self._patience) or hung
-        return hung
+        self._pool.close(wait=wait)
 
     def _one_by_one(
         self, study: Study, coupling: Coupling, chunks: list[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run the interrupted setups again one by one, to find the one that makes a worker crash."""
-        self._restart()
+        self._pool.restart()
         for chunk in chunks:
             if stop():
                 return
             yield chunk, [self._alone(study, coupling, index) for index in chunk.indices]
 
     def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
-        answer: Future[list[Row]] = self._submit(rows, study.to_json(), coupling, (index,))
-        hung = self._await(answer)
+        answer: Future[list[Row]] = self._pool.submit(rows, study.to_json(), coupling, (index,))
+        hung = self._pool.wait_for(answer)
         try:
             return answer.result()[0]
         except BrokenProcessPool:
-            self._restart()
+            self._pool.restart()
             return failed_row(study, index, self._hangs if hung else _CRASHES)
 
     @property
     def _hangs(self) -> str:
         return (
-            f"the worker process was ended because it was not responding for {self._patience:g} s while it ran only "
-            "this setup: one of its FMUs hangs (see eightpost run --isolate) or needs longer for some thousand steps"
+            f"the worker process was ended because it was not responding for {self._pool.patience:g} s while it ran "
+            "only this setup: one of its FMUs hangs "
+            "(see eightpost run --isolate) or needs longer for some thousand steps"
         )
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C while a process may be started: the process inherits this and leaves Ctrl-C to its parent."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def failed_row(study: Study, index: int, message: str = _CRASHES) -> Row:

@@ -142,7 +142,7 @@ def _write(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     content: dict[str, Any] = read_confined(
-        "eightpost.confined.matlab:load", path, False, kind="a MATLAB file of version 5 to 7.2"
+        "eightpost.confined.readers:load_matlab", path, False, kind="a MATLAB file of version 5 to 7.2"
     )
     return content
 

@@ -18,7 +18,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from eightpost.array_types import Array
-from eightpost.machine_code import kept
+from eightpost.cache import kept
 from eightpost.shock import law_module
 from eightpost.shock.law import Piece, valve_force
 

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from eightpost.array_types import Array
-from eightpost.machine_code import kept
+from eightpost.cache import kept
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

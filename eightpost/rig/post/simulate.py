@@ -13,7 +13,6 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
-from eightpost.processes import usable_processors
 from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS, Drives
 from eightpost.rig.post.kernel import (
@@ -36,6 +35,7 @@ from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.polylinear import Polylinear
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     from eightpost.rig.damper.valves import Passage

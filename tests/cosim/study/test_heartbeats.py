@@ -7,8 +7,8 @@ from multiprocessing import get_context
 
 import pytest
 
-from cosim.study.running import heartbeats as module
-from cosim.study.running.heartbeats import Heartbeats, heartbeat, register_worker, working
+from eightpost.workers import pool as module
+from eightpost.workers.pool import Heartbeats, heartbeat, register_worker, working
 
 
 @pytest.fixture

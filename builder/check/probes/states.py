@@ -1,24 +1,25 @@
-"""Probe of FMU states: rollback, restoring in other instances and other processes."""
+"""Probes of FMU states: rollback, restoring in other instances and other processes, damaged states."""
 
 from __future__ import annotations
 
 import ctypes
-import subprocess
+import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, differ
+from builder.check.probes.bench import Bench, Results, Skip, Values, differ, open_bench
 from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.rules import Finding, Rule
-from eightpost.interpreter import python_command
+from builder.check.rules import Finding, Rule, listed
+from eightpost.workers.process import python_command, run
 
 _TOLERANCE = 1e-9
 _TIMEOUT = 60.0
 
 
-def probe(bench: Bench) -> Results:
+def probe_state(bench: Bench) -> Results:
     """Save a state in the middle of a run, continue, restore the state, continue again."""
     if not bench.description.can("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate is not true")
@@ -108,18 +109,17 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
         saved.write_bytes(content)
         progress.touch()
         words = (str(bench.folder), str(progress), str(saved), str(bench.timing.count))
-        command = python_command("builder.check.probes.restore", *words)
+        command = python_command("builder.check.probes.states", *words)
         bench.library.begin("restoring a serialized state in another process")
-        try:
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
-        except subprocess.TimeoutExpired:
-            yield rules.OTHER_PROCESS.finding(f"restoring did not end within {_TIMEOUT:g} s")
-            return
-    if ran.returncode != 0:
-        last = ran.stderr.strip().splitlines()[-1:] or [f"code {ran.returncode}"]
+        ran = run(command, _TIMEOUT)
+    if ran.code is None:
+        yield rules.OTHER_PROCESS.finding(f"restoring did not end within {_TIMEOUT:g} s")
+        return
+    if ran.code != 0:
+        last = ran.errors.decode("utf-8", "replace").strip().splitlines()[-1:] or [f"code {ran.code}"]
         yield rules.OTHER_PROCESS.finding(f"restoring failed: {last[0]}")
         return
-    rows = [[float.fromhex(word) for word in line.split()] for line in ran.stdout.splitlines()]
+    rows = [[float.fromhex(word) for word in line.split()] for line in ran.output.decode().splitlines()]
     yield from _compare(rules.OTHER_PROCESS, "in another process", first, rows)
 
 
@@ -129,3 +129,53 @@ def _compare(rule: Rule, where: str, first: list[Values], again: list[Values]) -
         yield rule.finding(f"{where} the same steps differ by {worst:.1e} of the outputs' size")
     elif worst > 0.0:
         yield rules.ROLLBACK_BITS.finding(f"{where} the same steps differ by {worst:.1e}")
+
+
+# ---- Damaged serialized states --------------------------------------------------------------------------------------
+
+_PLACES = 12
+
+
+def probe_corrupt_state(bench: Bench) -> Results:
+    """Damage bytes at several places of a serialized state."""
+    if not (bench.description.can("canGetAndSetFMUstate") and bench.description.can("canSerializeFMUstate")):
+        yield Skip("canSerializeFMUstate is not true")
+        return
+    with bench.running() as instance:
+        bench.run(instance, bench.excitation, halves(bench)[0])
+        content = instance.serialized(instance.state())
+    accepted = []
+    for what, damaged in _damaged(content):
+        with bench.running() as instance:
+            bench.library.begin(f"fmi2DeSerializeFMUstate of bytes {what}")
+            status, _ = instance.deserialize(damaged)
+            accepted += [] if refused(status) else [what]
+    if accepted:
+        yield rules.CORRUPT.finding(f"accepted: {listed(accepted)}")
+
+
+def _damaged(content: bytes) -> Iterator[tuple[str, bytes]]:
+    for place in range(0, len(content), max(len(content) // _PLACES, 1)):
+        yield f"with byte {place} changed", content[:place] + bytes([content[place] ^ 0x41]) + content[place + 1 :]
+    yield "cut in half", content[: len(content) // 2]
+    yield "without content", b""
+    yield "with bytes appended", content + b"\0" * 8
+
+
+def restore(folder: Path, progress: Path, saved: Path, reach: int) -> None:
+    """Restore a state in a new instance, continue the run, and print the outputs in hexadecimal, a line per point.
+
+    This module run as a program does this for `_other_process`.
+    """
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    bench = open_bench(folder, progress, reach)
+    with bench.running() as instance:
+        for row in restored(bench, instance, saved.read_bytes()):
+            channel.write(" ".join(value.hex() for value in row) + "\n")
+    channel.flush()
+
+
+if __name__ == "__main__":
+    restore(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
+    os._exit(0)

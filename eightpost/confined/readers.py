@@ -1,4 +1,4 @@
-"""Reading of MDF files with asammdf in the child process, because some damaged files crash asammdf."""
+"""Functions that read MATLAB files (scipy) and MDF files (asammdf) in the child: some damaged files crash both."""
 
 from __future__ import annotations
 
@@ -10,6 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.errors import FileFormatError
+
+
+def load_matlab(path: Path, simplify: bool) -> dict[str, Any]:
+    """Return the variables of a file by name.
+
+    Args:
+        path: Path of the file.
+        simplify: Whether to convert structs to dicts and to drop dimensions of length one.
+
+    Raises:
+        FileFormatError: The file is of version 7.3 (HDF5).
+    """
+    import scipy.io  # noqa: PLC0415 -- not needed for MDF files
+
+    try:
+        content = scipy.io.loadmat(path, simplify_cells=simplify)
+    except NotImplementedError as error:
+        what = "MATLAB 7.3 (HDF5) files are not supported; save it again with `save(..., '-v7')`"
+        raise FileFormatError(what, path=path) from error
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
 
 class Signal(NamedTuple):
     """A numeric channel: name and unit as in the file, samples (N,) and times (N,) [s]."""
@@ -20,7 +42,7 @@ class Signal(NamedTuple):
     times: NDArray[np.float64]
 
 
-def load(path: Path) -> tuple[list[Signal], str]:
+def load_mdf(path: Path) -> tuple[list[Signal], str]:
     """Return the numeric channels of a file and the comment in its header."""
     mdf = importlib.import_module("asammdf").MDF(path)  # an optional dependency without type hints
     try:

@@ -1,0 +1,210 @@
+"""Processes that this process starts: their command, their end with this process, and their time limit."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+#: Folder of the packages eightpost, builder and cosim.
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Time between two checks of the parent, and time for a child with a folder to end by itself after its parent [s].
+_LOOK, _PATIENCE = 0.5, 1.0
+
+
+# ---- Command of a Python process ------------------------------------------------------------------------------------
+
+
+def import_path() -> list[str]:
+    """Return this process's import path for a child: absolute, and without the current folder.
+
+    Python searches the current folder first (`python -m`, `python -c`, a notebook), and a user's file there may have
+    the name of a module.
+    """
+    here = Path.cwd()
+    entries = [here / entry for entry in sys.path]
+    kept = [str(entry) for entry in entries if entry != here or entry.resolve() == ROOT]
+    return list(dict.fromkeys(kept if str(ROOT) in kept else [*kept, str(ROOT)]))
+
+
+def python_command(module: str, *arguments: str, bare: str = "", folder: str = "") -> list[str]:
+    """Return the command that runs a module in a new interpreter with this process's import path.
+
+    The new process ends when this one ends.
+
+    Args:
+        module: Module to run as a program.
+        arguments: Arguments of the module.
+        bare: Package whose own imports are skipped, because they take seconds (scipy, pint).
+        folder: Folder that the new process removes when this one has ended.
+    """
+    code = (
+        f"import sys; sys.path[:] = {import_path()!r}; from eightpost.workers import process; "
+        f"process.end_with({os.getpid()}, {folder!r}); process.run_module({module!r}, {bare!r})"
+    )
+    return [sys.executable, "-P", "-c", code, *arguments]
+
+
+def run_module(module: str, bare: str = "") -> None:
+    """Run a module as a program; see `python_command`."""
+    import runpy  # noqa: PLC0415 -- needed in a child only
+    import types  # noqa: PLC0415
+
+    if bare:
+        package = sys.modules[bare] = types.ModuleType(bare)
+        package.__path__ = [str(ROOT / bare)]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+# ---- Child processes that end when their parent ends, even if the parent is killed ----------------------------------
+
+
+def end_with(parent: int, folder: str = "") -> None:
+    """End this process within a second after its parent has ended.
+
+    Args:
+        parent: Process number of the parent. It is an argument because, if the parent ended before this call,
+            os.getppid() returns another process.
+        folder: Folder to remove then; the process gets a second more, so that it can end by itself.
+    """
+    threading.Thread(target=_end_after, args=(parent, folder), name="end with parent", daemon=True).start()
+
+
+def _end_after(parent: int, folder: str) -> None:
+    _wait(parent)
+    if folder:
+        time.sleep(_PATIENCE)
+    leave(folder)
+
+
+def leave(folder: str = "") -> None:
+    """Remove a folder, and end this process; if it leads its process group, end all that it started, too."""
+    if folder:
+        os.chdir(Path(folder).parent)
+        shutil.rmtree(folder, ignore_errors=True)
+    if sys.platform != "win32" and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
+def _wait(parent: int) -> None:
+    """Return when the parent has ended."""
+    if sys.platform == "win32":
+        import ctypes  # noqa: PLC0415 -- only there
+
+        synchronize, forever = 0x00100000, 0xFFFFFFFF
+        kernel = ctypes.WinDLL("kernel32")
+        kernel.OpenProcess.restype = ctypes.c_void_p
+        if handle := kernel.OpenProcess(synchronize, False, parent):
+            kernel.WaitForSingleObject(ctypes.c_void_p(handle), forever)
+        return
+    while os.getppid() == parent:
+        time.sleep(_LOOK)
+
+
+# ---- Processes that do one thing ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A process that has ended: its exit code, and what it printed.
+
+    Attributes:
+        code: Exit code; negative for a signal, None if the process was ended after its time limit.
+        output: Standard output, and standard error if both were to be kept together.
+        errors: Standard error.
+    """
+
+    code: int | None
+    output: bytes
+    errors: bytes = b""
+
+
+def run(
+    command: Sequence[str],
+    seconds: float | None = None,
+    *,
+    folder: str | Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    together: bool = False,
+    tree: bool = False,
+    question: bytes = b"",
+) -> Ended:
+    """Run a command until it ends or `seconds` have passed, then end it.
+
+    Args:
+        command: Command and its arguments.
+        seconds: Time limit [s]; None for none.
+        folder: Working folder; None for this process's.
+        environment: Environment variables; None for this process's.
+        together: Whether to keep standard error in the standard output.
+        tree: Whether the processes that it starts are ended with it.
+        question: Content of its standard input.
+    """
+    with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        given.write(question)
+        given.seek(0)
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=None if environment is None else dict(environment),
+            stdin=given,
+            stdout=output,
+            stderr=subprocess.STDOUT if together else errors,
+            **(own_group() if tree else {}),
+        )
+        try:
+            code: int | None = process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            code = None
+        finally:
+            if process.poll() is None:
+                kill(process, tree=tree)
+        output.seek(0)
+        errors.seek(0)
+        return Ended(code, output.read(), errors.read())
+
+
+def own_group() -> dict[str, Any]:
+    """Return the arguments of `subprocess.Popen` for a process that does not receive Ctrl-C and leads its own group."""
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"start_new_session": True}
+
+
+def kill(process: subprocess.Popen[bytes], *, tree: bool) -> None:
+    """Kill a process, and if `tree`, its process group with all that it started; wait for its end."""
+    if sys.platform == "win32" or not tree:
+        process.kill()
+    else:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def signal_name(code: int) -> str:
+    """Return the name of the signal that ended a process with a negative exit code."""
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"
+
+
+# ---- Number of processors that this process may use -----------------------------------------------------------------
+
+
+def usable_processors() -> int:
+    """Return the number of processors that this process may use; if the system does not report it, all processors."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on Windows and macOS
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
