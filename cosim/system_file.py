@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.algorithm import Algorithm
 from cosim.automatic import SCHEMES, Automatic
@@ -18,9 +18,10 @@ from cosim.fmu_component import FmuComponent
 from cosim.isolated_component import IsolatedComponent
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.system import DEFAULT_STEP, Bond, Connection, Scenario, System, find_variable
+from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
-from eightpost.files import toml_content
+from eightpost.files import read_text
 from eightpost.signals import ChannelMap, Drivefile
 from eightpost.wiring import Wiring
 
@@ -174,7 +175,7 @@ def read_case(
             f"{path}: a drive file, stop time, record step or input is given on the command line, but a system file "
             "contains these: change them there ([scenario], [components.NAME] inputs)"
         )
-    content = _read(path)
+    content = parse_model(_File, read_text(path), path, SCHEMA, _WORDS)
     fmus = fmus or {}
     if unknown := sorted(set(fmus) - set(content.components)):
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
@@ -220,17 +221,6 @@ def _package(
         fmus=contents.fmus,
         notes=contents.notes,
     )
-
-
-def _read(path: Path) -> _File:
-    content = toml_content(path)
-    if content.get("schema", SCHEMA) != SCHEMA:
-        raise InputError(f"{path}: has schema {content['schema']!r}, this version reads {SCHEMA}; update eightpost")
-    try:
-        return _File.model_validate({"schema": SCHEMA, **content})
-    except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {_WORDS.get(f['type'], f['msg'])}" for f in error.errors())
-        raise InputError(f"{path}: {faults}") from error
 
 
 def _system(content: _File, components: Mapping[str, Component]) -> System:

@@ -1,4 +1,4 @@
-"""Atomic writing, checked reading and digests of files."""
+"""Atomic writing, checked reading, schema numbers and digests of files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from eightpost.errors import FileFormatError, InputError, OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 #: Size limit of a file with settings (JSON, TOML, a list of runs) [bytes]. Records have no such limit.
 LARGEST_TEXT = 256 * 2**20
@@ -250,6 +250,34 @@ def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
     except ValueError as error:  # a TOMLDecodeError, or an integer with thousands of digits
         raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
     return content
+
+
+def check_schema(
+    content: Mapping[str, Any], newest: int, path: str | Path | None, *, key: str = "schema", what: str = ""
+) -> None:
+    """Check the schema number of a document that eightpost wrote or documents.
+
+    Args:
+        content: Content of the document.
+        newest: Newest schema that this version reads; it is also the one that it writes.
+        path: Path of the file, for the message; None for a part of a document.
+        key: Entry with the number.
+        what: Name of the part of a document.
+
+    Raises:
+        FileFormatError: The number is missing, is not a number, or is newer.
+    """
+    name, found = f"{what} {key}".strip().replace("_", " "), content.get(key)
+    if type(found) is not int or found < 1:
+        raise FileFormatError(f"{name} is {found!r}, but must be a number; write {key} = {newest}", path=path)
+    if found > newest:
+        version = content.get("tool_version")
+        tool = content.get("tool") or (version and f"eightpost {version}")
+        raise FileFormatError(
+            f"has {name} {found}{f' (written by {tool})' if tool else ''}, but this version reads schema {newest}: a "
+            "newer version wrote the file; update eightpost",
+            path=path,
+        )
 
 
 _TOO_DEEP = f"it is nested more than {DEEPEST} levels deep"

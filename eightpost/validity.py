@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any, Literal, get_args
 
 from eightpost.errors import InputError
+from eightpost.files import check_schema
 from eightpost.verdict import Verdict
 
 #: Schema version of the JSON document that is written, and the only one that is read.
@@ -88,8 +89,7 @@ class Validity:
         """
         if not isinstance(document, Mapping):
             raise InputError(f"a model's validity must be an object, not {type(document).__name__}")
-        if document.get("schema") != SCHEMA:
-            raise InputError(f"a model's validity has schema {document.get('schema')!r}, this version reads {SCHEMA}")
+        check_schema(document, SCHEMA, None, what="validity")
         ranges = document.get("ranges", [])
         if not isinstance(ranges, Sequence) or not all(isinstance(entry, Mapping) for entry in ranges):
             raise InputError("a model's validity: ranges must be a list of objects")

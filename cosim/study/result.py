@@ -19,7 +19,7 @@ from cosim.study.setup import Setup
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, parse_json
+from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.signals.parquet_file import read_table
 
 #: Version of the files that are written, and the newest version that can be read.
@@ -282,12 +282,5 @@ def _header(path: Path, table: pa.Table) -> dict[str, Any]:
     if not isinstance(header, dict) or header.get("schema") != "eightpost.study":
         found = header.get("schema") if isinstance(header, dict) else header
         raise FileFormatError(f"is not a study result but {found!r}", path=path)
-    if type(header.get("schema_version")) is not int:
-        raise FileFormatError(f"has schema version {header.get('schema_version')!r}, which is not a number", path=path)
-    if header["schema_version"] > SCHEMA:
-        raise FileFormatError(
-            f"has schema version {header['schema_version']} (eightpost {header.get('tool_version')}); this eightpost "
-            f"{__version__} reads versions up to {SCHEMA}; update eightpost",
-            path=path,
-        )
+    check_schema(header, SCHEMA, path, key="schema_version")
     return header

@@ -8,7 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.component import Variable
 from cosim.conversion import convert_between, named_unit
@@ -17,10 +17,10 @@ from cosim.study.families import Car, family
 from cosim.study.measures import Measure
 from cosim.study.running.evaluator import ports
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
-from cosim.study.toml_place import line_of, line_with
+from cosim.toml_document import line_with, parse_model
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, WiringError
-from eightpost.files import parse_toml, read_text
+from eightpost.files import read_text
 from eightpost.signals import ChannelMap, Drivefile
 
 SCHEMA = 1
@@ -118,7 +118,7 @@ def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
         FmuError: An FMU cannot be used.
     """
     path = Path(path)
-    text = _text(path)
+    text = read_text(path)
     content = _content(path, text)
     try:
         return _Reader(path, content, fmu).study()
@@ -136,32 +136,13 @@ def source_files(path: str | Path) -> tuple[Path, ...]:
         InputError: The file cannot be read, or an entry is unknown, missing or wrong.
     """
     path = Path(path)
-    content = _content(path, _text(path))
+    content = _content(path, read_text(path))
     parts = [content.vehicle.fmu, *(p if isinstance(p, str) else p.fmu for p in content.bank.values())]
     return tuple(dict.fromkeys(path.parent / part for part in parts if not part.endswith(".fmu")))
 
 
-def _text(path: Path) -> str:
-    return read_text(path)
-
-
 def _content(path: Path, text: str) -> _File:
-    found = parse_toml(text, path)
-    if found.get("schema", SCHEMA) != SCHEMA:
-        raise InputError(
-            f"{path}: has schema {found['schema']!r}, but this version reads schema {SCHEMA}; update eightpost"
-        )
-    try:
-        return _File.model_validate({"schema": SCHEMA, **found})
-    except ValidationError as error:
-        faults = [_fault(path, text, fault["loc"], fault["type"], fault["msg"]) for fault in error.errors()]
-        raise InputError("; ".join(faults)) from error
-
-
-def _fault(path: Path, text: str, place: tuple[str | int, ...], kind: str, message: str) -> str:
-    line = line_of(text, place)
-    named = ".".join(str(key) for key in place)
-    return f"{path}{f', line {line}' if line else ''}: {named}: {_WORDS.get(kind, message)}"
+    return parse_model(_File, text, path, SCHEMA, _WORDS)
 
 
 class _Reader:

@@ -11,7 +11,7 @@ from typing import Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError, ParameterError
-from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import LAWS, law_name, own_parameters
@@ -120,10 +120,7 @@ def _read_document(path: Path) -> dict[str, Any]:
     document = json_content(path)
     if not isinstance(document, dict) or document.get("kind") != "shock":
         raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
-    if document.get("schema") != SCHEMA:
-        raise FileFormatError(
-            f"has schema {document.get('schema')!r}, but this version reads {SCHEMA}; update eightpost", path=path
-        )
+    check_schema(document, SCHEMA, path)
     return document
 
 

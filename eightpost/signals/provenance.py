@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
-from eightpost.files import parse_json
+from eightpost.files import check_schema, parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,12 +47,7 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
     if type(version) is not int or not _is_texts(header.get("units", {})) or type(header.get("note", "")) is not str:
         what = "its eightpost header cannot be read: it must have a schema_version, units by channel and a note"
         raise FileFormatError(what, path=path)
-    if version > SCHEMA_VERSION:
-        raise FileFormatError(
-            f"it has schema version {version} (written by eightpost {header.get('tool_version', '?')}), this "
-            f"eightpost {__version__} reads up to {SCHEMA_VERSION}; update eightpost",
-            path=path,
-        )
+    check_schema(header, SCHEMA_VERSION, path, key="schema_version")
     return dict(header)
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 import eightpost
 from eightpost.errors import FileFormatError, InputError, ParameterError
-from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.validity import Validity
 from eightpost.vehicle import kernel
-from eightpost.vehicle.parameters import check_schema
 from eightpost.vehicle.statespace import Channel, StateSpace
 from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle
 
@@ -102,7 +101,7 @@ def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
         ParameterError: The model is not consistent.
         UnknownUnitError: A channel's unit is not SI.
     """
-    check_schema(path, content, SCHEMA)
+    check_schema(content, SCHEMA, path)
     _check_keys(path, content)
     try:
         return _vehicle(content)

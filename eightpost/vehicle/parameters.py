@@ -10,8 +10,8 @@ from typing import Any
 from scipy.constants import g
 
 import eightpost
-from eightpost.errors import FileFormatError, ParameterError, UnknownUnitError
-from eightpost.files import atomic_path, toml_content
+from eightpost.errors import ParameterError, UnknownUnitError
+from eightpost.files import atomic_path, check_schema, toml_content
 from eightpost.units import compatible, convert
 from eightpost.vehicle.quantities import CORNERS, Corners
 from eightpost.vehicle.quarter_car import QuarterCar
@@ -46,7 +46,7 @@ def read_toml(path: str | Path) -> StructuralVehicle:
     """
     path = Path(path)
     content = toml_content(path)
-    check_schema(path, content, SCHEMA)
+    check_schema(content, SCHEMA, path)
     model = content.get("model")
     if not isinstance(model, str) or model not in MODELS:
         raise ParameterError(f"{path}: model is {model!r}; choose one of {', '.join(MODELS)}")
@@ -79,23 +79,6 @@ def write_toml(path: str | Path, vehicle: StructuralVehicle) -> None:
     lines += ["", "[static]", *_static_lines(vehicle)] if vehicle.static else []
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def check_schema(path: Path, content: dict[str, Any], newest: int) -> None:
-    """Check that the schema number of a file exists and is not newer than `newest`.
-
-    Raises:
-        FileFormatError: The schema number is missing, invalid or newer.
-    """
-    schema = content.get("schema")
-    if type(schema) is not int or schema < 1:
-        raise FileFormatError(f"schema is {schema!r}; a vehicle file needs: schema = {newest}", path=path)
-    if schema > newest:
-        raise FileFormatError(
-            f"schema is {schema}, but this eightpost {eightpost.__version__} reads up to {newest}: a newer version "
-            "wrote the file; update eightpost to read it",
-            path=path,
-        )
 
 
 def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.study.choice.compare_file import read_run_to_run
 from cosim.study.choice.robust import Spread, Uncertain
 from cosim.study.result import StudyResult
-from cosim.study.toml_place import line_of
+from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, parse_toml, read_text
+from eightpost.files import MALFORMED, atomic_path, read_text
 from eightpost.signals.parquet_file import read_table
 
 # ---- File of the spreads of a study's measures, including all draws -------------------------------------------------
@@ -149,15 +149,7 @@ def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
     """
     path = Path(path)
     text = read_text(path, advice="name an uncertainty file (docs/study_choice.md)")
-    try:
-        document = _File.model_validate(parse_toml(text, path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(key) for key in first["loc"])
-        raise FileFormatError(f"{place}: {first['msg']}", path=path, line=line_of(text, first["loc"])) from error
-    if document.schema_ != SCHEMA:
-        what = f"has schema {document.schema_}, but this version reads schema {SCHEMA}; update eightpost"
-        raise FileFormatError(what, path=path)
+    document = parse_model(_File, text, path, SCHEMA)
     try:
         return _uncertainty(document, path.parent, result)
     except InputError as error:

@@ -20,7 +20,7 @@ from scipy.io import savemat
 from eightpost import __version__
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
-from eightpost.files import MALFORMED, atomic_path, parse_json
+from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
@@ -97,10 +97,7 @@ def read_response_mat(path: str | Path) -> FrequencyResponse:
     path = Path(path)
     content = _read(path)
     metadata = _metadata(content, path, kind="frequency_response")
-    schema = metadata.get("schema")
-    if not isinstance(schema, int) or schema > SCHEMA:
-        what = f"it has schema {schema}, but this eightpost {__version__} reads up to {SCHEMA}; update eightpost"
-        raise FileFormatError(what, path=path)
+    check_schema(metadata, SCHEMA, path)
     try:
         return _response(content, metadata)
     except MALFORMED as error:

@@ -18,7 +18,7 @@ from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.array_types import Array, Complex
 from eightpost.errors import FileFormatError, FmuError, ParameterError
-from eightpost.files import MALFORMED, atomic_path, parse_json
+from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 # ---- Frequency responses between named inputs and outputs -----------------------------------------------------------
@@ -292,10 +292,4 @@ def _check_suffix(path: Path) -> None:
 def _check_header(path: Path, header: Any) -> None:
     if not isinstance(header, dict) or header.get("kind") != "frequency_response":
         raise FileFormatError("is not a frequency response of eightpost: its header has another kind", path=path)
-    schema = header.get("schema")
-    if not isinstance(schema, int) or schema > SCHEMA:
-        raise FileFormatError(
-            f"it has schema {schema} (written by {header.get('tool', '?')}), but this eightpost {__version__} reads "
-            f"up to {SCHEMA}; update eightpost",
-            path=path,
-        )
+    check_schema(header, SCHEMA, path)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
-from eightpost.files import MALFORMED, atomic_path, json_content, sha256_of
+from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, write_response
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
@@ -136,8 +136,5 @@ def _fit_content(path: Path) -> dict[str, Any]:
     content = json_content(path, advice="there is no fit next to the vehicle file; identify again", finite=False)
     if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
         raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=path)
-    schema = content.get("schema")
-    if not isinstance(schema, int) or schema > SCHEMA:
-        what = f"has schema {schema}; eightpost {__version__} reads schemas up to {SCHEMA}; update eightpost"
-        raise FileFormatError(what, path=path)
+    check_schema(content, SCHEMA, path)
     return content

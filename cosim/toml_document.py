@@ -1,9 +1,52 @@
-"""Line numbers of entries in a TOML file, for messages."""
+"""TOML files with settings, as pydantic models; messages have the line of the entry."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from eightpost.errors import FileFormatError
+from eightpost.files import check_schema, parse_toml
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def parse_model(
+    model: type[Model], text: str, path: Path, schema: int, words: Mapping[str, str] | None = None
+) -> Model:
+    """Return the content of a TOML text as a model.
+
+    Args:
+        model: Type of the content, with an entry `schema`.
+        text: Text of the file.
+        path: Path of the file, for messages.
+        schema: Schema that this version reads, also if the file states none.
+        words: Messages for pydantic's error types, in place of pydantic's own.
+
+    Raises:
+        FileFormatError: The text is not TOML, its schema is newer, or an entry is unknown, missing or wrong.
+    """
+    content: dict[str, Any] = {"schema": schema, **parse_toml(text, path)}
+    check_schema(content, schema, path)
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        faults = [
+            (fault["loc"], f"{'.'.join(map(str, fault['loc']))}: {(words or {}).get(fault['type'], fault['msg'])}")
+            for fault in error.errors()
+        ]
+        (first, what), *others = faults
+        what = "; ".join([what, *(f"{_line(text, place)}{other}" for place, other in others)])
+        raise FileFormatError(what, path=path, line=line_of(text, first)) from error
+
+
+def _line(text: str, place: Sequence[str | int]) -> str:
+    line = line_of(text, place)
+    return f"line {line}: " if line else ""
 
 
 def line_of(text: str, place: Sequence[str | int]) -> int | None:
