@@ -1,0 +1,63 @@
+"""The uncertainty of an output: excitation of a test, sizes with several dampers, and the factor of the misfit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.ident.vehicle import Experiment
+from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_poles.deviations import Excitation, _relative, output_trust
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import StateSpace, add_port_damping
+
+from .conftest import noisy
+
+RATE, BAND = 100.0, (1.0, 20.0)
+TIME = np.arange(0.0, 80.0, 1.0 / RATE)
+
+
+def record(frequency: float) -> TimeSeries:
+    return TimeSeries.from_channels(TIME, {"road": ("m", 3.0 + np.sin(2.0 * np.pi * frequency * TIME))})
+
+
+def test_the_excitation_is_the_spectrum_of_the_first_minute_in_the_band() -> None:
+    drive = Excitation.of(record(5.0), ("road",), BAND)
+    assert drive.frequency[np.argmax(np.abs(drive.spectra[0]))] == pytest.approx(5.0)
+    assert np.diff(drive.frequency) == pytest.approx(1.0 / 60.0)
+    assert (drive.frequency[0], drive.frequency[-1]) == pytest.approx(BAND)
+    # Neither the mean nor a line outside the band is part of it.
+    outside = Excitation.of(record(40.0), ("road",), BAND)
+    assert np.abs(outside.spectra).max() < 1e-4 * np.abs(drive.spectra).max()
+
+
+def test_sizes_are_those_with_half_the_damping_the_damping_and_twice_the_damping(quarter_car: StateSpace) -> None:
+    drive, damping = Excitation.of(record(5.0), ("road",), BAND), 800.0
+    sizes = drive.rms(quarter_car, {"": damping})
+    for row, part in zip(sizes, (0.5, 1.0, 2.0), strict=True):
+        car = add_port_damping(quarter_car, {"": (part - 1.0) * damping}).select(inputs=("road",))
+        expected = np.abs(car.frequency_response(drive.frequency)[:, 0] * drive.spectra[0])
+        assert row == pytest.approx(np.sqrt(np.sum(expected**2, axis=1)), rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_relative_deviation_does_not_depend_on_the_size_of_a_response(scale: float) -> None:
+    size = scale * np.array([[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]])
+    assert _relative(0.1 * size, size) == pytest.approx([0.1], rel=1e-12)
+
+
+def test_a_misfit_above_one_deviation_raises_the_uncertainty_and_one_below_does_not(quarter_car: StateSpace) -> None:
+    found = CommonPoleFit(order=4, high=19.9, floor=1e-5, max_states=4).fit(noisy(quarter_car, 0.02, 3))
+    experiment = Experiment("car", ("road",), ("force",), tuple(found.model.output_names), {"": 800.0})
+
+    def trusts(misfit: float) -> np.ndarray:
+        changed = replace(found, excess=dict.fromkeys(found.excess, misfit))
+        listed = output_trust(changed, [record(5.0)], experiment, samples=4, with_friction={})
+        return np.array([[one.response, one.measure] for one in listed.values()])
+
+    at_one = trusts(1.0)
+    assert (at_one > 0.0).all()
+    assert trusts(0.5) == pytest.approx(at_one)
+    assert trusts(3.0) == pytest.approx(3.0 * at_one)
