@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from builder.build import build
+from eightpost.corners import CORNERS
 from eightpost.shock import Lpnl2, Shock, ShockLaw, StaticCurve, write_shock
 from eightpost.signals import Drivefile
 from eightpost.vehicle import IdentifiedVehicle, StructuralVehicle, add_port_damping, read_vehicle, write_vehicle
 
 ROOT = Path(__file__).resolve().parents[1]
-CORNERS = ("lf", "rf", "lr", "rr")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 SETTLING = 1.0
 #: Results with a larger error count as diverged [%].

@@ -28,11 +28,11 @@ from builder.build import build
 from builder.native.toolchain import fmi_headers
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
+from eightpost.corners import CORNERS
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, law_name, write_shock
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, shipped, write_vehicle
 
 STEPS, REPEATS, C_STEPS = 5000, 5, 200_000
-CORNERS = ("lf", "rf", "lr", "rr")
 AMPLITUDES = {"velocity": 0.5, "displacement": 0.02, "force": 500.0, "road": 0.005}
 PORT = ("force", "velocity", "displacement")
 

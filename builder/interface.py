@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 
 if TYPE_CHECKING:
@@ -42,8 +43,6 @@ def shock_kinds() -> tuple[str, ...]:
 
 # ---- The interface of an FMU ----------------------------------------------------------------------------------------
 
-#: Corners in the order of their value references (docs/ports.md).
-CORNERS = ("lf", "rf", "lr", "rr")
 
 #: Units of quantities that are zero in any steady state.
 RATES = ("m/s", "rad/s", "m/s2")

@@ -15,11 +15,7 @@ from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries, write_series
-from eightpost.units import DISPLAY_UNITS
 from eightpost.verdict import Verdict
-
-#: Display unit for each SI unit.
-DISPLAY = {si: us for si, (us, _) in DISPLAY_UNITS.items() if si != "K"}
 
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 

@@ -12,7 +12,6 @@ from eightpost.units import convert
 DOCS = Path(__file__).resolve().parent
 DAMPING, INCH, POUND = (convert(1.0, unit, si) for unit, si in (("lbf.s/in", "N.s/m"), ("in", "m"), ("lbf", "N")))
 GRAVITY = convert(1.0, "g_0", "m/s2")
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 def path_of(model, output, source, frequency):

@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from eightpost import units
+from eightpost.corners import CORNERS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
 
-CORNERS = ("lf", "rf", "lr", "rr")
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 BASELINE, ALTERNATE = "B/B", "AA/AA"
 

@@ -19,6 +19,7 @@ from builder.build import build
 from cosim.system_file import read_case
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
+from eightpost.corners import CORNERS
 from eightpost.shock import write_shock
 from eightpost.signals import Drivefile, TimeSeries, read_series
 
@@ -105,11 +106,10 @@ def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_p
     # The loop holds a step of the road from 0.1 s on; the master holds the drive's mean, so the edge is put between.
     time = np.array([0.0, 0.1 - 1e-9, 0.1, 0.5])
     drive = Drivefile(TimeSeries.from_channels(time, {"lf.road": ("m", [0.0, 0.0, 0.01, 0.01])}))
-    corners = ("lf", "rf", "lr", "rr")
     still = ("rf.road", "lr.road", "rr.road", "heave_force", "roll_moment", "pitch_moment")
     system = cosim.System.load(
-        {"car": tmp_path / "car.fmu"} | dict.fromkeys(corners, tmp_path / "shock.fmu"),
-        [cosim.Bond.between(f"car.{c}", c) for c in corners],
+        {"car": tmp_path / "car.fmu"} | dict.fromkeys(CORNERS, tmp_path / "shock.fmu"),
+        [cosim.Bond.between(f"car.{c}", c) for c in CORNERS],
         constants={f"car.{name}": 0.0 for name in still},
     )
     held = cosim.GaussSeidel(values="held")

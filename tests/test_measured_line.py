@@ -11,6 +11,7 @@ import pytest
 import cosim
 from builder.build import build
 from builder.check import check
+from eightpost.corners import CORNERS
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.shock import write_shock
@@ -39,15 +40,14 @@ def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, on
     with nullcontext() if is_first else one_platform():
         build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
     assert not is_first or check(tmp_path / "shock.fmu").findings == ()
-    corners = ("lf", "rf", "lr", "rr")
     system = cosim.System.load(
-        {"car": tmp_path / "car.fmu"} | dict.fromkeys(corners, tmp_path / "shock.fmu"),
-        [cosim.Bond.between(f"car.{c}", c) for c in corners],
+        {"car": tmp_path / "car.fmu"} | dict.fromkeys(CORNERS, tmp_path / "shock.fmu"),
+        [cosim.Bond.between(f"car.{c}", c) for c in CORNERS],
     )
     drive = Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
     result = cosim.run(system, cosim.Scenario(3.0, drive, record_step=0.002, settling=1.0), step=1e-3)
     assert result.converged
-    for corner in corners:
+    for corner in CORNERS:
         series = result.settled()
         power = series[f"{corner}.force"] - series[f"{corner}.force"].mean()
         assert np.mean(power * series[f"car.{corner}.velocity"]) > 0.0, "the shock must take energy out of the car"

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-CORNERS = ("lf", "rf", "lr", "rr")
+from eightpost.corners import CORNERS
+
 DRIVEN = (*(f"{c}.road" for c in CORNERS), "heave_force", "roll_moment", "pitch_moment")
 #: Recorded variables: ten outputs of the car and the force of each shock.
 CAR_OUTPUTS = (

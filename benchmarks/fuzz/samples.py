@@ -21,6 +21,7 @@ from cosim.study.choice.selection import select, write_selection
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Drive, Study, Vehicle
+from eightpost.corners import CORNERS
 from eightpost.ident.exports.matlab import write_response_mat, write_vehicle_mat
 from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, response_of, write_response
@@ -65,7 +66,7 @@ def _records(folder: Path) -> None:
     units = {"road": "m", "force": "N", "tire_force": "N", "displacement": "m"}
     road = {
         f"{corner}.{name}": (unit, 0.01 * np.sin((10 + k) * time + j))
-        for k, corner in enumerate(("lf", "rf", "lr", "rr"))
+        for k, corner in enumerate(CORNERS)
         for j, (name, unit) in enumerate(units.items())
     }
     write_series(TimeSeries.from_channels(2.5 * time, road), folder / "rig.parquet")

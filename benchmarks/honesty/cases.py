@@ -12,11 +12,11 @@ from benchmarks.honesty.cars import QUARTER_CARS, SEVEN_DOFS, vehicle
 from benchmarks.honesty.roads import ROADS, draw_load, draw_times
 from benchmarks.honesty.shocks import LAWS, DrawnShock, Random, draw_shock, log_uniform, some
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
+from eightpost.corners import CORNERS
 from eightpost.signals import Drivefile, TimeSeries
 
 #: Version of the draws: increase it if the same seed is to give another system.
 VERSION = 1
-CORNERS = ("lf", "rf", "lr", "rr")
 #: Loads of a vehicle other than its roads, and their typical size in their unit.
 _LOADS = {"aero_force": 300.0, "heave_force": 800.0, "roll_moment": 300.0, "pitch_moment": 500.0}
 

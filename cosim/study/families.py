@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from cosim.study.measures import Measure, ride_measures
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.units import convert
 
@@ -25,9 +26,6 @@ MODES: Mapping[str, tuple[float, float, float, float]] = {
     "roll": (1.0, -1.0, 1.0, -1.0),
     "warp": (1.0, -1.0, -1.0, 1.0),
 }
-
-#: Corners in the order of the modes' signs.
-_FOUR = ("lf", "rf", "lr", "rr")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +135,7 @@ def _tire_spectra(car: Car) -> Iterator[Measure]:
 
 
 def _tire_mode(car: Car, mode: str, label: str, band: tuple[float, float]) -> Measure:
-    tires = tuple(f"{car.name}.{corner}.tire_force" for corner in _FOUR)
+    tires = tuple(f"{car.name}.{corner}.tire_force" for corner in CORNERS)
     return Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=MODES[mode], band=band)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.study.statistics import Filtered, Response, options_for, rms, statistic
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 from eightpost.units import us_customary
@@ -184,7 +185,7 @@ def channel_measures(series: TimeSeries) -> tuple[Measure, ...]:
     )
 
 
-def ride_measures(vehicle: str, corners: Sequence[str] = ("lf", "rf", "lr", "rr")) -> tuple[Measure, ...]:
+def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
     """Return the measures of chapter 7 for a car with the channels of docs/ports.md.
 
     They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.app.progress import bar
+from eightpost.report.console import console_table, folded
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -50,11 +50,11 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
 def show_assembled(console: Console, built: Assembled) -> None:
     """Print the components of the FMU, its micro step and its platforms."""
     names = built.interface.names
-    table = Table(Column("component", overflow="fold"), Column("FMU", overflow="fold"), "interface", "sources")
+    rows = []
     for part in built.assembly.parts:
         sources = [link.source for link in built.assembly.links if link.target.startswith(f"{part.name}.")]
-        table.add_row(part.name, part.file, f"{part.kind} {part.interface.version}", ", ".join(sources))
-    console.print(table)
+        rows.append((part.name, part.file, f"{part.kind} {part.interface.version}", ", ".join(sources)))
+    console.print(console_table([*folded("component", "FMU"), "interface", "sources"], rows))
     step = next(float(v.start or 0.0) for v in built.interface.variables if v.name == "coupling_step")
     console.print(
         f"{escape(str(built.path))}: {len(names('input'))} inputs, {len(names('output'))} outputs, "
@@ -142,12 +142,13 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print a table of the FMUs and the verdict that they carry; return the verdict."""
     from eightpost.app.show import show_verdict
 
-    table = Table(Column("FMU", overflow="fold"), "interface", "target", "inputs", "outputs", "parameters", "size")
+    rows = []
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
         kind = f"{item.interface.kind} {item.interface.version}"
-        table.add_row(str(item.path), kind, item.target, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB")
-    console.print(table)
+        rows.append((str(item.path), kind, item.target, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB"))
+    columns = [*folded("FMU"), "interface", "target", "inputs", "outputs", "parameters", "size"]
+    console.print(console_table(columns, rows))
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")
     verdict = Verdict(

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.errors import InputError
+from eightpost.report.console import Column, Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    from builder.check import CheckReport, Level, NotChecked, Scope
+    from builder.check import CheckReport, Finding, Level, NotChecked, Scope
 
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
@@ -113,22 +113,13 @@ def _count(level: Level, number: int) -> str:
 def _table(report: CheckReport) -> Table:
     from builder.check import Level
 
-    table = Table(
-        Column("level", no_wrap=True),
-        Column("rule", no_wrap=True),
-        Column("finding", overflow="fold", ratio=3),
-        Column("what to do", overflow="fold", ratio=2),
-        expand=True,
-    )
-    for level in Level:
-        for finding in report.of(level):
-            rule = finding.rule
-            text = f"{rule.title}: {finding.message}" if finding.message else rule.title
-            table.add_row(
-                f"[{_COLOURS[level.value]}]{level.value}[/]",
-                rule.identifier,
-                escape(text),
-                f"{escape(finding.advice)} [dim]({rule.source})[/]",
-            )
-        table.add_section()
-    return table
+    wide = [Column(name, overflow="fold", ratio=ratio) for name, ratio in (("finding", 3), ("what to do", 2))]
+    groups = (map(_row, report.of(level)) for level in Level)
+    return console_table([*unbroken("level", "rule"), *wide], *groups, expand=True)
+
+
+def _row(finding: Finding) -> tuple[str, ...]:
+    rule, level = finding.rule, finding.rule.level.value
+    text = f"{rule.title}: {finding.message}" if finding.message else rule.title
+    advice = f"{escape(finding.advice)} [dim]({rule.source})[/]"
+    return (f"[{_COLOURS[level]}]{level}[/]", rule.identifier, escape(text), advice)

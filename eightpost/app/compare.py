@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.app.options import Verb, map_option
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
+from eightpost.report.console import Table, console_table, right
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -109,14 +109,15 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
     """Return a table of the quality of each measure's prediction."""
     from eightpost import units
 
-    table = Table("measure", *(Column(name, justify="right") for name in (
-        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
-    )))  # fmt: skip
+    columns = right(
+        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band"
+    )
+    rows = []
     for one in entries:
         low, high = one.line.interval()
         unit = result.display(one.measure)
         sigma = f"{units.conversion(result.unit(one.measure), unit)[0] * one.run_to_run:.2g} {unit}"
-        table.add_row(
+        rows.append((
             escape(one.measure),
             f"{one.spearman:.3f}",
             f"{one.attainable:.3f}" if one.run_to_run else "",
@@ -126,8 +127,8 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
             f"{one.bias:+.1f} %",
             sigma if one.run_to_run else "unknown",
             f"{int(one.within.sum())} of {one.within.size}",
-        )
-    return table
+        ))  # fmt: skip
+    return console_table(["measure", *columns], rows)
 
 
 def _selected(folder: Path, result: StudyResult) -> dict[str, set[int]]:
@@ -251,12 +252,12 @@ def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) ->
     """Return a table of measures by run, with the change of the last run from the first."""
     from eightpost import units
 
-    table = Table("measure", "unit", *runs, "change")
+    rows = []
     for measure in measures:
         values = [units.convert(measure.of(s), measure.unit(s), measure.display) for s in runs.values()]
         change = f"{100.0 * (values[-1] / values[0] - 1.0):+.2f} %" if values[0] else ""
-        table.add_row(measure.name, measure.display, *(f"{value:.4g}" for value in values), change)
-    return table
+        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in values), change))
+    return console_table(["measure", "unit", *runs, "change"], rows)
 
 
 def _read(folder: Path) -> TimeSeries:

@@ -15,6 +15,7 @@ from eightpost.app.fit import show_fit, show_test
 from eightpost.app.run import run_with_progress
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.workers.process import usable_processors
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 _SYNTHETIC = "(synthetic data)"
 _BUILDS = ("A", "B", "C")
 _BASELINE, _SWAP, _CORNER = "A", "B", "lf"
-_CORNERS = ("lf", "rf", "lr", "rr")
 #: Length of the track in the study of every setup [s].
 _STUDIED = 12.0
 _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
@@ -120,7 +120,7 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
     console.rule(f"3. Couple the car with four shocks, then swap the {_CORNER} shock")
     folder = output / "fmus"
-    shocks = dict.fromkeys(_CORNERS, folder / f"dyno_{_BASELINE}.fmu")
+    shocks = dict.fromkeys(CORNERS, folder / f"dyno_{_BASELINE}.fmu")
     swapped = shocks | {_CORNER: folder / f"dyno_{_SWAP}.fmu"}
     results = {}
     for label, fmus in ((f"{_BASELINE} everywhere", shocks), (f"{_SWAP} at {_CORNER}", swapped)):
@@ -160,11 +160,11 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
         name=f"three builds {_SYNTHETIC}",
         vehicle=Vehicle(folder / "car.fmu"),
         bank=bank,
-        corners=dict.fromkeys(_CORNERS, tuple(bank)),
+        corners=dict.fromkeys(CORNERS, tuple(bank)),
         drives=(track,),
         measures=ride_measures("car"),
         objective=(Term("total tire force, RMS", 1.0, "lbf"),),
-        baseline=dict.fromkeys(_CORNERS, _BASELINE),
+        baseline=dict.fromkeys(CORNERS, _BASELINE),
     )
     sweep = Sweep(study, output / "study")
     show_study(console, sweep)

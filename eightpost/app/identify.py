@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Literal
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
+from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
     from eightpost.ident.preparation import Preparation, Prepared
@@ -87,12 +87,11 @@ def _spring_table(rating: StaticRating) -> Table:
     assert rating.modal is not None
     force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
     moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]
-    table = Table("", title="spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)")
-    for mode in MODES:
-        table.add_column(mode, justify="right")
-    for mode, row, unit in zip(MODES, rating.modal, force, strict=True):
-        table.add_row(mode, *(f"{1e-3 * value * unit / step:.2f}" for value, step in zip(row, moved, strict=True)))
-    return table
+    rows = [
+        (mode, *(f"{1e-3 * value * unit / step:.2f}" for value, step in zip(row, moved, strict=True)))
+        for mode, row, unit in zip(MODES, rating.modal, force, strict=True)
+    ]
+    return console_table(["", *right(*MODES)], rows, title="spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)")
 
 
 # ---- `eightpost identify` -------------------------------------------------------------------------------------------

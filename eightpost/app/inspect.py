@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from eightpost.app.options import UNITS, flip_option, map_option
+from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.rig.post import RigTest
-    from eightpost.signals import ChannelMap
+    from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
 
 
@@ -90,10 +92,7 @@ def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a test with their ranges, its conditions and its notes."""
     series = test.series
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
-    table = Table("channel", "unit", "minimum", "maximum", "mean")
-    for name, unit, values in zip(series.names, series.units, series.values, strict=True):
-        table.add_row(name, unit, *(f"{number:.5g}" for number in (values.min(), values.max(), values.mean())))
-    console.print(table)
+    console.print(_channel_table(series, ("minimum", "maximum", "mean")))
     for condition in _conditions(test):
         console.print(escape(condition))
     for note in test.derived:
@@ -126,14 +125,15 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_notes import temperature_drift
 
-    table = Table("run", "from [s]", "to [s]", "stroke [m]", "peak velocity [m/s]", "peak force [N]", "drift [K]")
+    rows = []
     for i, run in enumerate(runs, 1):
         series = run.series
         stroke = f"{float(series['displacement'].max() - series['displacement'].min()):.4g}" if _has(run) else "-"
         drift = f"{temperature_drift(series):+.1f}" if "temperature" in series else "-"
         peaks = (f"{float(abs(series[name]).max()):.4g}" for name in ("velocity", "force"))
-        table.add_row(str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift)
-    console.print(table)
+        rows.append((str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift))
+    columns = ("run", "from [s]", "to [s]", "stroke [m]", "peak velocity [m/s]", "peak force [N]", "drift [K]")
+    console.print(console_table(columns, rows))
     effect = temperature_effect(runs)
     if effect:
         console.print(
@@ -172,7 +172,7 @@ def _show_rig_test(console: Console, test: RigTest) -> bool:
     series = test.series
     check_lost_channels(series, test.corners, path=test.source)
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}")
-    console.print(_channel_table(test))
+    console.print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
     known = test.conditions
     for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
         if line:
@@ -182,13 +182,13 @@ def _show_rig_test(console: Console, test: RigTest) -> bool:
     return _show_lags(console, test)
 
 
-def _channel_table(test: RigTest) -> Table:
-    series = test.series
-    table = Table("channel", "unit", "minimum", "maximum", "mean", "std")
+def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
+    """Return a table with a row for each channel and a column for each statistic: minimum, maximum, mean, std."""
+    rows = []
     for name, unit, values in zip(series.names, series.units, series.values, strict=True):
-        numbers = (values.min(), values.max(), values.mean(), values.std())
-        table.add_row(name, unit, *(f"{number:.5g}" for number in numbers))
-    return table
+        known = {"minimum": values.min(), "maximum": values.max(), "mean": values.mean(), "std": values.std()}
+        rows.append((name, unit, *(f"{known[statistic]:.5g}" for statistic in statistics)))
+    return console_table(["channel", "unit", *statistics], rows)
 
 
 def _show_lags(console: Console, test: RigTest) -> bool:

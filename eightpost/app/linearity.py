@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import click
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
 
 from eightpost.app.options import Quantity, map_option
 from eightpost.app.progress import each
 from eightpost.files import check_output_folder
+from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from eightpost.ident.linearity import Linearity
@@ -127,8 +127,8 @@ def _show(console: Console, assessment: Linearity) -> None:
 
 def _condition_table(assessment: Linearity) -> Table:
     """Return a table with condition and mean coherence of every path, a row for each output."""
-    table = Table("output", *(name.replace(".", "\n") for name in assessment.inputs), box=SIMPLE)
+    rows = []
     for output in assessment.outputs:
         verdicts = [assessment.verdict(output, name) for name in assessment.inputs]
-        table.add_row(output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in verdicts))
-    return table
+        rows.append((output, *(f"{each.condition.name}\n{each.coherence:.2f}" for each in verdicts)))
+    return console_table(["output", *(name.replace(".", "\n") for name in assessment.inputs)], rows, box=SIMPLE)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.app.options import SCHEDULER, WORKERS, seed_option
 from eightpost.app.progress import bar
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
 from eightpost.files import check_output_folder
+from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.optimise import Optimum, Search
@@ -98,10 +98,10 @@ def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ..
     import numpy as np
 
     titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
-    corners = Column(" ".join(result.study.corners), no_wrap=True)
-    table = Table("setup", corners, *titles, title="Pareto front")
+    columns = ["setup", *unbroken(" ".join(result.study.corners)), *titles]
+    lines = []
     rows = np.searchsorted(result.setups, optimum.front)
     for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
         values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
-        table.add_row(str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
-    return table
+        lines.append((str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values))
+    return console_table(columns, lines, title="Pareto front")

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from eightpost.app.options import RANK, WORKERS, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import FileFormatError, InputError
+from eightpost.report.console import Table, console_table
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
@@ -184,17 +184,19 @@ def spread_table(spread: Spread, result: StudyResult) -> Table:
     from cosim.study.choice.robust import REACH
 
     unit, factor = _shown(spread.measure, result)
-    table = Table("group", "setup", *result.study.corners, escape(f"{spread.measure} [{unit}]"), f"± {REACH:g} sigma",
-                  "difference from the group's first", f"± {REACH:g} sigma")  # fmt: skip
+    sigma = f"± {REACH:g} sigma"
+    groups = []
     for number, group in enumerate(spread.groups(), start=1):
         difference, deviation = spread.difference(int(group[0]))
+        rows = []
         for row in group.tolist():
             setup = result.study.space.setup(int(spread.setups[row]))
             numbers = (spread.values[row], REACH * spread.deviation[row], difference[row], REACH * deviation[row])
             cells = [f"{factor * number:.4g}" for number in numbers]
-            table.add_row(str(number), str(setup.index), *setup.builds.values(), *cells)
-        table.add_section()
-    return table
+            rows.append((str(number), str(setup.index), *setup.builds.values(), *cells))
+        groups.append(rows)
+    columns = (escape(f"{spread.measure} [{unit}]"), sigma, "difference from the group's first", sigma)
+    return console_table(["group", "setup", *result.study.corners, *columns], *groups)
 
 
 def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.errors import InputError
+from eightpost.report.console import Table, console_table, right, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.selection import Selection
@@ -75,12 +75,12 @@ def selection_table(selection: Selection, result: StudyResult) -> Table:
     """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     from eightpost import units
 
-    table = Table("", "measure", "", *(Column(corner, no_wrap=True) for corner in result.study.corners), "predicted",
-                  Column("rank", justify="right"))  # fmt: skip
+    rows = []
     for number, selected in enumerate(selection.chosen, start=1):
         name = selected.measure
         value = units.convert(selected.value, result.unit(name), result.display(name))
         shown = f"{value:.4g} {result.display(name)}{'*' if selected.marks else ''}"
         builds = selected.setup.builds.values()
-        table.add_row(str(number), escape(name), selected.end, *builds, shown, str(selected.rank))
-    return table
+        rows.append((str(number), escape(name), selected.end, *builds, shown, str(selected.rank)))
+    columns = ["", "measure", "", *unbroken(*result.study.corners), "predicted", *right("rank")]
+    return console_table(columns, rows)

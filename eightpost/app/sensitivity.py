@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+
+from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from cosim.study.choice.sensitivity import Sensitivity
@@ -47,14 +48,15 @@ def sensitivity(folder: Path, output: Path | None) -> None:
 def share_table(results: Sequence[Sensitivity]) -> Table:
     """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
     names = [factor.name for factor in results[0].factors]
-    table = Table("% of the variance", *names, "all interactions", "largest", "rest")
+    rows = []
     for one in results:
         pairs = {pair: one.share(*pair) for pair in one.pairs}
         largest = max(pairs, key=lambda pair: pairs[pair], default=None)
         strongest = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
         shares = [_percent(one.share(name)) for name in names]
-        table.add_row(escape(one.measure), *shares, _percent(sum(pairs.values())), strongest, _percent(one.rest_share))
-    return table
+        others = (_percent(sum(pairs.values())), strongest, _percent(one.rest_share))
+        rows.append((escape(one.measure), *shares, *others))
+    return console_table(["% of the variance", *names, "all interactions", "largest", "rest"], rows)
 
 
 def _percent(share: float) -> str:

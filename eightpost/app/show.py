@@ -6,11 +6,10 @@ from collections.abc import Mapping
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 import cosim
-from cosim.result import DISPLAY
 from eightpost import units
+from eightpost.report.console import Table, console_table, unbroken
 from eightpost.verdict import Grade, Reason, Verdict
 
 # ---- Output of a verdict, the same for every command ----------------------------------------------------------------
@@ -67,14 +66,12 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
 
 def show_verification(console: Console, verification: cosim.Verification, result: cosim.Result) -> None:
     """Print the difference between a run and its repetition at a finer step, channel by channel."""
-    table = Table(
-        Column("channel", no_wrap=True), "difference", "stated error",
-        caption=f"RMS in % of the standard deviation: steps of {_step(result)} and of {_step(verification.finer)}",
-    )  # fmt: skip
+    rows = []
     for name, difference in sorted(verification.difference.items(), key=lambda item: -item[1]):
         stated = result.stated_error.get(name)
-        table.add_row(name, f"{difference:.2g} %", "" if stated is None else f"{stated:.2g} %")
-    console.print(table)
+        rows.append((name, f"{difference:.2g} %", "" if stated is None else f"{stated:.2g} %"))
+    caption = f"RMS in % of the standard deviation: steps of {_step(result)} and of {_step(verification.finer)}"
+    console.print(console_table([*unbroken("channel"), "difference", "stated error"], rows, caption=caption))
 
 
 def _step(result: cosim.Result) -> str:
@@ -93,13 +90,12 @@ def _show_local_error(console: Console, result: cosim.Result) -> None:
 
 
 def _statistics(result: cosim.Result) -> Table:
-    table = Table(
-        Column("channel", no_wrap=True), "unit", "mean", "RMS", "minimum", "maximum", caption="RMS about the mean"
-    )
+    rows = []
     series = result.settled()
     for channel in series.names:
-        unit = DISPLAY.get(series.unit(channel), series.unit(channel))
+        unit = units.us_customary(series.unit(channel))
         values = units.convert(series[channel], series.unit(channel), unit)
         numbers = (values.mean(), values.std(), values.min(), values.max())
-        table.add_row(channel, unit, *(f"{number:.4g}" for number in numbers))
-    return table
+        rows.append((channel, unit, *(f"{number:.4g}" for number in numbers)))
+    columns = [*unbroken("channel"), "unit", "mean", "RMS", "minimum", "maximum"]
+    return console_table(columns, rows, caption="RMS about the mean")

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eightpost.app.build import build_with_progress
 from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity
 from eightpost.app.progress import bar
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
+from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
@@ -209,16 +209,17 @@ def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
     shown = [rank] if rank else _ranking_measures(result)
     objective = result.objective if rank is None else None
     titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
-    corners = Column(" ".join(result.study.corners), no_wrap=True)
-    table = Table("", "setup", corners, *(["objective"] if objective is not None else []), *titles)
+    objectives = ["objective"] if objective is not None else []
+    columns = ["", "setup", *unbroken(" ".join(result.study.corners)), *objectives, *titles]
+    lines = []
     baseline = result.baseline_row
     places = [(str(place), row) for place, row in enumerate(rows, start=1)]
     places += [("base", baseline)] if baseline is not None and result.done[baseline] else []
     for place, row in places:
         values = [] if objective is None else [f"{objective[row]:.4g}"]
         values += [f"{result.shown(name)[row]:.4g}" for name in shown]
-        table.add_row(place, str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values)
-    return table
+        lines.append((place, str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values))
+    return console_table(columns, lines)
 
 
 def _ranking_measures(result: StudyResult) -> list[str]:

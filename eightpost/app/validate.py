@@ -167,7 +167,7 @@ class _Given:
 
     def show(self, records: Iterable[Record], tables: Iterable[ResultTable]) -> None:
         """Print the kind of each record, and the tables that have rows."""
-        from eightpost.report.console import result_table
+        from eightpost.report.tables import result_table
 
         for record in records:
             self.show_line(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}")

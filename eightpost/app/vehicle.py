@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.table import Table
 
 from eightpost.app.options import Quantity
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
+from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,13 +100,11 @@ def _studied(
 
 def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
     """Return a table with frequency and damping ratio of every mode, a column for each variant."""
-    table = Table("mode")
-    for label in modes:
-        table.add_column(label, no_wrap=True)
-    for number in range(max(len(variant) for variant in modes.values())):
-        cells = (_mode_text(variant[number]) if number < len(variant) else "" for variant in modes.values())
-        table.add_row(str(number + 1), *cells)
-    return table
+    rows = [
+        (str(number + 1), *(_mode_text(variant[number]) if number < len(variant) else "" for variant in modes.values()))
+        for number in range(max(len(variant) for variant in modes.values()))
+    ]
+    return console_table(["mode", *unbroken(*modes)], rows)
 
 
 def _mode_text(mode: Mode) -> str:

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup, escape
+from rich.markup import escape as escape_markup
 
+from eightpost.report.console import Column, Table, console_table
 from eightpost.report.numbers import Display, plain
 
 
@@ -65,11 +67,6 @@ class ResultTable:
         """Whether each column contains amounts."""
         return tuple(any(isinstance(row[k], Amount) for row in self.rows) for k in range(len(self.heads)))
 
-    @property
-    def us_headings(self) -> tuple[str, ...]:
-        """Headers with their US customary units."""
-        return tuple(f"{text}, {Display.of(unit).unit}" if unit else text for text, unit in self.heads)
-
 
 #: Header of a column, its unit in brackets and the number of significant digits after a point.
 _COLUMN = re.compile(r"(?P<text>.*?)(?: \[(?P<unit>[^\]]+)\])?(?: \.(?P<digits>\d))?", re.DOTALL)
@@ -86,8 +83,21 @@ def text_table(headings: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> 
     return ResultTable("", tuple((heading, "") for heading in headings), rows)
 
 
-def cell_text(table: ResultTable, column: int, cell: Cell) -> str:
-    """Return the text of a cell in US customary units."""
+def result_table(table: ResultTable) -> Table:
+    """Return a table for a terminal, in US customary units."""
+    columns = [
+        Column(escape_markup(_with_unit(*head)), justify="right" if numeric else "left", overflow="fold")
+        for head, numeric in zip(table.heads, table.numeric, strict=True)
+    ]
+    rows = ([escape_markup(_us_text(table, k, cell)) for k, cell in enumerate(row)] for row in table.rows)
+    return console_table(columns, rows, title=table.title)
+
+
+def _with_unit(heading: str, unit: str) -> str:
+    return f"{heading}, {Display.of(unit).unit}" if unit else heading
+
+
+def _us_text(table: ResultTable, column: int, cell: Cell) -> str:
     if isinstance(cell, Amount):
         return plain(Display.of(cell.unit).factor * cell.value, cell.digits)
     return Display.of(cell).unit if table.heads[column][0] == "unit" else cell

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
@@ -103,8 +104,7 @@ def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, t
     taper = _taper(samples, rate)
     roads = _roads(noise, track) * taper
     roads *= track.road_peak / np.abs(roads).max()
-    corners = ("lf", "rf", "lr", "rr")
-    channels = {f"{corner}.road": ("m", road) for corner, road in zip(corners, roads, strict=True)}
+    channels = {f"{corner}.road": ("m", road) for corner, road in zip(CORNERS, roads, strict=True)}
     for name, unit, rms, mean in (
         ("heave_force", "N", track.heave_rms, -track.downforce),
         ("roll_moment", "N.m", track.roll_rms, 0.0),

@@ -10,10 +10,11 @@ from typing import Any
 from scipy.constants import g
 
 import eightpost
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError, UnknownUnitError
 from eightpost.files import atomic_path, check_schema, toml_content
 from eightpost.units import compatible, convert
-from eightpost.vehicle.quantities import CORNERS, Corners
+from eightpost.vehicle.quantities import Corners
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.vehicles import StructuralVehicle

@@ -12,9 +12,6 @@ from eightpost.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-#: The corners in the order of every matrix: left front, right front, left rear, right rear.
-CORNERS = ("lf", "rf", "lr", "rr")
-
 
 class Corners(NamedTuple):
     """Values per corner."""

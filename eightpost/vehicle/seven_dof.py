@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.vehicle.assembly import Outputs, state_matrices
-from eightpost.vehicle.quantities import CORNERS, Corners, anywhere, check_ranges, not_negative, positive
+from eightpost.vehicle.quantities import Corners, anywhere, check_ranges, not_negative, positive
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 if TYPE_CHECKING:

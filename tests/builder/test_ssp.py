@@ -17,10 +17,10 @@ import cosim
 from builder.ssp import setup_member, write_ssp
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
+from eightpost.corners import CORNERS
 from eightpost.errors import WiringError
 from eightpost.wiring import Wire, Wiring
 
-CORNERS = ("lf", "rf", "lr", "rr")
 STEP, COUNT = 1e-3, 300
 SSP = {"ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription"}
 

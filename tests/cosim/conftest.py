@@ -9,12 +9,11 @@ import pytest
 
 from cosim import Bond, Capabilities, FmuComponent, System, Variable
 from cosim.conversion import named_unit
+from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
 from .mass_and_damper import restorable_parts
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @dataclass

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import cosim
+from eightpost.corners import CORNERS
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
 from eightpost.signals import Drivefile
 from eightpost.vehicle import read_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
-CORNERS = ("lf", "rf", "lr", "rr")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 STEPS = (0.002, 0.001, 0.0005)
 #: Those of the linear table in docs/coupling.md.

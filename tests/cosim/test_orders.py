@@ -10,13 +10,13 @@ import pytest
 from scipy.linalg import expm
 
 from cosim import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from eightpost.corners import CORNERS
 from eightpost.shock import Lpnl2, Shock
 from eightpost.signals import Drivefile, TimeSeries
 
 Join = Callable[..., System]
 Signals = Mapping[str, np.ndarray[Any, Any]]
 
-CORNERS = ("lf", "rf", "lr", "rr")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 #: Within the asymptotic range of every scheme: an eighth and less of what a wheel's fastest motion takes [s].
 STEPS = (0.0005, 0.00025, 0.000125, 0.0000625)

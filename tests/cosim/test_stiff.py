@@ -16,6 +16,7 @@ import pytest
 
 from builder.build import build
 from cosim import Automatic, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.shock import Lpnl2, Shock
 from eightpost.signals import Drivefile
@@ -23,7 +24,6 @@ from eightpost.vehicle import shipped
 
 Join = Callable[..., System]
 
-CORNERS = ("lf", "rf", "lr", "rr")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 #: Percentages are of what is left of the run after this time [s].
 SETTLING = 0.04

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.corners import CORNERS
 from eightpost.rig.post import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 RATE = 1250.0
 DAMPING = convert(17.5, "lbf/(in/s)", "N.s/m")
-PORTS = {"quarter_car": ("",), "seven_dof": ("lf", "rf", "lr", "rr")}
+PORTS = {"quarter_car": ("",), "seven_dof": CORNERS}
 
 
 def car(name: str, damping: Mapping[str, float] | None = None) -> StateSpace:

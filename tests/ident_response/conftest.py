@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from eightpost.corners import CORNERS
+
 from .rig_tests import Rig, rig
 
 
@@ -17,7 +19,7 @@ def quarter_car() -> Rig:
 @pytest.fixture(scope="session")
 def seven_dof() -> Rig:
     """Seven-DOF car of Table 5.1, 100 s: a baseline test, then a test with another shock at each corner in turn."""
-    sizes = {f"{corner}.road": 0.004 for corner in ("lf", "rf", "lr", "rr")}
+    sizes = {f"{corner}.road": 0.004 for corner in CORNERS}
     sizes |= {"heave_force": 1000.0, "roll_moment": 600.0, "pitch_moment": 1000.0}
-    outputs = tuple(f"{corner}.{kind}" for kind in ("velocity", "tire_force") for corner in ("lf", "rf", "lr", "rr"))
+    outputs = tuple(f"{corner}.{kind}" for kind in ("velocity", "tire_force") for corner in CORNERS)
     return rig("seven_dof", 100.0, sizes, (*outputs, "front.ride_height", "rear.ride_height"))

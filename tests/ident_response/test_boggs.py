@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
@@ -20,8 +21,6 @@ from eightpost.ident.vehicle.verdict import damping_sentence, residual_table
 from eightpost.vehicle import IdentifiedVehicle
 
 from .rig_tests import BASELINE, Rig
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 def _experiment(rig: Rig) -> Experiment:

@@ -7,6 +7,7 @@ from builder.build import build
 from builder.native.toolchain import this_platform
 from cosim import FmuComponent
 from eightpost.archive import read_archive, write_archive
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError, StepError
 from eightpost.vehicle import (
     Channel,
@@ -229,9 +230,8 @@ def random_model(states, seed):
             [-w, -rng.uniform(1, 30)],
         ]
     turn = np.linalg.qr(rng.standard_normal((states, states)))[0]
-    corners = ("lf", "rf", "lr", "rr")
-    inputs = [Channel(f"{c}.force", "N") for c in corners] + [Channel(f"{c}.road", "m") for c in corners]
-    outputs = [Channel(f"{c}.velocity", "m/s") for c in corners] + [Channel(f"{c}.tire_force", "N") for c in corners]
+    inputs = [Channel(f"{c}.force", "N") for c in CORNERS] + [Channel(f"{c}.road", "m") for c in CORNERS]
+    outputs = [Channel(f"{c}.velocity", "m/s") for c in CORNERS] + [Channel(f"{c}.tire_force", "N") for c in CORNERS]
     D = np.zeros((8, 8))
     D[4:, 4:] = 1e5 * np.eye(4)
     B, C = rng.standard_normal((states, 8)), rng.standard_normal((8, states))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.rig.post import (
     bump_test,
@@ -27,7 +28,7 @@ def names_of(name, car=CAR):
 
 def test_an_identification_changes_one_shock_after_the_other():
     planned = identification_program(CAR, 1)
-    assert [test.name for test in planned] == ["baseline", *(f"alternate_{c}" for c in ("lf", "rf", "lr", "rr"))]
+    assert [test.name for test in planned] == ["baseline", *(f"alternate_{c}" for c in CORNERS)]
     assert [test.alternate for test in planned] == [None, "lf", "rf", "lr", "rr"]
     assert [test.name for test in identification_program(QUARTER, 1)] == ["baseline", "alternate"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eightpost.corners import CORNERS
 from eightpost.errors import (
     ClippedChannelError,
     ConstantChannelError,
@@ -31,7 +32,6 @@ from eightpost.rig.post import (
 from eightpost.rig.post.rig_faults import check_rig_record
 from eightpost.signals import ChannelMap, TimeSeries
 
-CORNERS = ("lf", "rf", "lr", "rr")
 SHOCKS = (LinearDamper(3500.0),) * 4
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import csd, welch
 
+from eightpost.corners import CORNERS
 from eightpost.rig.track import AEROLOADER, WHEELLOADER, Track, track_drivefile
 from eightpost.units import convert
 
@@ -14,7 +15,7 @@ SHORT = track_drivefile(2).series
 SEGMENT = 800  # 4 s: lines every 0.25 Hz
 
 
-@pytest.mark.parametrize("corner", ["lf", "rf", "lr", "rr"])
+@pytest.mark.parametrize("corner", CORNERS)
 def test_the_road_has_the_wheelloader_spectrum(corner):
     frequency, power = welch(LONG[f"{corner}.road"], 200.0, nperseg=SEGMENT)
     band = (frequency >= 0.5) & (frequency <= 20.0)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.rig.post.car import Geometry
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.signals.filters import velocity_from_displacement
@@ -86,7 +87,7 @@ _MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "ae
 
 def _corners(series: TimeSeries, quantity: str) -> Array | None:
     """Return a quantity at lf, rf, lr, rr (4, N); None if a corner lacks it."""
-    names = [f"{corner}.{quantity}" for corner in ("lf", "rf", "lr", "rr")]
+    names = [f"{corner}.{quantity}" for corner in CORNERS]
     return np.stack([series[name] for name in names]) if all(name in series for name in names) else None
 
 

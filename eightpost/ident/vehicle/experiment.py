@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def experiment_of(
         ParameterError: The channels do not include the road and the force of each shock.
     """
     available = tuple(names)
-    ports = ("",) if "road" in available else ("lf", "rf", "lr", "rr")
+    ports = ("",) if "road" in available else CORNERS
     roads, forces = (tuple(channel(port, quantity) for port in ports) for quantity in ("road", "force"))
     aero = tuple(n for n in (channel(port, "aero") for port in ports) if n in available)
     loads = aero or tuple(n for n in _LOADS if n in available)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.stability import holds
 from eightpost.rig.post.modes import MODES
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
     from eightpost.signals import TimeSeries
 
-
-_CORNERS = ("lf", "rf", "lr", "rr")
 
 #: Quantities with a static value, by the last part of the channel name.
 _STATIC = ("tire_force", "ride_height")
@@ -101,7 +100,7 @@ def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> Stat
 
 def _with_springs(found: StaticRating, columns: Mapping[str, Array]) -> StaticRating:
     """Add the spring matrix if four aeroloaders and their positions were moved in all modes."""
-    forces, positions = ([f"{corner}.{what}" for corner in _CORNERS] for what in ("aero", "aero_position"))
+    forces, positions = ([f"{corner}.{what}" for corner in CORNERS] for what in ("aero", "aero_position"))
     if not set(forces + positions) <= set(columns):
         return found
     F, X = np.stack([columns[n] for n in forces]), -np.stack([columns[n] for n in positions])

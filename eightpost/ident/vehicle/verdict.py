@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 # ---- Console tables on an identified vehicle ------------------------------------------------------------------------
 
-_CORNERS = ("lf", "rf", "lr", "rr")
 
 #: Columns of the uncertainty table and their values; the last one is shown only if friction was estimated.
 _FIGURES: tuple[tuple[str, Callable[[OutputTrust], float]], ...] = (
@@ -33,7 +33,7 @@ _FIGURES: tuple[tuple[str, Callable[[OutputTrust], float]], ...] = (
 def residual_table(fit: VehicleFit) -> Table:
     """Return the misfit of the model's response [%]: one row per quantity, one column per corner."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in fit.residual)
-    ports = [port for port in ("", *_CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
+    ports = [port for port in ("", *CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
     return console_table(
         ["output", *right(*(port or "misfit" for port in ports))],
         [(q, *(_percent(fit.residual.get(channel(port, q))) for port in ports)) for q in quantities],

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
@@ -57,7 +58,7 @@ _ONCE = {
 
 #: SI unit of every channel that a rig test may have.
 CHANNEL_UNITS = {
-    **{f"{corner}.{name}": unit for corner in ("lf", "rf", "lr", "rr") for name, unit in _AT_CORNERS.items()},
+    **{f"{corner}.{name}": unit for corner in CORNERS for name, unit in _AT_CORNERS.items()},
     **_AT_CORNERS,
     **_ONCE,
 }
@@ -143,7 +144,7 @@ class RigTest:
 
 def corners_of(series: TimeSeries) -> tuple[str, ...]:
     """Return the corners of a rig record."""
-    return ("",) if "road" in series else ("lf", "rf", "lr", "rr")
+    return ("",) if "road" in series else CORNERS
 
 
 def read_rig_test(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
 from eightpost.units import convert
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
-CORNERS = ("lf", "rf", "lr", "rr")
 _INCH = convert(1.0, "in", "m")
 _POUND = convert(1.0, "lbf", "N")
 _RATE = convert(1.0, "lbf/in", "N/m")

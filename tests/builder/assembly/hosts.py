@@ -6,9 +6,9 @@ import numpy as np
 
 import cosim
 from cosim import FmuComponent, GaussSeidel, Scenario
+from eightpost.corners import CORNERS
 from eightpost.signals import Drivefile, TimeSeries
 
-CORNERS = ("lf", "rf", "lr", "rr")
 ROADS = tuple(f"car.{corner}.road" for corner in CORNERS)
 STOP = 1.0
 

@@ -11,6 +11,7 @@ from builder.ssp import write_ssp
 from cosim.ssp import Given
 from cosim.system_file import read_case
 from eightpost.archive import write_archive
+from eightpost.corners import CORNERS
 from eightpost.signals import Drivefile
 from eightpost.wiring import Wire, Wiring
 
@@ -67,10 +68,9 @@ def test_a_package_of_ours_runs_as_the_system_it_was_written_from(folder):
 
 
 def test_the_whole_car_round_trips_bit_for_bit(tmp_path, fmus):
-    corners = ("lf", "rf", "lr", "rr")
     drive = Drivefile.read(Path(__file__).parents[3] / "examples" / "data" / "track.parquet")
-    files = {"car": fmus["seven_dof"], **dict.fromkeys(corners, fmus["lpf1"])}
-    whole = cosim.System.load(files, [cosim.Bond.between(f"car.{corner}", corner) for corner in corners])
+    files = {"car": fmus["seven_dof"], **dict.fromkeys(CORNERS, fmus["lpf1"])}
+    whole = cosim.System.load(files, [cosim.Bond.between(f"car.{corner}", corner) for corner in CORNERS])
     write_ssp(tmp_path / "car.ssp", whole.wiring(files, name="car", step=2e-3, stop=0.2))
     drive.write(tmp_path / "track.parquet")
     case = read_case(tmp_path / "car.ssp", given=Given(tmp_path / "track.parquet"))

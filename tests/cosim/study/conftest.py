@@ -8,8 +8,8 @@ import pytest
 
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.running import workers
+from eightpost.corners import CORNERS
 
-CORNERS = ("lf", "rf", "lr", "rr")
 TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
 
 TIRES = tuple(f"car.{corner}.tire_force" for corner in CORNERS)

@@ -10,8 +10,8 @@ import numpy as np
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Drive, Study, Vehicle
+from eightpost.corners import CORNERS
 
-CORNERS = ("lf", "rf", "lr", "rr")
 #: Table 7.3.
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 

@@ -8,9 +8,8 @@ from cosim.error_estimate import difference
 from cosim.study import Build
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Evaluator
+from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @pytest.fixture

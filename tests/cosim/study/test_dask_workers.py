@@ -11,6 +11,7 @@ import pytest
 
 from cosim.study.running.chunks import file_digests, study_digest
 from cosim.study.running.sweep import Sweep, run_study
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError, StepError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
@@ -20,9 +21,6 @@ import dask  # noqa: E402 -- after the skip
 from cosim.study import Measure, Study  # noqa: E402
 from cosim.study.running import dask_workers  # noqa: E402
 from cosim.study.running.evaluator import Coupling  # noqa: E402
-
-CORNERS = ("lf", "rf", "lr", "rr")
-
 
 #: A measure that ends its worker in the one setup where it is large.
 DEADLY = """

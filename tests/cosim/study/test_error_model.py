@@ -8,8 +8,8 @@ import pytest
 
 from cosim.result import Coupled
 from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
+from eightpost.corners import CORNERS
 
-CORNERS = ("lf", "rf", "lr", "rr")
 GAINS = np.array([4.0, 1.0, 0.25, 9.0])
 
 

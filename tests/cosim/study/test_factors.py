@@ -6,6 +6,7 @@ import numpy as np
 
 from cosim.study.choice.sensitivity import Factor, factors_of, indices_of, levels_of
 from cosim.study.setup import SetupSpace
+from eightpost.corners import CORNERS
 
 BUILDS = ("AA/AA", "B/B", "C/C")
 
@@ -21,7 +22,7 @@ def test_corners_that_are_alike_are_one_factor_with_the_builds_that_they_share()
 
 
 def test_groups_that_share_a_corner_are_one():
-    space = SetupSpace(dict.fromkeys(("lf", "rf", "lr", "rr"), BUILDS), alike=(("lf", "rf"), ("rf", "rr")))
+    space = SetupSpace(dict.fromkeys(CORNERS, BUILDS), alike=(("lf", "rf"), ("rf", "rr")))
     assert [factor.name for factor in factors_of(space)] == ["lf+rf+rr", "lr"]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from cosim.study import Measure
 from cosim.study.families import FAMILIES, Car, family
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries
 
@@ -124,7 +125,7 @@ def test_the_four_bins_of_a_velocity_histogram_add_up_to_the_whole_time():
 
 
 def test_every_tire_mode_sees_its_own_motion_only():
-    car = Car("car", ("lf", "rf", "lr", "rr"), {f"car.{c}.tire_force" for c in ("lf", "rf", "lr", "rr")})
+    car = Car("car", CORNERS, {f"car.{c}.tire_force" for c in CORNERS})
     signs = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
     # The ends of the record are excluded, because the filter rings there.
     measures = [replace(m, section=(4.0, 16.0)) for m in family("tire_modes", car) if "chassis" in m.name]
@@ -136,7 +137,7 @@ def test_every_tire_mode_sees_its_own_motion_only():
 
 
 def test_a_sine_of_heave_is_in_its_own_octave_and_in_no_other_mode():
-    car = Car("car", ("lf", "rf", "lr", "rr"), {f"car.{c}.tire_force" for c in ("lf", "rf", "lr", "rr")})
+    car = Car("car", CORNERS, {f"car.{c}.tire_force" for c in CORNERS})
     measures = [replace(m, section=(4.0, 16.0)) for m in family("tire_spectra", car)]
     assert len(measures) == 4 * 6
     series = run(**dict.fromkeys(sorted(car.channels, key=_order), sine(1.0, 2.8)))
@@ -147,7 +148,7 @@ def test_a_sine_of_heave_is_in_its_own_octave_and_in_no_other_mode():
 
 
 def _order(name: str) -> int:
-    return ("lf", "rf", "lr", "rr").index(name.split(".")[1])
+    return CORNERS.index(name.split(".")[1])
 
 
 def test_a_user_defined_measure_is_a_function_in_a_file(tmp_path):
@@ -205,4 +206,4 @@ def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
     with pytest.raises(InputError, match="has none of its channels"):
-        family(name, Car("car", ("lf", "rf", "lr", "rr"), ()))
+        family(name, Car("car", CORNERS, ()))

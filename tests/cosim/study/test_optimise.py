@@ -9,10 +9,11 @@ import pytest
 
 from cosim.study.choice.optimise import Scores, hypervolume, optimise
 from cosim.study.setup import SetupSpace
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
-SPACE = SetupSpace(dict.fromkeys(("lf", "rf", "lr", "rr"), BUILDS))
+SPACE = SetupSpace(dict.fromkeys(CORNERS, BUILDS))
 
 
 def responses(seed: int, count: int) -> np.ndarray:
@@ -107,7 +108,7 @@ def test_the_first_generation_has_the_start_setups_and_every_build_at_every_corn
 
 def test_corners_that_are_alike_stay_alike_in_a_very_large_space():
     many = tuple(f"build {n}" for n in range(400))
-    space = SetupSpace(dict.fromkeys(("lf", "rf", "lr", "rr"), many), alike=(("lf", "rf"), ("lr", "rr")))
+    space = SetupSpace(dict.fromkeys(CORNERS, many), alike=(("lf", "rf"), ("lr", "rr")))
 
     def distance(indices: np.ndarray) -> Scores:
         digits = space.digits(indices)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.sensitivity import Factor, sensitivities_of, sensitivity
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 
 from .constructed import result
 
-CORNERS = ("lf", "rf", "lr", "rr")
 FACTORS = tuple(Factor(corner, ("AA/AA", "B/B", "C/C")) for corner in CORNERS)
 LEVELS = np.array(list(product(range(3), repeat=4)))
 

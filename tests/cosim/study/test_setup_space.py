@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cosim.study import SetupSpace
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 def test_seven_builds_at_four_corners_are_the_2401_setups_of_table_7_1():

@@ -6,9 +6,9 @@ import pytest
 
 from cosim.study import Build, Drive, Measure, Term, Vehicle
 from cosim.study.running.sweep import Sweep
+from eightpost.corners import CORNERS
 from eightpost.errors import FmuError, InputError, StepError, WiringError
 
-CORNERS = ("lf", "rf", "lr", "rr")
 HEIGHT = ("car.front.ride_height",)
 
 

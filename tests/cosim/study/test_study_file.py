@@ -6,6 +6,7 @@ import pytest
 
 from cosim.study import Constraint, Setup, Term
 from cosim.study.study_file import read_study, source_files
+from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -72,7 +73,7 @@ def write(tmp_path, fmus):
 def test_the_entries_of_a_file_are_read(write):
     study = read_study(write())
     assert study.space.radices == (2, 2, 1, 1) and len(study.space) == 2
-    assert study.baseline_setup == Setup(3, dict.fromkeys(("lf", "rf", "lr", "rr"), "B"))
+    assert study.baseline_setup == Setup(3, dict.fromkeys(CORNERS, "B"))
     assert (study.settling, study.record_step, study.drives[0].stop) == (1.5, 0.002, 4.0)
     assert study.bank["B"].parameters == {
         "gas_preload": pytest.approx(50.0 * 4.4482216152605),
@@ -94,7 +95,7 @@ def test_values_with_units_become_si_and_families_their_measures(write):
 
 def test_without_corners_every_build_is_allowed_at_every_port(write):
     text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
-    assert read_study(write(text=text)).corners == dict.fromkeys(("lf", "rf", "lr", "rr"), ("A", "B"))
+    assert read_study(write(text=text)).corners == dict.fromkeys(CORNERS, ("A", "B"))
 
 
 def test_a_quarter_car_has_one_corner(write):
@@ -154,4 +155,4 @@ def test_the_shipped_study_is_that_of_table_7_3(fmus):
     assert len(source_files(path)) == 8 and all(source.is_file() for source in source_files(path))
     study = read_study(path, lambda source: fmus["seven_dof" if source.suffix == ".toml" else "lpnl2"])
     assert len(study.space) == 2401 and study.vehicle.means_trusted
-    assert study.baseline_setup.builds == dict.fromkeys(("lf", "rf", "lr", "rr"), "B/B")
+    assert study.baseline_setup.builds == dict.fromkeys(CORNERS, "B/B")

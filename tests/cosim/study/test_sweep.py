@@ -11,10 +11,9 @@ from cosim.study import Build, Constraint, Measure, StudyResult, Term
 from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import Sweep, run_study
 from cosim.study.running.workers import ProcessWorkers
+from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.signals import Drivefile
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 #: What may differ between two runs of the same study.
 CLOCK = "seconds"

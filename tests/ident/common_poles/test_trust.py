@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.common_poles import Ranges, safe_slopes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
 from .conftest import BASELINE
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @pytest.mark.parametrize(("name", "ports"), [("quarter_car", ("",)), ("seven_dof", CORNERS)])

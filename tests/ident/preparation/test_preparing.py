@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import cheby1, sosfreqz
 
+from eightpost.corners import CORNERS
 from eightpost.errors import ConstantChannelError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.preparation import (
     Decimation,
@@ -29,8 +30,6 @@ from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import RATE, car, record, spectrum
-
-CORNERS = ("lf", "rf", "lr", "rr")
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.validation.prediction import closed_at_ports, port_by_port
 from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
@@ -115,7 +116,7 @@ def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> Non
     fit = truth_fit("seven_dof", ranges={})
     law = shocks["lpf1"].law
     test = seven_test((law,) * 4)
-    study = validate_vehicle(fit, records_of(fit, test), shocks=dict.fromkeys(("lf", "rf", "lr", "rr"), law))
+    study = validate_vehicle(fit, records_of(fit, test), shocks=dict.fromkeys(CORNERS, law))
     (case,) = study.cases
     assert case.shocks == "shock laws, ports closed"
     assert {one.name for one in case.judged} >= {"lf.velocity", "total_tire_force", "front.ride_height"}

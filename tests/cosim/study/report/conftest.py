@@ -8,9 +8,9 @@ import pytest
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
+from eightpost.corners import CORNERS
 from eightpost.signals import TimeSeries
 
-CORNERS = ("lf", "rf", "lr", "rr")
 # Table 7.3, with nominal damping of its shim stacks (7.1): AA 9, B 20, C 30 lb/(in/s).
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 _DAMPING = {"AA": 9.0, "B": 20.0, "C": 30.0}
