@@ -45,6 +45,23 @@ def plot_traces(
     save(figure, path)
 
 
+#: Number of channels in the picture of a run, and the length that it shows of a long run [s].
+_PANELS, _SHOWN = 12, 4.0
+
+
+def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
+    """Plot the first channels of a run over the middle of a long run or the whole of a short one.
+
+    Returns:
+        A sentence about the part of the run that the picture shows.
+    """
+    last = float(series.time[-1])
+    start, stop = (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
+    shown = series.names[:_PANELS]
+    plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
+    return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
+
+
 def plot_spectra(
     runs: Mapping[str, TimeSeries],
     channels: Sequence[str],

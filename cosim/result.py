@@ -7,14 +7,16 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from cosim.energy import BondEnergy
 from cosim.system import System
 from cosim.validity import Model
 from cosim.verdict import LARGEST_ERROR, verdict_of
 from eightpost import __version__
-from eightpost.files import atomic_path
-from eightpost.signals import TimeSeries, write_series
+from eightpost.errors import FileFormatError
+from eightpost.files import atomic_path, json_content
+from eightpost.signals import TimeSeries, read_series, write_series
 from eightpost.verdict import Verdict
 
 # ---- Result of a run ------------------------------------------------------------------------------------------------
@@ -176,6 +178,52 @@ class Result:
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
         extra = {"decisive": sorted(self.decisive), "energy": energy, "coupled": coupled}
         return heading | {"verdict": self.verdict.to_json()} | document | extra | {"channels": list(self.series.names)}
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A run that `Result.write` wrote.
+
+    Attributes:
+        series: Recorded channels without the settling time.
+        document: Content of result.json.
+        sources: FMUs and parameters of the run in words.
+    """
+
+    series: TimeSeries
+    document: Mapping[str, Any]
+    sources: str
+
+    @classmethod
+    def load(cls, folder: str | Path) -> SavedRun:
+        """Read the folder of a run.
+
+        Raises:
+            FileFormatError: It is not the folder of a run, or a file is damaged.
+        """
+        path = Path(folder) / "result.json"
+        series = read_series(path.with_name("series.parquet"))
+        document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
+        if not isinstance(document, dict) or document.get("kind") != "result":
+            raise FileFormatError("is not the result of a run", path=path)
+        settling = document.get("settling", 0.0)
+        if type(settling) not in (int, float) or not 0.0 <= settling < series.duration:
+            message = f"settling is {settling!r}, but must be a time [s] within the run of {series.duration:g} s"
+            raise FileFormatError(message, path=path)
+        settled = series.window(settling, float(series.time[-1])) if settling else series
+        return cls(settled, document, _sources(document, path))
+
+
+def _sources(document: Mapping[str, Any], path: Path) -> str:
+    sources, parameters = document.get("sources", {}), document.get("parameters", {})
+    if not isinstance(sources, dict) or not isinstance(parameters, dict):
+        raise FileFormatError("sources and parameters must be objects", path=path)
+    parts = [f"{name} = {source}" for name, source in sources.items()]
+    for name, values in parameters.items():
+        if not isinstance(values, dict):
+            raise FileFormatError(f"parameters.{name} must be an object", path=path)
+        parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
+    return ", ".join(parts)
 
 
 def held_direct_outputs(system: System, held: frozenset[str], names: tuple[str, ...]) -> tuple[str, ...]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cosim.algorithm import Algorithm
+from cosim.algorithm import Adaptive, Algorithm
 from cosim.automatic import SCHEMES, Automatic
 from cosim.component import DISCRETE, Component
 from cosim.conversion import convert_between, named_unit
@@ -142,6 +142,35 @@ class Case:
         """FMUs and connections, for a package (`builder.ssp`) or an assembled FMU (`builder.assembly`)."""
         step = self.step or DEFAULT_STEP
         return self.system.wiring(self.fmus, name=self.name, step=step, stop=self.scenario.stop)
+
+    def with_coupling(
+        self, algorithm: str | None = None, step: float | None = None, tolerance: float | None = None
+    ) -> Case:
+        """Return the case with another coupling; None keeps that of the file.
+
+        Args:
+            algorithm: Name of an algorithm; the step of the file is dropped if the algorithm finds its own.
+            step: Coupling step [s].
+            tolerance: Tolerated coupling error [%].
+
+        Raises:
+            InputError: A tolerance is given, but the algorithm has none.
+        """
+        chosen, size = self.algorithm, self.step
+        if algorithm is not None and algorithm != chosen.name:
+            chosen = SCHEMES[algorithm]
+            size = None if isinstance(chosen, Automatic) else size
+        if tolerance is not None:
+            chosen = _with_tolerance(chosen, tolerance)
+        return replace(self, algorithm=chosen, step=size if step is None else step)
+
+
+def _with_tolerance(algorithm: Algorithm | Automatic, percent: float) -> Algorithm | Automatic:
+    if isinstance(algorithm, Automatic):
+        return replace(algorithm, tolerance=percent)
+    if isinstance(algorithm, Adaptive):
+        return replace(algorithm, relative=_PERCENT * percent)
+    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
 
 
 def read_case(

@@ -218,7 +218,7 @@ def _selection(path: Path) -> Any:
 
 
 def _run_list(path: Path) -> Any:
-    from cosim.study.choice.compare import read_run_list  # noqa: PLC0415
+    from cosim.study.choice.rig_runs import read_run_list  # noqa: PLC0415
 
     return read_run_list(path, _sound_result(path).study)
 
@@ -242,9 +242,9 @@ def _spreads(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from eightpost.app.compare import _read, _sources  # noqa: PLC0415
+    from cosim.result import SavedRun  # noqa: PLC0415
 
-    return _read(path.parent), _sources(path.parent)
+    return SavedRun.load(path.parent)
 
 
 def _chunks(path: Path) -> Any:

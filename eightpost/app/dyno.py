@@ -2,36 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost import __version__
 from eightpost.app.options import Quantity, seed_option
-from eightpost.errors import InputError, ParameterError
+from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 
-if TYPE_CHECKING:
-    from eightpost.rig import PhysicalDamper
-    from eightpost.signals import Drivefile, TimeSeries
-
 TESTS = ("random", "sine", "static", "bump", "all")
-
-#: Units of a .csv file, as dynamometers write them; a .parquet file is in SI units.
-_CSV_UNITS = {"displacement": "in", "velocity": "in/s", "force": "lbf", "temperature": "degF"}
-_CSV_DECIMALS = {"time": 4, "displacement": 4, "velocity": 2, "force": 1, "temperature": 1}
-
-
-@dataclass(frozen=True, slots=True)
-class _Specimen:
-    """A damper under test and its title in files."""
-
-    damper: PhysicalDamper
-    title: str
 
 
 @click.command()
@@ -82,19 +63,31 @@ def dyno(  # one parameter per option
       eightpost dyno --configuration 1 --test all -o tests/
     """
     from eightpost.rig.dynamometer import program
+    from eightpost.rig.specimen import Specimen, drivefile_of
 
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
-    specimen = _specimen(number, build, gas, clicks)
+    if number is None and build is not None:
+        specimen = Specimen.built(build, clicks=clicks, gas=gas)
+    elif number is not None and build is None:
+        if gas is not None or clicks is not None:
+            raise InputError("omit --gas and --clicks: Table 3.1 sets them for a --configuration")
+        specimen = Specimen.configured(number)
+    else:
+        raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
     if test_name == "all":
         check_output_folder(output)
-        for name, drivefile in program(seed=seed).items():
-            _run(console, specimen, drivefile, name, seed, output / f"{name}.parquet")
-        return
-    _check_file(output)
-    drivefile = _drivefile(test_name, amplitude=amplitude, speed=speed, duration=duration, seed=seed)
-    _run(console, specimen, drivefile, test_name, seed, output)
+        tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
+    else:
+        if output.suffix not in (".csv", ".parquet"):
+            raise InputError(f"{output}: the output must be a .csv or .parquet file; only --test all writes a folder")
+        if output.is_dir():
+            raise InputError(f"{output} is a folder; name a file in it")
+        drive = drivefile_of(test_name, seed, amplitude=amplitude, speed=speed, duration=duration)
+        tests = {test_name: (drive, output)}
+    for name, (drive, path) in tests.items():
+        console.print(specimen.test(drive, name, seed, path), highlight=False, soft_wrap=True)
 
 
 def _check_options(test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None) -> None:
@@ -107,95 +100,3 @@ def _check_options(test_name: str, *, amplitude: float | None, speed: float | No
         raise InputError(f"--amplitude and --speed are options of --test sine; omit them with --test {test_name}")
     if test_name != "random" and duration is not None:
         raise InputError(f"--duration is an option of --test random; omit it with --test {test_name}")
-
-
-def _specimen(number: int | None, build: str | None, gas: float | None, clicks: int | None) -> _Specimen:
-    from eightpost import units
-    from eightpost.rig import shim_build
-
-    if (number is None) == (build is None):
-        raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
-    if number is not None:
-        return _configured(number, gas, clicks)
-    gas = units.convert(150.0, "psi", "Pa") if gas is None else gas
-    clicks = 1 if clicks is None else clicks
-    damper = shim_build(str(build), clicks=clicks, gas_pressure=gas)
-    nominal = units.convert(damper.nominal_damping(), "N.s/m", "lbf.s/in")
-    title = f"{build}, {units.convert(gas, 'Pa', 'psi'):.4g} psi, {clicks} clicks"
-    return _Specimen(damper, f"{title}; nominal damping {nominal:.1f} lbf/(in/s)")
-
-
-def _configured(number: int, gas: float | None, clicks: int | None) -> _Specimen:
-    from eightpost import units
-    from eightpost.rig import CONFIGURATIONS, configuration
-    from eightpost.rig.damper import SHIMS_OF_BUILD
-
-    if gas is not None or clicks is not None:
-        raise InputError("omit --gas and --clicks: Table 3.1 sets them for a --configuration")
-    damper, setting = configuration(number), CONFIGURATIONS[number]
-    shims = SHIMS_OF_BUILD[setting.build]
-    psi = units.convert(setting.gas_pressure, "Pa", "psi")
-    return _Specimen(
-        damper,
-        f"configuration {number}: build {setting.build} ({shims.compression}/{shims.rebound}, head valve "
-        f"{shims.head}), {psi:.0f} psi, {setting.clicks} clicks",
-    )
-
-
-def _drivefile(
-    test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None, seed: int
-) -> Drivefile:
-    from eightpost.rig import bump, random_multisine, sine_test, static_steps
-    from eightpost.rig.dynamometer import RANDOM_DURATION
-
-    if amplitude is not None and speed is not None:
-        return sine_test(amplitude, speed).drivefile
-    if test_name == "random":
-        seconds = RANDOM_DURATION if duration is None else duration
-        if not 0.5 <= seconds <= 600.0:
-            raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
-        return random_multisine(seed, duration=seconds)
-    return static_steps() if test_name == "static" else bump()
-
-
-def _check_file(output: Path) -> None:
-    if output.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{output}: the output must be a .csv or .parquet file; only --test all writes a folder")
-    if output.is_dir():
-        raise InputError(f"{output} is a folder; name a file in it")
-
-
-def _run(console: Console, specimen: _Specimen, drivefile: Drivefile, name: str, seed: int, path: Path) -> None:
-    """Run a test, write its record and print a summary."""
-    from eightpost.rig import Actuator, read_out
-
-    truth = specimen.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
-    note = f"SYNTHETIC: eightpost dyno {__version__}, {specimen.title}, test {name}, seed {seed}"
-    _write(read_out(truth, seed=seed), path, note)
-    console.print(f"{name}: {_summary(truth)}; wrote {path}", highlight=False, soft_wrap=True)
-
-
-def _summary(truth: TimeSeries) -> str:
-    from eightpost import units
-    from eightpost.rig import cavitation
-
-    force = units.convert(truth["force"], "N", "lbf")
-    cavity = cavitation(truth)
-    lowest = units.convert(cavity.lowest, "Pa", "psi")
-    verdict = "cavitates" if cavity.cavitates else "does not cavitate"
-    share = f"for {100.0 * cavity.share:.1f} % of the time" if cavity.share else "never"
-    return (
-        f"{truth.duration:.1f} s at {truth.sample_rate:.0f} Hz, force {force.min():.0f} to {force.max():.0f} lbf, std "
-        f"{force.std():.1f} lbf; {verdict} (chamber pressure below 30 kPa {share}, minimum {lowest:.1f} psi absolute)"
-    )
-
-
-def _write(series: TimeSeries, path: Path, note: str) -> None:
-    from eightpost.signals.csv_file import write_csv
-    from eightpost.signals.parquet_file import write_parquet
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".parquet":
-        write_parquet(series, path, note=note)
-    else:
-        write_csv(series, path, units=_CSV_UNITS, decimals=_CSV_DECIMALS, preamble=(note,))

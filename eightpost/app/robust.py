@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -13,84 +11,14 @@ from rich.markup import escape
 
 from eightpost.app.options import RANK, WORKERS, seed_option
 from eightpost.app.progress import each
-from eightpost.errors import FileFormatError, InputError
+from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
-    from cosim.study.choice.robust import Draws, Spread, Uncertain
+    from cosim.study.choice.robust import Draws, Spread
     from cosim.study.choice.robust_file import Uncertainty
     from cosim.study.result import StudyResult
-
-
-# ---- Uncertainty of a fitted shock, as uncertain parameters of its FMU ----------------------------------------------
-
-
-def uncertainty_of(path: str | Path, build: str) -> tuple[Uncertain, tuple[str, ...]]:
-    """Return the uncertainty of a fitted shock, and a sentence for each parameter that is kept constant.
-
-    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
-    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
-    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
-    force, which overstates rather than understates the effect of the band on a measure.
-
-    Args:
-        path: Shock file of `eightpost fit`.
-        build: Name of the build in the study.
-
-    Raises:
-        FileFormatError: The file is not a shock file, or not one that a fit wrote.
-    """
-    import numpy as np
-
-    from cosim.study.choice.robust import Uncertain
-    from eightpost.shock import read_shock
-    from eightpost.shock.laws import own_parameters
-
-    shock = read_shock(path)
-    fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
-    if not isinstance(fitted, dict) or not isinstance(band, dict):
-        raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
-    own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
-    free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
-    held = tuple(
-        f"{build}: {name} is kept at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free
-    )
-    scales = dict(_scales(band))
-    return Uncertain(
-        build,
-        (*free, *scales),
-        np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
-        np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
-        np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
-        np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
-    ), held
-
-
-def _why(entry: dict[str, Any]) -> str:
-    return (
-        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
-    )
-
-
-def _bound(entry: dict[str, Any], side: int) -> float:
-    bound = (entry["bounds"] or (None, None))[side]
-    return float(bound) if bound is not None else (-inf, inf)[side]
-
-
-def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
-    import numpy as np
-    from scipy.stats import norm
-
-    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
-    reach = float(norm.ppf(0.5 + 0.5 * band["level"]))
-    for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
-        if side.any() and np.any(force[side]):
-            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2))) / reach
-
-
-# ---- `eightpost robust` ---------------------------------------------------------------------------------------------
 
 
 @click.command()
@@ -146,14 +74,15 @@ def robust(
 
 def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     """Add the uncertainty of the fits to that of the file, and print all distributions."""
-    from cosim.study.choice.robust import Draws
+    from cosim.study.choice.robust import Draws, Uncertain
+    from eightpost.ident.shock.uncertainty import fitted_parameters
 
     parts = list(known.parts)
     for build, path in known.fits.items():
-        part, held = uncertainty_of(path, build)
-        parts.append(part)
-        for note in held:
-            console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+        fit = fitted_parameters(path)
+        parts.append(Uncertain(build, fit.names, fit.values, fit.covariance, fit.lowest, fit.highest))
+        for note in fit.held:
+            console.print(f"[yellow]note[/] {escape(f'{build}: {note}')}", highlight=False, soft_wrap=True)
     for part in parts:
         spread = zip(part.names, part.values, part.covariance.diagonal() ** 0.5, strict=True)
         text = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -12,18 +11,13 @@ from rich.markup import escape
 
 from eightpost.app.options import Assignment, Quantity
 from eightpost.app.progress import bar
-from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
     import cosim
     from cosim.system_file import Case
-    from eightpost.signals import TimeSeries
 
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
-
-#: Number of panels of traces.png, and the length that it shows of a long run [s].
-_PANELS, _SHOWN = 12, 4.0
 
 
 @click.command()
@@ -69,13 +63,21 @@ _PANELS, _SHOWN = 12, 4.0
 @click.pass_context
 def run(
     ctx: click.Context,
-    /,
     case_file: Path,
     output: Path,
-    verify: bool,
-    report: bool,
+    swaps: tuple[tuple[str, str], ...],
+    drive: Path | None,
+    inputs: tuple[tuple[str, str], ...],
+    stop: float | None,
+    record_step: float | None,
+    algorithm: str | None,
+    step: float | None,
     no_comparison: bool,
-    **options: Any,
+    tolerance: float | None,
+    verify: bool,
+    isolate: bool,
+    compile_missing: bool,
+    report: bool,
 ) -> None:
     """Run a system of coupled FMUs.
 
@@ -94,11 +96,17 @@ def run(
       eightpost run car.ssp --drive examples/data/track.parquet -o out/
     """
     import cosim
+    from cosim.plots import plot_excerpt
+    from cosim.ssp import Given
+    from cosim.system_file import read_case
     from eightpost.app.show import show_result, show_verification
 
     check_output_folder(output)
     folder = output.absolute()  # an FMU may change the working directory
-    case = _case(case_file, **options)
+    given = Given(drive, stop, record_step, dict(inputs))
+    swapped = {name: Path(file) for name, file in swaps}
+    case = read_case(case_file, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
+    case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
     for note in case.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
@@ -110,76 +118,16 @@ def run(
     if verify and not result.partial:
         verification = cosim.verify(case.system, case.scenario, case.algorithm, result)
         show_verification(console, verification, result)
-    paths = _write(case, result, folder, report=report)
-    console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
-    _show_window(console, result)
-    ctx.exit(0 if result.acceptable else 1)
-
-
-def _case(
-    path: Path,
-    *,
-    swaps: tuple[tuple[str, str], ...],
-    drive: Path | None,
-    inputs: tuple[tuple[str, str], ...],
-    stop: float | None,
-    record_step: float | None,
-    algorithm: str | None,
-    step: float | None,
-    tolerance: float | None,
-    isolate: bool,
-    compile_missing: bool,
-) -> Case:
-    """Read the case and apply the options of the command line."""
-    import cosim
-    from cosim.ssp import Given
-    from cosim.system_file import read_case
-
-    given = Given(drive, stop, record_step, dict(inputs))
-    swapped = {name: Path(file) for name, file in swaps}
-    case = read_case(path, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
-    chosen, size = case.algorithm, case.step
-    if algorithm is not None and algorithm != chosen.name:
-        chosen = cosim.SCHEMES[algorithm]
-        size = None if isinstance(chosen, cosim.Automatic) else size
-    if step is not None:
-        size = step
-    if tolerance is not None:
-        chosen = _with_tolerance(chosen, tolerance)
-    return replace(case, algorithm=chosen, step=size)
-
-
-def _with_tolerance(algorithm: cosim.Algorithm | cosim.Automatic, percent: float) -> cosim.Algorithm | cosim.Automatic:
-    import cosim
-
-    if isinstance(algorithm, cosim.Automatic):
-        return replace(algorithm, tolerance=percent)
-    if isinstance(algorithm, cosim.Adaptive):
-        return replace(algorithm, relative=0.01 * percent)
-    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
-
-
-def _write(case: Case, result: cosim.Result, output: Path, *, report: bool) -> list[Path]:
-    """Write the files of a run and return their paths."""
-    from cosim.plots import plot_traces
-
-    paths = [*result.write(output), output / "traces.png"]
-    shown, (first, last) = result.series.names[:_PANELS], _window(result.series)
-    plot_traces({case.name: result.series}, shown, paths[-1], start=first, stop=last, title=case.name)
+    paths = [*result.write(folder), folder / "traces.png"]
+    excerpt = plot_excerpt(result.series, paths[-1], title=case.name)
     if report:
         from cosim.report import write_report
 
-        page = output / "report.html"
+        page = folder / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
-    return paths
-
-
-def _show_window(console: Console, result: cosim.Result) -> None:
-    """Print which channels and which part of a run traces.png shows."""
-    count, (first, last) = len(result.series.names), _window(result.series)
-    console.print(
-        f"traces.png shows {min(count, _PANELS)} of {count} channels from {first:g} to {last:g} s", highlight=False
-    )
+    console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
+    console.print(excerpt, highlight=False)
+    ctx.exit(0 if result.acceptable else 1)
 
 
 def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:
@@ -195,9 +143,3 @@ def run_with_progress(console: Console, case: Case, *, compared: bool = True) ->
             compared=compared,
             progress=advance,
         )
-
-
-def _window(series: TimeSeries) -> tuple[float, float]:
-    """Return the middle four seconds of a long run, or the whole of a short run."""
-    last = float(series.time[-1])
-    return (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))

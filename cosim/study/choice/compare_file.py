@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.study.choice.compare import Comparison
+from cosim.study.result import StudyResult
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
@@ -43,6 +44,33 @@ def write_comparisons(
     }
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_and_plot(
+    comparisons: Sequence[Comparison],
+    result: StudyResult,
+    folder: Path,
+    verdict: Verdict,
+    selected: Mapping[str, Collection[int]],
+) -> Path:
+    """Write comparison.json, and comparison.png with the measures of the selection, or else of the objective.
+
+    Args:
+        comparisons: Comparisons of the measures.
+        result: Result of the study.
+        folder: Output folder.
+        verdict: Verdict on all comparisons.
+        selected: Setups that were selected for each measure; empty if there is no selection.
+
+    Returns:
+        The picture.
+    """
+    write_comparisons(comparisons, result.provenance.measure_units, folder / "comparison.json", verdict)
+    first = selected or dict.fromkeys(term.measure for term in result.study.objective)
+    drawn = [one for one in comparisons if one.measure in first] or list(comparisons)
+    shown = {one.measure: (result.unit(one.measure), result.display(one.measure)) for one in comparisons}
+    plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
+    return folder / "comparison.png"
 
 
 def read_run_to_run(path: str | Path) -> dict[str, float]:

@@ -71,6 +71,11 @@ class Selection:
     chosen: tuple[Selected, ...]
     closest: int
 
+    @property
+    def setups(self) -> dict[str, set[int]]:
+        """Numbers of the setups by the measure for which they were chosen."""
+        return {name: {one.setup.index for one in self.of(name)} for name in (s.measure for s in self.chosen)}
+
     def of(self, measure: str) -> tuple[Selected, ...]:
         """Return the setups that were chosen for a measure, low ones first."""
         return tuple(selected for selected in self.chosen if selected.measure == measure)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.choice.compare import Comparison, Measured, comparisons, measured_runs, read_run_list
+from cosim.study.choice.compare import Comparison
+from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
 from cosim.study.measures import Measure
 from cosim.study.study import Drive

@@ -9,7 +9,7 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.choice.compare import read_run_list
+from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study

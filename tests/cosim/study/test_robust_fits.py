@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.app.robust import uncertainty_of
+from cosim.study.choice.robust import Uncertain
 from eightpost.errors import FileFormatError
+from eightpost.ident.shock.uncertainty import fitted_parameters
 from eightpost.shock import write_shock
 
 BANK = Path(__file__).resolve().parents[3] / "examples" / "bank"
@@ -30,23 +31,23 @@ def free(tmp_path) -> Path:
 
 
 def test_parameters_vary_by_their_standard_errors(free):
-    found, held = uncertainty_of(free, "AA/B")
+    found = fitted_parameters(free)
     fitted = json.loads(free.read_text())["fit"]["parameters"]
     assert found.names == ("time_constant", "lag_full_force", "lag_zero_force", "compression_scale", "rebound_scale")
     errors = [fitted[name]["standard_error"] for name in found.names[:3]]
     np.testing.assert_allclose(np.sqrt(found.covariance.diagonal()[:3]), errors)
-    assert held == ()
+    assert found.held == ()
 
 
 def test_a_parameter_at_a_bound_is_held_and_reported():
-    found, held = uncertainty_of(BANK / "C_C.json", "C/C")
+    found = fitted_parameters(BANK / "C_C.json")
     assert "lag_full_force" not in found.names
-    assert held == ("C/C: lag_full_force is kept at 44.48: the fit ended at its lower bound",)
+    assert found.held == ("lag_full_force is kept at 44.48: the fit ended at its lower bound",)
 
 
 def test_the_curves_band_gives_the_deviation_of_its_scale():
     """If the force of a side is scaled by 1 ± sigma, the band has this relative width at every velocity."""
-    found, _ = uncertainty_of(BANK / "C_C.json", "C/C")
+    found = fitted_parameters(BANK / "C_C.json")
     band = document("C_C")["fit"]["curve_band"]
     velocity, force, half = (np.array(band[key]) for key in ("velocity [m/s]", "force [N]", "half_width [N]"))
     deviation = dict(zip(found.names, np.sqrt(found.covariance.diagonal()), strict=True))
@@ -56,7 +57,8 @@ def test_the_curves_band_gives_the_deviation_of_its_scale():
 
 
 def test_draws_are_limited_to_the_bounds_of_the_fit(free):
-    found, _ = uncertainty_of(free, "AA/B")
+    fit = fitted_parameters(free)
+    found = Uncertain("AA/B", fit.names, fit.values, fit.covariance, fit.lowest, fit.highest)
     drawn = found.at(100.0 * np.random.default_rng(1).normal(size=(50, 5)))
     low, high = document("AA_B")["fit"]["parameters"]["time_constant"]["bounds"]
     assert drawn[:, 0].min() == pytest.approx(low)
@@ -66,4 +68,4 @@ def test_draws_are_limited_to_the_bounds_of_the_fit(free):
 def test_a_shock_file_without_a_fit_is_refused(tmp_path, shocks):
     write_shock(shocks["lpf1"], tmp_path / "shock.json")
     with pytest.raises(FileFormatError, match="states no uncertainty of the shock"):
-        uncertainty_of(tmp_path / "shock.json", "A")
+        fitted_parameters(tmp_path / "shock.json")

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.choice.compare import Measured, comparisons
 from cosim.study.choice.compare_file import write_comparisons
+from cosim.study.choice.rig_runs import Measured, comparisons
 from cosim.study.choice.robust import OBJECTIVE, Draws, Uncertain, drawn_studies, leading, run_draws, spreads_of
 from cosim.study.choice.robust_file import read_uncertainty
 from cosim.study.running.sweep import run_study

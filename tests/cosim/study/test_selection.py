@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.choice.compare import read_run_list
+from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection

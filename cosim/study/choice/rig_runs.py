@@ -1,0 +1,243 @@
+"""Rig runs of a study's setups: their list, their measures, and their comparison with the prediction."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.study.choice.compare import FEWEST, Comparison
+from cosim.study.measures import Measure
+from cosim.study.result import StudyResult
+from cosim.study.setup import SetupSpace
+from cosim.study.study import Drive, Study
+from eightpost.array_types import Array
+from eightpost.cells import plain_cell
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import read_text
+from eightpost.signals import TimeSeries
+
+#: Number of samples by which a record may be shorter than the drive.
+_MISSING = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRun:
+    """One run on the rig.
+
+    Attributes:
+        file: Record of the run.
+        setup: Number of the setup.
+        drive: Name of the drive.
+    """
+
+    file: Path
+    setup: int
+    drive: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Measures of R runs on one or several drives.
+
+    Attributes:
+        setups: Setup number of each run (R,).
+        values: Values of each measure (R,) [SI]; NaN for runs on another drive.
+        missing: Measures that cannot be computed from any run, with the channels that they need.
+    """
+
+    setups: NDArray[np.int64]
+    values: Mapping[str, Array]
+    missing: Mapping[str, str]
+
+
+def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
+    """Read the list of rig runs: a CSV with a header.
+
+    Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (name of the build), and, if the
+    study has several drives, `drive`. Other columns and lines that begin with # are ignored. A setup may be listed
+    several times: its runs are averaged and give the run-to-run deviation.
+
+    Args:
+        path: List of runs, such as the selection.csv of a study.
+        study: Study to which the setups belong.
+
+    Raises:
+        FileFormatError: The file cannot be read, a column is missing, or a line does not name a setup of the study.
+    """
+    path = Path(path)
+    lines = read_text(path, advice="name the list of measured runs").splitlines()
+    numbered = [
+        (number, line) for number, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"
+    ]
+    try:
+        rows = list(csv.DictReader(line for _, line in numbered))
+    except csv.Error as error:
+        raise FileFormatError(f"cannot be read as a list of runs ({error})", path=path) from error
+    if len(rows) != max(0, len(numbered) - 1):
+        raise FileFormatError("a quoted cell spans several lines; write each run on one line", path=path)
+    return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
+
+
+def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
+    """Compute a study's measures from measured runs.
+
+    A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
+    first sample of a record is the start of the run; the settling time is excluded as in the study.
+
+    Args:
+        runs: Measured runs.
+        study: Study that defines the measures.
+        read: Function that returns the channels of a record.
+
+    Raises:
+        InputError: There are no runs, or a record is shorter than its drive.
+    """
+    if not runs:
+        raise InputError("the list contains no measured runs")
+    drives = {drive.name: drive for drive in study.drives}
+    rows = [dict(_measures(read(run.file), drives[run.drive], study, run.file)) for run in runs]
+    names = [measure.name for measure in study.measures]
+    found = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    values = {name: column for name, column in found.items() if np.isfinite(column).any()}
+    missing = {name: ", ".join(_rig_channels(study.measure(name), study)) for name in names if name not in values}
+    return Measured(np.array([run.setup for run in runs], dtype=np.int64), values, missing)
+
+
+def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ...]:
+    """Compare every measure that was measured; the run-to-run deviation is pooled over setups with several runs.
+
+    Raises:
+        InputError: A setup was not run in the study, or fewer than three setups were measured.
+    """
+    if unknown := sorted(set(measured.setups.tolist()) - set(result.setups.tolist())):
+        raise InputError(
+            f"setup {unknown[0]} was measured but not run in the study; run it, or remove it from the list"
+        )
+    return tuple(_comparison(result, name, measured.setups, values) for name, values in measured.values.items())
+
+
+def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], values: Array) -> Comparison:
+    predicted = dict(zip(result.setups.tolist(), result.values(name).tolist(), strict=True))
+    known = np.isfinite(values) & np.isfinite([predicted[int(setup)] for setup in setups])
+    numbers, places, counts = np.unique(setups[known], return_inverse=True, return_counts=True)
+    if numbers.size < FEWEST:
+        raise InputError(f"{name}: {numbers.size} setups were predicted and measured; {FEWEST} or more are needed")
+    means = np.bincount(places, values[known]) / counts
+    freedom = int(np.sum(counts - 1))
+    squares = float(np.sum((values[known] - means[places]) ** 2))
+    noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
+    return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise)
+
+
+def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
+    cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
+    if not cells.get("file"):
+        raise FileFormatError(
+            "has no record; the list needs a column `file` with the name of the record", path=path, line=line
+        )
+    drive = cells.get("drive") or study.drives[0].name
+    if drive not in [d.name for d in study.drives]:
+        raise FileFormatError(f"there is no drive {drive!r} in the study", path=path, line=line)
+    try:
+        setup = _setup(cells, study.space)
+    except ValueError as error:
+        raise FileFormatError(str(error), path=path, line=line) from error
+    return MeasuredRun(path.parent / cells["file"], setup, drive)
+
+
+def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
+    """Return the setup of a line, by its builds or else by its number; if both are given, they must agree."""
+    builds = {corner: cells[corner] for corner in space.corners if cells.get(corner)}
+    number = _number(cells["setup"]) if cells.get("setup") else None
+    if not builds and number is not None:
+        return space.setup(number).index
+    found = space.find(builds).index
+    if number is not None and found != number:
+        raise InputError(
+            f"setup {number} is {space.setup(number)}, but the line has {space.setup(found)}; correct the number or "
+            "the builds"
+        )
+    return found
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise InputError(f"setup must be a number, not {text!r}")
+    return int(text)
+
+
+def _measures(series: TimeSeries, drive: Drive, study: Study, file: Path) -> Iterator[tuple[str, float]]:
+    step = series.duration / (len(series) - 1) if len(series) > 1 else 0.0
+    if series.duration < drive.stop - _MISSING * step:
+        raise InputError(
+            f"{file}: the record is {series.duration:g} s long, but the study's run on {drive.name!r} {drive.stop:g} s"
+        )
+    run = TimeSeries(series.time - series.time[0], series.values, series.names, series.units).window(0.0, drive.stop)
+    for measure in study.measures_of(drive):
+        channels = _rig_channels(measure, study)
+        if all(channel in run for channel in channels):
+            yield measure.name, replace(measure, channels=channels).of(run, start=study.settling)
+
+
+def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
+    return tuple(channel.removeprefix(f"{study.vehicle.name}.") for channel in measure.channels)
+
+
+@dataclass(frozen=True, slots=True)
+class RigComparison:
+    """A study beside its rig runs.
+
+    Attributes:
+        runs: Rig runs that have a record.
+        comparisons: Comparison of each measure.
+        notes: Sentences about records and measures that are left out.
+    """
+
+    runs: tuple[MeasuredRun, ...]
+    comparisons: tuple[Comparison, ...]
+    notes: tuple[str, ...]
+
+
+def compare_with_rig(
+    result: StudyResult, path: str | Path, read: Callable[[Path], TimeSeries], measures: Sequence[str] = ()
+) -> RigComparison:
+    """Compare a study's prediction with the rig runs of a list.
+
+    Args:
+        result: Result of the study.
+        path: List of rig runs; see `read_run_list`.
+        read: Function that returns the channels of a record.
+        measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
+            differs.
+
+    Raises:
+        InputError: A measure is unknown, no record of the list exists, or none of the measures can be computed.
+    """
+    for name in measures:
+        result.study.measure(name)
+    runs, notes = _with_records(read_run_list(path, result.study), path)
+    rig = measured_runs(runs, result.study, read)
+    notes += [f"{name}: the rig has no {channels}" for name, channels in rig.missing.items()]
+    means = [] if measures else [name for name in rig.values if result.study.measure(name).absolute]
+    if means:
+        notes.append(f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure")
+    names = [name for name in measures or rig.values if name in rig.values and name not in means]
+    compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
+    if not compared:
+        raise InputError(f"{path}: none of the study's measures can be computed from these records")
+    return RigComparison(runs, compared, tuple(notes))
+
+
+def _with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
+    """Return the runs whose records exist, and a note about the others."""
+    there = tuple(run for run in runs if run.file.is_file())
+    missing = [run.file.name for run in runs if not run.file.is_file()]
+    if not there:
+        first = f"the first is {runs[0].file}" if runs else "the list is empty"
+        raise InputError(f"{path}: none of its {len(runs)} records exists; {first}")
+    return there, [f"no record yet: {', '.join(missing)}"] if missing else []
