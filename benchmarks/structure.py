@@ -61,9 +61,9 @@ def figures(root: Path) -> dict[str, str]:
     lengths = sorted(_function_lengths(files))
     folders = Counter(file.path.parent for file in files)
     lines = sorted(file.text.count("\n") for file in files)
-    importers = importers(files)
+    by_module = importers(files)
     names = [name for file in files for name in _public_names(file.tree)]
-    mutual = {frozenset((a, b)) for a in importers for b in importers[a] if a in importers.get(b, ())}
+    mutual = {frozenset((a, b)) for a in by_module for b in by_module[a] if a in by_module.get(b, ())}
     return {
         "lines of Python": f"{sum(lines)}",
         "files": f"{len(files)}",
@@ -71,7 +71,7 @@ def figures(root: Path) -> dict[str, str]:
         "files in the largest folder": f"{max(folders.values())}",
         "module length, median / maximum": f"{median(lines):.0f} / {lines[-1]}",
         "public functions and classes": f"{len(names)}",
-        "modules with one importer": f"{sum(len(by) == 1 for by in importers.values())}",
+        "modules with one importer": f"{sum(len(by) == 1 for by in by_module.values())}",
         "mutually dependent pairs of modules": f"{len(mutual)}",
         "import lines": f"{sum(_import_lines(file.tree) for file in files)}",
         "function length, median / 90th percentile / maximum": (

@@ -1,0 +1,19 @@
+"""The page of the architecture is what its script writes now; it fails if folders import each other."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+def test_the_page_of_the_architecture_is_that_of_the_code(tmp_path):
+    subprocess.run([sys.executable, str(ROOT / "docs" / "make_architecture.py"), str(tmp_path)], check=True)
+    assert (tmp_path / "architecture.png").stat().st_size > 10_000
+    expected = (tmp_path / "architecture.md").read_text(encoding="utf-8")
+    assert (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8") == expected, (
+        "docs/architecture.md is out of date: run python docs/make_architecture.py"
+    )
