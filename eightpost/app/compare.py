@@ -118,8 +118,8 @@ def _compare_with_rig(
     from cosim.study.choice.compare_file import write_and_plot
     from cosim.study.choice.rig_runs import compare_with_rig
     from cosim.study.choice.selection import read_selection
+    from cosim.study.folder import RESULTS, SELECTION
     from cosim.study.result import StudyResult
-    from eightpost.app.study_page import RESULTS, SELECTION
     from eightpost.rig.post import read_rig_test
 
     result = StudyResult.load(folder / RESULTS)

@@ -147,10 +147,10 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
 def _study(console: Console, examples: Path, output: Path) -> Path:
     """Run and rank every setup of the three builds; return the page."""
     from cosim.study import Build, Drive, Study, Term, Vehicle
+    from cosim.study.folder import chosen_so_far, page_of
     from cosim.study.measures import ride_measures
     from cosim.study.running.sweep import Sweep
     from cosim.study.running.workers import ProcessWorkers
-    from eightpost.app.study_page import chosen_so_far, page_of
 
     console.rule("5. Every setup of the three shocks")
     folder = output / "fmus"

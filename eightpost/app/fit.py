@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,99 +21,12 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.fit import GasTreatment, LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.shock import Shock
     from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
 SHAPES = ("auto", "free", "monotone", "passive")
 WEIGHTINGS = ("auto", "none", "huber", "tukey")
 GAS_TREATMENTS = ("estimate", "included", "subtracted")
-
-
-# ---- `eightpost fit` of a peak-velocity table -----------------------------------------------------------------------
-
-_TEXT = (".csv", ".txt", ".tsv")
-
-
-def peak_tables(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelocityTable, ...]:
-    """Return the tables of a peak-velocity file; empty if the files are records over time.
-
-    Raises:
-        InputError: A peak-velocity file is given together with other files.
-    """
-    from eightpost.rig import read_peak_velocity
-    from eightpost.rig.peak_velocity import is_peak_velocity
-    from eightpost.signals import read_records
-
-    tables = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
-    if tables and len(files) > 1:
-        raise InputError(f"{tables[0]} is a peak-velocity table: fit it alone")
-    return read_peak_velocity(tables[0], units=units) if tables else ()
-
-
-def fit_peak_tables(
-    console: Console, tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None, build: str | None
-) -> Verdict:
-    """Fit and write a shock for each table, print the deviation of each curve from its points, and draw them.
-
-    Returns:
-        The verdict on all shocks.
-    """
-    from eightpost.ident import fit_peak_velocity, plot_peak_velocity
-    from eightpost.rig import PeakVelocityTable
-    from eightpost.shock import Shock, write_shock
-
-    shocks, paths = list[tuple[PeakVelocityTable, Shock]](), list[Path]()
-    for table in tables:
-        several = len(tables) > 1
-        shock = _named(fit_peak_velocity(table, name=name), table.clicks if several else None, build)
-        path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}") if several else output
-        _show(console, table, shock)
-        write_shock(shock, path)
-        shocks.append((table, shock))
-        paths.append(path)
-    picture = output.with_suffix(".png")
-    plot_peak_velocity(shocks, picture)
-    console.print(f"wrote {', '.join(map(str, [*paths, picture]))}", soft_wrap=True, highlight=False)
-    return Verdict.combined(shock.validity.verdict for _, shock in shocks if shock.validity)
-
-
-def refuse_dynamics(ctx: click.Context, law: str) -> None:
-    """Refuse a law with dynamics if --law names one: such a table has no information on them."""
-    is_given = ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT
-    if is_given and law != "polylinear":
-        raise InputError(
-            f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit --law, "
-            "or use --law polylinear"
-        )
-
-
-def _named(shock: Shock, clicks: str | None, build: str | None) -> Shock:
-    conditions = dict(shock.conditions) | ({"build": build} if build else {})
-    return replace(shock, name=f"{shock.name} {clicks}" if clicks else shock.name, conditions=conditions)
-
-
-def _slug(clicks: str | None) -> str:
-    return re.sub(r"[^A-Za-z0-9.+-]+", "_", clicks or "").strip("_") or "setting"
-
-
-def _show(console: Console, table: PeakVelocityTable, shock: Shock) -> None:
-    from eightpost.app.show import show_verdict
-
-    fit = shock.fit or {}
-    console.print(
-        f"{escape(shock.name)}: {len(table)} speeds on each side, up to {table.speed[-1]:.4g} m/s; the curve deviates "
-        f"from its points by at most {fit['greatest_error_at_points [N]']:.3g} N, {fit['rms [N]']:.3g} N RMS",
-        soft_wrap=True,
-        highlight=False,
-    )
-    for change in fit["changes"]:
-        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
-    if shock.validity is not None:
-        show_verdict(console, shock.validity.verdict)
-
-
-# ---- `eightpost fit` ------------------------------------------------------------------------------------------------
 
 
 @click.command()
@@ -202,6 +113,7 @@ def fit(  # one parameter per option
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
     from eightpost.ident import fit_shock, plot_force_velocity
+    from eightpost.ident.shock.peak_velocity import tables_in
     from eightpost.rig import DynoConditions, read_dyno_tests, split_runs
     from eightpost.shock import write_shock
 
@@ -209,10 +121,13 @@ def fit(  # one parameter per option
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
     given = dict(units)
-    if tables := peak_tables(dyno_files, given):
-        refuse_dynamics(ctx, law)
-        verdict = fit_peak_tables(console, tables, output, name=name, build=build)
-        ctx.exit(0 if verdict.is_acceptable else 1)
+    if tables := tables_in(dyno_files, given):
+        if law != "polylinear" and ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT:
+            raise InputError(
+                f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "
+                "--law, or use --law polylinear"
+            )
+        ctx.exit(0 if _fit_tables(console, tables, output, name, build).is_acceptable else 1)
     tests = [
         test
         for dyno_file in dyno_files
@@ -250,6 +165,28 @@ def fit(  # one parameter per option
     plot_force_velocity(shock_fit, plot)
     console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
+
+
+def _fit_tables(
+    console: Console, tables: Sequence[PeakVelocityTable], output: Path, name: str | None, build: str | None
+) -> Verdict:
+    """Fit the tables of a peak-velocity file and draw their curves."""
+    from eightpost.app.show import show_verdict
+    from eightpost.ident import plot_peak_velocity
+    from eightpost.ident.shock.peak_velocity import fit_tables
+
+    fitted = fit_tables(tables, output, name=name, build=build)
+    for one in fitted:
+        console.print(escape(str(one)), soft_wrap=True, highlight=False)
+        for change in one.shock.fit["changes"]:
+            console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
+        if one.shock.validity:
+            show_verdict(console, one.shock.validity.verdict)
+    picture = output.with_suffix(".png")
+    plot_peak_velocity([(one.table, one.shock) for one in fitted], picture)
+    written = [*(one.path for one in fitted), picture]
+    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
 
 
 def show_test(console: Console, test: DynoTest) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -16,15 +15,14 @@ from rich.markup import escape
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
-from eightpost.report.console import Table, console_table, right
+from eightpost.report.console import console_table, right
 
 if TYPE_CHECKING:
-    from eightpost.ident.preparation import Preparation, Prepared
-    from eightpost.ident.vehicle.experiment import Baseline, Experiment
+    from eightpost.ident.vehicle.experiment import Baseline
     from eightpost.ident.vehicle.static_rating import StaticRating
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig.post import RigTest
-    from eightpost.signals import ChannelMap, TimeSeries
+    from eightpost.signals import ChannelMap
 
 #: Folder of the recipes, one file each. Their names are listed without importing them.
 _FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"
@@ -32,74 +30,6 @@ _FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"
 
 def _recipes() -> list[str]:
     return sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules([str(_FOLDER)]))
-
-
-# ---- The static part of `eightpost identify` ------------------------------------------------------------------------
-
-#: Sampling rate to which static records are decimated [Hz].
-_RATE = 125.0
-
-
-def with_static_state(console: Console, experiment: Experiment, tests: Sequence[RigTest]) -> Experiment:
-    """Return the experiment with the tire forces and ride heights of static tests at zero load, and print them.
-
-    Raises:
-        InputError: The tests have no held load levels.
-    """
-    from eightpost.ident.vehicle.static_rating import rate_statically
-
-    loads = [name for name in experiment.rig if name.rpartition(".")[2] != "road"]
-    rating = rate_statically([_with_means(test) for test in tests], loads)
-    static = {name: value for name, value in rating.zero.items() if name in experiment.outputs}
-    _show(console, rating, static)
-    return replace(experiment, static=static)
-
-
-def _with_means(test: RigTest) -> TimeSeries:
-    from eightpost.ident.preparation import Decimation, Preparation, prepare
-
-    prepared = prepare([test], Preparation(Decimation(_RATE)))
-    series = prepared.records[0]
-    for name, mean in prepared.means[0].items():
-        series = series.with_channel(name, series.unit(name), series[name] + mean)
-    return series
-
-
-def _show(console: Console, rating: StaticRating, static: dict[str, float]) -> None:
-    from eightpost.units import convert
-
-    tires = [f"{n.rpartition('.')[0]} {convert(v, 'N', 'lbf'):.0f}" for n, v in static.items() if "tire" in n]
-    heights = [f"{n.rpartition('.')[0]} {convert(v, 'm', 'in'):.3f}" for n, v in static.items() if "height" in n]
-    lifted = f" ({rating.lifted} more left out, at which a tire carries no load)" if rating.lifted else ""
-    text = f"static state at zero load, from {rating.levels} levels{lifted}: tires {', '.join(tires)} lbf"
-    console.print(f"{text}; ride heights {', '.join(heights)} in" if heights else text, highlight=False, soft_wrap=True)
-    if rating.modal is not None and rating.unexplained is not None:
-        console.print(_spring_table(rating))
-        left = ", ".join(f"{100.0 * part:.1f}" for part in rating.unexplained)
-        console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
-
-
-def _spring_table(rating: StaticRating) -> Table:
-    """Return the table of Eq 6.11: a row for each mode's force, in the units of the dissertation."""
-    from eightpost.rig.post.modes import MODES
-    from eightpost.units import convert
-
-    assert rating.modal is not None
-    force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
-    moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]
-    rows = [
-        (mode, *(f"{1e-3 * value * unit / step:.2f}" for value, step in zip(row, moved, strict=True)))
-        for mode, row, unit in zip(MODES, rating.modal, force, strict=True)
-    ]
-    return console_table(["", *right(*MODES)], rows, title="spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)")
-
-
-# ---- `eightpost identify` -------------------------------------------------------------------------------------------
-
-Plots = Literal["none", "main", "all"]
-
-#: Channels that `--plot main` draws: shock velocities, and the outputs that setups are judged by.
-_MAIN = ("velocity", "tire_force", "ride_height")
 
 
 @click.command(cls=Verb, renamed={"--plots": "--plot"})
@@ -148,7 +78,7 @@ def identify(  # one parameter per option
     name: str | None,
     channel_map: ChannelMap | None,
     flip: tuple[str, ...],
-    plots: Plots,
+    plots: Literal["none", "main", "all"],
 ) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
@@ -163,28 +93,39 @@ def identify(  # one parameter per option
       eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
       eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
     """
-    from eightpost.ident.preparation import prepare, read_preparation
+    from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.experiment import find_baseline
+    from eightpost.ident.vehicle.plots import plot_identification
     from eightpost.ident.vehicle.recipes import recipe
+    from eightpost.ident.vehicle.static_rating import rate_tests
     from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
+    from eightpost.rig.post.rig_test import read_rig_tests
 
     console = Console()
     _check(output, rig_files, baseline)
-    how = read_preparation(preparation) if preparation else _preparation(rate, settling)
-    prepared = prepare(_read(console, rig_files, channel_map, flip), how)
+
+    def read(files: Sequence[Path]) -> Iterator[RigTest]:
+        return each(console, read_rig_tests(files, channel_map=channel_map, flip=flip), "reading", len(files))
+
+    how = read_preparation(preparation) if preparation else Preparation(Decimation(rate), settling=settling)
+    prepared = prepare(read(rig_files), how)
     for line in prepared.summary():
         console.print(escape(line), highlight=False, soft_wrap=True)
     reference = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
-    experiment = _experiment(prepared, reference, damping, name or output.stem, output_channels)
+    outputs = output_channels.replace(" ", "").split(",") if output_channels else ()
+    experiment = reference.experiment(prepared, name=name or output.stem, damping=damping, outputs=outputs)
     _show_baseline(console, rig_files, reference)
     if static_files:
-        experiment = with_static_state(console, experiment, list(_read(console, static_files, channel_map, flip)))
+        loads = [load for load in experiment.rig if load.rpartition(".")[2] != "road"]
+        rating = rate_tests(read(static_files), loads)
+        _show_rating(console, rating, experiment.outputs)
+        experiment = replace(experiment, static={n: v for n, v in rating.zero.items() if n in experiment.outputs})
     with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
     fit = with_validity(fit)
-    _identify_show(console, fit)
-    written = [*write_fit(output, fit), *_draw(fit, output, plots)]
+    _show_fit(console, fit)
+    written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if fit_verdict(fit).is_acceptable else 1)
 
@@ -201,40 +142,14 @@ def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> 
         )
 
 
-def _preparation(rate: float, settling: float) -> Preparation:
-    from eightpost.ident.preparation import Decimation, Preparation
-
-    return Preparation(Decimation(rate), settling=settling)
-
-
-def _read(
-    console: Console, rig_files: Sequence[Path], channel_map: ChannelMap | None, flip: tuple[str, ...]
-) -> Iterator[RigTest]:
-    from eightpost.rig.post import read_rig_test
-
-    tests = _one_ahead(lambda path: read_rig_test(path, channel_map=channel_map, flip=flip), rig_files)
-    return each(console, tests, "reading", len(rig_files))
-
-
-def _one_ahead(read: Callable[[Path], RigTest], rig_files: Sequence[Path]) -> Iterator[RigTest]:
-    """Read each file while the previous one is processed; at most these two are in memory."""
-    with ThreadPoolExecutor(1) as reader:
-        pending = reader.submit(read, rig_files[0])
-        for path in rig_files[1:]:
-            test, pending = pending.result(), reader.submit(read, path)
-            yield test
-        yield pending.result()
-
-
-def _experiment(
-    prepared: Prepared, reference: Baseline, damping: float | None, name: str, outputs: str | None
-) -> Experiment:
-    from eightpost.ident.vehicle.experiment import experiment_of
-
-    rates = {port: slope if damping is None else damping for port, slope in reference.damping.items()}
-    experiment = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
-    experiment = replace(experiment, means=prepared.means[reference.test])
-    return experiment.of(*outputs.replace(" ", "").split(",")) if outputs else experiment
+def _show_rating(console: Console, rating: StaticRating, outputs: Collection[str]) -> None:
+    console.print(rating.summary(outputs), highlight=False, soft_wrap=True)
+    if rating.modal is not None and rating.unexplained is not None:
+        rows = [(mode, *(f"{value:.2f}" for value in row)) for mode, row in rating.modal_us.items()]
+        title = "spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)"
+        console.print(console_table(["", *right(*rating.modal_us)], rows, title=title))
+        left = ", ".join(f"{100.0 * part:.1f}" for part in rating.unexplained)
+        console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
 
 
 def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Baseline) -> None:
@@ -246,7 +161,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 
-def _identify_show(console: Console, fit: VehicleFit) -> None:
+def _show_fit(console: Console, fit: VehicleFit) -> None:
     from eightpost.app.show import show_verdict
     from eightpost.ident.vehicle.verdict import (
         damping_sentence,
@@ -265,16 +180,3 @@ def _identify_show(console: Console, fit: VehicleFit) -> None:
     for note in fit.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, fit_verdict(fit))
-
-
-def _draw(fit: VehicleFit, output: Path, plots: Plots) -> list[Path]:
-    from eightpost.ident.vehicle.common_poles import plot_stabilisation
-    from eightpost.ident.vehicle.plots import plot_fits
-
-    names = [n for n in fit.residual if plots == "all" or (plots == "main" and n.endswith(_MAIN))]
-    folder = output.with_name(f"{output.stem}_plots")
-    drawn = plot_fits(fit, names, folder)
-    if plots != "none" and fit.trust is not None and fit.trust.orders is not None:
-        drawn.append(folder / "stabilisation.png")
-        plot_stabilisation(fit.trust.orders, drawn[-1])
-    return drawn

@@ -59,8 +59,9 @@ def optimise(
       eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
+    from cosim.study.folder import RESULTS
     from cosim.study.running.sweep import Requested
-    from eightpost.app.study_page import RESULTS, write_page
+    from eightpost.app.show import write_page
 
     console = Console()
     check_output_folder(output)

@@ -47,9 +47,9 @@ def robust(
     """
     from cosim.study.choice.robust import OBJECTIVE, leading, robust_verdict, spreads_of
     from cosim.study.choice.robust_file import read_uncertainty, write_spreads
+    from cosim.study.folder import RESULTS, SPREADS
     from cosim.study.result import StudyResult
-    from eightpost.app.show import show_verdict
-    from eightpost.app.study_page import RESULTS, SPREADS, write_page
+    from eightpost.app.show import show_verdict, write_page
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)

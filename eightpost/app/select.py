@@ -42,8 +42,9 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     """
     from cosim.study.choice.selection import BASELINE_RUNS, write_selection
     from cosim.study.choice.selection import select as choose
+    from cosim.study.folder import RESULTS, SELECTION
     from cosim.study.result import StudyResult
-    from eightpost.app.study_page import RESULTS, SELECTION, write_page
+    from eightpost.app.show import write_page
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)

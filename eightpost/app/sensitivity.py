@@ -32,8 +32,8 @@ def sensitivity(folder: Path, output: Path | None) -> None:
       eightpost sensitivity out/
     """
     from cosim.study.choice.sensitivity import sensitivities_of, write_terms
+    from cosim.study.folder import RESULTS
     from cosim.study.result import StudyResult
-    from eightpost.app.study_page import RESULTS
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)

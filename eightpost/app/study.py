@@ -79,7 +79,7 @@ def study(
     from cosim.study.running.evaluator import traces
     from cosim.study.running.sweep import Sweep
     from cosim.study.verdict import study_verdict
-    from eightpost.app.study_page import write_page
+    from eightpost.app.show import write_page
     from eightpost.signals import write_series
 
     console = Console()

@@ -15,16 +15,11 @@ from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from eightpost.ident.response import FrequencyResponse
-    from eightpost.vehicle import Mode, Vehicle
+    from eightpost.vehicle import Mode
 
 #: Number of frequencies in a response file and in a picture.
 _POINTS = 800
-
-#: Outputs that are drawn by default: the key outputs of the dissertation.
-_KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
 
 
 @click.command()
@@ -54,6 +49,7 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     import numpy as np
 
     from eightpost.ident.response import response_of, write_response
+    from eightpost.ident.vehicle.parameter_study import variants_of
     from eightpost.ident.vehicle.plots import plot_magnitudes
     from eightpost.vehicle import read_vehicle
 
@@ -64,8 +60,9 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     frequency = np.linspace(high / _POINTS, high, _POINTS)
     console = Console()
     console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)
-    modes, responses = _studied(car, parameter, _numbers(factors), frequency)
-    console.print(_mode_table(modes))
+    variants = variants_of(car, parameter, _numbers(factors), frequency)
+    responses = {label: variant.response for label, variant in variants.items()}
+    console.print(_mode_table({label: variant.modes for label, variant in variants.items()}))
     chosen = _outputs(next(iter(responses.values())), names)
     for name in chosen:
         target = folder / f"{name}.png"
@@ -74,28 +71,6 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     own = response_of(car.with_damper(), frequency)
     write_response(folder / "response.npz", own)
     console.print(f"wrote {folder / 'response.npz'}", highlight=False, soft_wrap=True)
-
-
-def _studied(
-    car: Vehicle,
-    parameter: str | None,
-    factors: Sequence[float],
-    frequency: np.ndarray[tuple[int], np.dtype[np.float64]],
-) -> tuple[dict[str, tuple[Mode, ...]], dict[str, FrequencyResponse]]:
-    """Return modes and frequency responses by label."""
-    from eightpost.ident.response import response_of
-    from eightpost.ident.vehicle.parameter_study import vary
-    from eightpost.vehicle.vehicles import IdentifiedVehicle
-
-    if parameter is None:
-        model = car.with_damper()
-        return {"as given": model.modes()}, {"as given": response_of(model, frequency)}
-    if isinstance(car, IdentifiedVehicle):
-        raise InputError(f"{car.name} is an identified model, which has no {parameter} to vary; give a .toml vehicle")
-    variants = vary(car, parameter, factors, frequency)
-    labels = [f"{parameter} x {variant.factor:g}" for variant in variants]
-    modes = {label: variant.modes for label, variant in zip(labels, variants, strict=True)}
-    return modes, {label: variant.response for label, variant in zip(labels, variants, strict=True)}
 
 
 def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
@@ -112,8 +87,10 @@ def _mode_text(mode: Mode) -> str:
 
 
 def _outputs(response: FrequencyResponse, names: Sequence[str]) -> list[str]:
+    from eightpost.ident.vehicle.plots import KEY_OUTPUTS
+
     if not names:
-        return [name for name in response.output_names if name.endswith(_KEY_OUTPUTS)]
+        return [name for name in response.output_names if name.endswith(KEY_OUTPUTS)]
     return list(response.select(outputs=names).output_names)
 
 

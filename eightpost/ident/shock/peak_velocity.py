@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from eightpost.array_types import Array
+from eightpost.errors import InputError
 from eightpost.ident.shock.curve import CurveBasis, split_coefficients
 from eightpost.ident.shock.record import TRANSITION_SPEED, TRANSITION_WIDTH
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.shock import Polylinear, Port, Shock, StaticCurve
+from eightpost.rig.peak_velocity import PeakVelocityTable, is_peak_velocity, read_peak_velocity
+from eightpost.shock import Polylinear, Port, Shock, StaticCurve, write_shock
+from eightpost.signals import read_records
 
-if TYPE_CHECKING:
-    from eightpost.rig.peak_velocity import PeakVelocityTable
-
+#: Suffixes of files that may be a peak-velocity table.
+_TEXT = (".csv", ".txt", ".tsv")
 
 #: Number of speeds per side that determines a polynomial of the dissertation's order; with fewer it oscillates.
 ENOUGH = 15
@@ -78,6 +84,62 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> S
             origin=table.source.name if table.source else "a table in memory",
         ),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class FittedTable:
+    """A table of one setting of the adjusters, its shock, and the shock file."""
+
+    table: PeakVelocityTable
+    shock: Shock
+    path: Path
+
+    def __str__(self) -> str:
+        fit = self.shock.fit
+        return (
+            f"{self.shock.name}: {len(self.table)} speeds on each side, up to {self.table.speed[-1]:.4g} m/s; the "
+            f"curve deviates from its points by at most {fit['greatest_error_at_points [N]']:.3g} N, "
+            f"{fit['rms [N]']:.3g} N RMS"
+        )
+
+
+def tables_in(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelocityTable, ...]:
+    """Return the tables of a peak-velocity file; empty if the files are records over time.
+
+    Raises:
+        InputError: A peak-velocity file is given together with other files.
+    """
+    tables = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
+    if tables and len(files) > 1:
+        raise InputError(f"{tables[0]} is a peak-velocity table: fit it alone")
+    return read_peak_velocity(tables[0], units=units) if tables else ()
+
+
+def fit_tables(
+    tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None = None, build: str | None = None
+) -> tuple[FittedTable, ...]:
+    """Fit and write a shock for each table of a file.
+
+    Args:
+        tables: Tables, one for each setting of the adjusters.
+        output: Shock file; of several tables, each has the setting in its file name and its shock's name.
+        name: Name of the shock.
+        build: Team's own name for the shock build.
+    """
+    fitted = []
+    for table in tables:
+        shock, path = fit_peak_velocity(table, name=name), output
+        if len(tables) > 1:
+            shock = replace(shock, name=f"{shock.name} {table.clicks}" if table.clicks else shock.name)
+            path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}")
+        shock = replace(shock, conditions=dict(shock.conditions) | ({"build": build} if build else {}))
+        write_shock(shock, path)
+        fitted.append(FittedTable(table, shock, path))
+    return tuple(fitted)
+
+
+def _slug(clicks: str | None) -> str:
+    return re.sub(r"[^A-Za-z0-9.+-]+", "_", clicks or "").strip("_") or "setting"
 
 
 def _basis_for(fastest: float) -> CurveBasis:

@@ -13,6 +13,7 @@ from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 
 if TYPE_CHECKING:
+    from eightpost.ident.preparation import Prepared
     from eightpost.signals import TimeSeries
 
 
@@ -150,6 +151,22 @@ class Baseline(NamedTuple):
         far = [f"{port or 'the port'} ({100.0 * part:.0f} %)" for port, part in self.deviations.items()
                if part > _NEAR_LINEAR]  # fmt: skip
         return (f"baseline shocks deviate from a straight line: {', '.join(far)}",) if far else ()
+
+    def experiment(
+        self, prepared: Prepared, *, name: str, damping: float | None = None, outputs: Sequence[str] = ()
+    ) -> Experiment:
+        """Return the experiment about this baseline.
+
+        Args:
+            prepared: Prepared records of the baseline and the alternate tests.
+            name: Name of the vehicle.
+            damping: Damping of all ports about which the vehicle is identified [N.s/m]; None: that of the baseline.
+            outputs: Outputs of the model; empty: all possible ones.
+        """
+        rates = {port: slope if damping is None else damping for port, slope in self.damping.items()}
+        whole = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
+        whole = replace(whole, means=prepared.means[self.test])
+        return whole.of(*outputs) if outputs else whole
 
 
 def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: int | None = None) -> Baseline:

@@ -9,14 +9,14 @@ import numpy as np
 
 from eightpost.errors import InputError
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.vehicle import Corners
+from eightpost.vehicle import Corners, IdentifiedVehicle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from eightpost.vehicle import Mode, QuarterCar, SevenDof, StructuralVehicle
+    from eightpost.vehicle import Mode, QuarterCar, SevenDof, StructuralVehicle, Vehicle
 
 
 class Variant(NamedTuple):
@@ -26,6 +26,24 @@ class Variant(NamedTuple):
     """Factor on the parameter's value [1]."""
     response: FrequencyResponse
     modes: tuple[Mode, ...]
+
+
+def variants_of(
+    vehicle: Vehicle, parameter: str | None, factors: Sequence[float], frequency: NDArray[np.float64]
+) -> dict[str, Variant]:
+    """Return a vehicle as it is, or with a parameter multiplied by each factor, by a label for tables and pictures.
+
+    Raises:
+        InputError: The vehicle is an identified model, which has no parameters.
+    """
+    if parameter is None:
+        model = vehicle.with_damper()
+        return {"as given": Variant(1.0, response_of(model, frequency), model.modes())}
+    if isinstance(vehicle, IdentifiedVehicle):
+        raise InputError(
+            f"{vehicle.name} is an identified model, which has no {parameter} to vary; give a .toml vehicle"
+        )
+    return {f"{parameter} x {one.factor:g}": one for one in vary(vehicle, parameter, factors, frequency)}
 
 
 def vary(

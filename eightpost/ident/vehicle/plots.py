@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex
 from eightpost.ident.response import response_of
+from eightpost.ident.vehicle.common_poles.stabilisation import plot_stabilisation
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 
 if TYPE_CHECKING:
@@ -186,3 +187,19 @@ def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]
 def _decibels(path: Complex) -> Array:
     size = np.abs(path)
     return np.asarray(20.0 * np.log10(np.where(size > 0.0, size, np.nan)))
+
+
+# ---- All plots of an identification ---------------------------------------------------------------------------------
+
+#: Key outputs: shock velocities, and the outputs that setups are judged by.
+KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
+
+
+def plot_identification(fit: VehicleFit, folder: Path, outputs: Literal["none", "main", "all"]) -> list[Path]:
+    """Draw the fit of the key outputs (main) or of all, and the stabilisation diagram; return the pictures."""
+    names = [n for n in fit.residual if outputs == "all" or (outputs == "main" and n.endswith(KEY_OUTPUTS))]
+    drawn = plot_fits(fit, names, folder)
+    if outputs != "none" and fit.trust is not None and fit.trust.orders is not None:
+        drawn.append(folder / "stabilisation.png")
+        plot_stabilisation(fit.trust.orders, drawn[-1])
+    return drawn

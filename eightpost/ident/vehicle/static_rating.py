@@ -10,7 +10,7 @@ least squares over the loads, are the static state of a vehicle file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,12 +19,15 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
+from eightpost.ident.preparation import Decimation, Preparation, prepare
 from eightpost.ident.vehicle.stability import holds
 from eightpost.rig.post.modes import MODES
+from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eightpost.rig.post import RigTest
     from eightpost.signals import TimeSeries
 
 
@@ -33,6 +36,9 @@ _STATIC = ("tire_force", "ride_height")
 
 #: Tire force, relative to the largest at any level, below which a tire has left the ground [1].
 _LIFTED = 0.01
+
+#: Sampling rate to which static records are decimated [Hz].
+_RATE = 125.0
 
 #: Ratio of the smallest to the largest singular value of the loads below which a direction was not moved [1].
 _MOVED = 0.02
@@ -63,6 +69,40 @@ class StaticRating:
     zero_force: Array | None = None
     modal: Array | None = None
     unexplained: Array | None = None
+
+    def summary(self, outputs: Collection[str]) -> str:
+        """Return a sentence about the static state of a vehicle with these outputs."""
+        static = {name: value for name, value in self.zero.items() if name in outputs}
+        tires = [f"{n.rpartition('.')[0]} {convert(v, 'N', 'lbf'):.0f}" for n, v in static.items() if "tire" in n]
+        heights = [f"{n.rpartition('.')[0]} {convert(v, 'm', 'in'):.3f}" for n, v in static.items() if "height" in n]
+        lifted = f" ({self.lifted} more left out, at which a tire carries no load)" if self.lifted else ""
+        text = f"static state at zero load, from {self.levels} levels{lifted}: tires {', '.join(tires)} lbf"
+        return f"{text}; ride heights {', '.join(heights)} in" if heights else text
+
+    @property
+    def modal_us(self) -> dict[str, list[float]]:
+        """Spring matrix K_m as in Eq 6.11: a row for each mode's force [1e3 lbf, lbf.ft] per displacement [in, deg]."""
+        if self.modal is None:
+            return {}
+        force = [convert(1.0, "N", "lbf"), *[convert(1.0, "N.m", "lbf.ft")] * 3]
+        moved = [convert(1.0, "m", "in"), *[convert(1.0, "rad", "deg")] * 3]
+        return {
+            mode: [1e-3 * value * unit / step for value, step in zip(row, moved, strict=True)]
+            for mode, row, unit in zip(MODES, self.modal, force, strict=True)
+        }
+
+
+def rate_tests(tests: Iterable[RigTest], loads: Sequence[str]) -> StaticRating:
+    """Return the static rating of a car from static tests, which are decimated first; see `rate_statically`."""
+    return rate_statically([_with_means(test) for test in tests], loads)
+
+
+def _with_means(test: RigTest) -> TimeSeries:
+    prepared = prepare([test], Preparation(Decimation(_RATE)))
+    series = prepared.records[0]
+    for name, mean in prepared.means[0].items():
+        series = series.with_channel(name, series.unit(name), series[name] + mean)
+    return series
 
 
 def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> StaticRating:

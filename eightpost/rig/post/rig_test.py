@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -191,6 +193,19 @@ def read_rig_test(
     series, derived = _with_velocities(series, corners)
     check_rig_record(series, corners, origin=record.origin)
     return RigTest(series, _conditions(path), path, sha256_of(path), derived)
+
+
+def read_rig_tests(
+    paths: Sequence[str | Path], *, channel_map: ChannelMap | None = None, flip: Iterable[str] = ()
+) -> Iterator[RigTest]:
+    """Read rig records one by one, each while the caller processes the previous one; at most two are in memory."""
+    read = partial(read_rig_test, channel_map=channel_map, flip=tuple(flip))
+    with ThreadPoolExecutor(1) as reader:
+        pending = reader.submit(read, paths[0])
+        for path in paths[1:]:
+            test, pending = pending.result(), reader.submit(read, path)
+            yield test
+        yield pending.result()
 
 
 def _check_channels(series: TimeSeries, corners: tuple[str, ...], path: Path) -> None:

@@ -136,7 +136,7 @@ def test_several_studies_are_not_compared_with_the_rig(folder):
 
 def test_robust_prints_which_setups_are_better_and_writes_the_page(folder, tmp_path, monkeypatch):
     pages = []  # the page with spreads is tested elsewhere
-    monkeypatch.setattr("eightpost.app.study_page.write_page", lambda *given: pages.append(given))
+    monkeypatch.setattr("eightpost.app.show.write_page", lambda *given: pages.append(given))
     path = tmp_path / "uncertain.toml"
     path.write_text(
         """schema = 1

@@ -12,8 +12,8 @@ from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
+from cosim.study.folder import chosen_so_far
 from cosim.study.study import Term
-from eightpost.app.study_page import chosen_so_far
 from eightpost.errors import InputError
 
 from .constructed import CORNERS, result

@@ -1,12 +1,9 @@
-"""The page of a study, with the selection and the spreads so far."""
+"""Folder of a study: the names of its files, what was chosen so far, and its page."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-from rich.console import Console
-from rich.markup import escape
 
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import read_spreads
@@ -49,15 +46,6 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
     except FileFormatError as error:
         notes.append(f"left out of the page: {error}")
     return Chosen(selection, spreads, tuple(notes))
-
-
-def write_page(console: Console, result: StudyResult, folder: Path, *, trace_command: str = "") -> None:
-    """Write the report of a study with its selection and spreads so far, and print the path of the page."""
-    chosen = chosen_so_far(result, folder)
-    for note in chosen.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    page = page_of(result, folder, chosen, trace_command=trace_command)
-    console.print(f"page: {page}", highlight=False, soft_wrap=True)
 
 
 def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
