@@ -128,7 +128,7 @@ DISPLAY_UNITS = {
     "N": ("lbf", "N"),
     "N.m": ("lbf.in", "N.m"),
     "N/m": ("lbf/in", "N/m"),
-    "N.s/m": ("lbf.s/in", "N.s/m"),
+    "N.s/m": ("lbf/(in/s)", "N.s/m"),
     "N.m/rad": ("lbf.in/deg", "N.m/rad"),
     "kg": ("lbm", "kg"),
     "kg.m2": ("lbm.in2", "kg.m2"),
