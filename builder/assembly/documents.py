@@ -13,12 +13,13 @@ import numpy as np
 from builder.assembly.parts import Part
 from builder.assembly.plan import Assembly
 from builder.documents.equations import equations
-from builder.documents.page import Column, Contents, Picture, Section, folded, page, paragraph, table
+from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
 from builder.documents.validity import combined_member
 from builder.interface import Interface, friction_ports, source_folder
 from eightpost.array_types import Array
+from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
 from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, ports_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from builder.documents.page import Column, Contents, Picture, Section, bullets, page, paragraph, table
+from builder.documents.page import Contents, page
 from builder.documents.picture import LOOP_FREQUENCY, shock_picture, vehicle_picture
 from builder.documents.reference import SECRET, Disclosure, Subject, customary, quantity, results
 from builder.documents.terminals import terminals_and_icons
@@ -17,6 +17,7 @@ from builder.documents.validity import validity_member
 from builder.interface import source_folder
 from eightpost import units
 from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
+from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table
 from eightpost.shock import Response, Shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
 

@@ -2,106 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 
 from builder.documents.equations import equations
 from builder.documents.reference import FOLDER, displayed_start, limits, start
 from builder.documents.terminals import terminals
 from builder.interface import Interface, Variable
 from eightpost import __version__
-
-# ---- The HTML elements of the documentation page --------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table: its heading, and the style of its cells (a class of page.css)."""
-
-    heading: str
-    style: str = ""
-
-
-@dataclass(frozen=True)
-class Section:
-    """One heading of the page and the HTML below it."""
-
-    heading: str
-    html: str
-
-    @property
-    def name(self) -> str:
-        """Anchor of the section on the page."""
-        return self.heading.lower().replace(" ", "-")
-
-    def __str__(self) -> str:
-        return f'<h2 id="{self.name}">{escape(self.heading)}</h2>\n{self.html}\n'
-
-
-def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of text cells without its empty columns."""
-    cells = [tuple(row) for row in rows]
-    kept = [k for k in range(len(columns)) if any(row[k] for row in cells)]
-    head = "".join(_cell("th", columns[k], escape(columns[k].heading)) for k in kept)
-    body = "\n".join(
-        "<tr>" + "".join(_cell("td", columns[k], _content(columns[k], row[k])) for k in kept) + "</tr>" for row in cells
-    )
-    return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
-
-
-def bullets(items: Iterable[str]) -> str:
-    """Return a bulleted list of texts; empty if there are no items."""
-    lines = "".join(f"<li>{escape(item)}</li>" for item in items)
-    return f"<ul>{lines}</ul>" if lines else ""
-
-
-def paragraph(text: str) -> str:
-    """Return one paragraph of text."""
-    return f"<p>{escape(text)}</p>"
-
-
-def folded(summary: str, html: str) -> str:
-    """Return HTML that the reader can expand."""
-    return f"<details><summary>{escape(summary)}</summary>\n{html}\n</details>"
-
-
-def _cell(tag: str, column: Column, html: str) -> str:
-    style = f' class="{column.style}"' if column.style else ""
-    return f"<{tag}{style}>{html}</{tag}>"
-
-
-def _content(column: Column, text: str) -> str:
-    return f"<code>{escape(text)}</code>" if column.style == "name" else escape(text)
-
-
-# ---- The page documentation/index.html ------------------------------------------------------------------------------
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{identifier}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<header>
-<h1>{identifier}</h1>
-<p class="title">{text}</p>
-<p>{facts}</p>
-</header>
-<nav>{contents}</nav>
-<figure>
-<img{kind} alt="{caption}" src="data:image/png;base64,{picture}">
-<figcaption>{caption}</figcaption>
-</figure>
-{body}</body>
-</html>
-"""
+from eightpost.report.static import Column, Picture, Section, folded, paragraph, static_page, table
 
 _VARIABLES = (
     Column("name", "name"),
@@ -137,15 +47,6 @@ it over that step. The outputs were computed from the equations above, independe
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A PNG, its caption, and its size (a class of page.css)."""
-
-    png: bytes
-    caption: str
-    style: str = ""
-
-
-@dataclass(frozen=True)
 class Contents:
     """Contents of a page: the disclosed information about one FMU."""
 
@@ -160,18 +61,10 @@ class Contents:
 def page(contents: Contents) -> bytes:
     """Return documentation/index.html."""
     sections = [*_variables(contents.interface), *contents.origin, *_usage(contents)]
-    style = contents.picture.style
-    return _PAGE.format(
-        identifier=escape(contents.identifier),
-        style=(Path(__file__).with_name("page.css")).read_text(encoding="utf-8"),
-        text=escape(contents.text),
-        facts=escape(_facts(contents.interface)),
-        contents=_contents(sections),
-        kind=f' class="{style}"' if style else "",
-        caption=escape(contents.picture.caption),
-        picture=base64.b64encode(contents.picture.png).decode(),
-        body=equations(contents.interface.kind) + "".join(str(section) for section in sections),
-    ).encode()
+    places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
+    body = equations(contents.interface.kind) + "".join(str(section) for section in sections)
+    text, facts = contents.text, _facts(contents.interface)
+    return static_page(contents.identifier, text, facts, places, contents.picture, body).encode()
 
 
 def _facts(interface: Interface) -> str:
@@ -179,11 +72,6 @@ def _facts(interface: Interface) -> str:
         f"Interface {interface.kind} {interface.version} · FMI 2.0 co-simulation · SI at the interface · "
         f"built with eightpost {__version__}"
     )
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
-    return "\n".join(f'<a href="#{name}">{escape(heading)}</a>' for name, heading in places)
 
 
 def _variables(interface: Interface) -> list[Section]:
