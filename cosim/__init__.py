@@ -3,15 +3,13 @@
 from cosim.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
 from cosim.automatic import SCHEMES, Automatic
 from cosim.component import Capabilities, Component, UnitDefinition, Variable
-from cosim.energy import BondEnergy
 from cosim.fmu_component import FmuComponent
 from cosim.isolated_component import IsolatedComponent
-from cosim.master import run
-from cosim.result import Coupled, Result
+from cosim.master import Verification, run, verify
+from cosim.result import BondEnergy, Coupled, Result
 from cosim.session import RunInterrupted
 from cosim.system import DEFAULT_STEP, Bond, Connection, Scenario, System
 from cosim.system_file import open_component
-from cosim.verification import Verification, verify
 
 __all__ = [
     "DEFAULT_STEP",

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 from cosim.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
-from cosim.dense_runs import DenseRuns
 from cosim.error_estimate import Comparison, compare, stated_error
-from cosim.given_step import run_at_step
+from cosim.given_step import DenseRuns, run_at_step
 from cosim.result import Result
 from cosim.system import Scenario, System
 from eightpost.errors import DivergedError, InputError

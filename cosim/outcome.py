@@ -14,13 +14,12 @@ from cosim.algorithm import Algorithm
 from cosim.component import Component
 from cosim.conversion import to_si
 from cosim.coupling import Coupling
-from cosim.energy import BondEnergy
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.equilibrium import Equilibrium
 from cosim.error_estimate import judged_by
 from cosim.fmu_file import OpenedFmu
 from cosim.recorder import recorded_series
-from cosim.result import Coupled, Result, held_direct_outputs
+from cosim.result import BondEnergy, Coupled, Result, held_direct_outputs
 from cosim.running import Ending, Running
 from cosim.setup import Setup
 from cosim.system import Connection, System

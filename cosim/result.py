@@ -9,10 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cosim.energy import BondEnergy
 from cosim.system import System
 from cosim.validity import Model
-from cosim.verdict import LARGEST_ERROR, verdict_of
+from cosim.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, verdict_of
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
@@ -48,6 +47,29 @@ class Coupled:
     def percent(self) -> float:
         """Larger of both local errors, in percent of its scale."""
         return 100.0 * max(self.velocity_error / self.velocity_scale, self.force_error / self.force_scale)
+
+
+@dataclass(frozen=True, slots=True)
+class BondEnergy:
+    """Energy through one bond over a run.
+
+    Args:
+        residual: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
+        transferred: Sum of the magnitudes of the energy received at the force end in each step [J].
+    """
+
+    residual: float
+    transferred: float
+
+    @property
+    def relative(self) -> float:
+        """Residual as a share of the energy transferred [1]."""
+        return self.residual / self.transferred if self.transferred else 0.0
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether the coupling adds or loses at most 5 % of the energy transferred."""
+        return abs(self.relative) <= LARGEST_RESIDUAL
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from builder.check.catalogue import archive as rules
+from builder.check.catalogue import static as rules
 from builder.check.process import Outcome, Unpacked, trace
 from builder.check.rules import Finding
 from builder.check.subject import Subject

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cosim.engine.blocks import Kind
 from cosim.engine.compiled import SHARED
-from cosim.engine.processor import optimised
+from cosim.engine.machine_code import optimised
 from eightpost.workers.process import python_command, run
 
 
@@ -64,7 +64,7 @@ def _lowered(request: Request) -> tuple[str, str]:
     """Return the intermediate code of a function with all functions that it calls, and its name in the code."""
     import numba  # noqa: PLC0415 -- needed by the program only
 
-    from cosim.engine.block_types import block_type  # noqa: PLC0415
+    from cosim.engine.numba_types import block_type  # noqa: PLC0415
 
     _register(SHARED, request.instead)
     signature = (*map(block_type, request.kinds), *[numba.int64] * request.numbers)
@@ -77,7 +77,7 @@ def _register(functions: Sequence[Callable[..., Any]], instead: dict[str, Callab
     """Make the marked functions callable from compiled code."""
     from numba.extending import overload  # noqa: PLC0415
 
-    from cosim.engine import native_calls  # noqa: F401, PLC0415 -- registers the calls of FMI functions with numba
+    from cosim.engine import numba_types  # noqa: F401, PLC0415 -- registers the calls of FMI functions with numba
 
     options = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     for function in functions:

@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 
 from markupsafe import Markup
 
-from cosim.energy import LIMIT
 from cosim.report.drawing import graph
 from cosim.report.wiring import Group, arrows, groups
 from cosim.result import Coupled, Result
 from cosim.system import Scenario, System
+from cosim.verdict import LARGEST_RESIDUAL
 from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError
@@ -276,7 +276,7 @@ def _tiles(result: Result, ports: Worst | None, any_channel: Worst | None) -> It
     if result.energy:
         name = max(result.energy, key=lambda bond: abs(result.energy[bond].relative))
         share = percent(100.0 * result.energy[name].relative)
-        yield Tile("Energy residual, worst bond", share, f"{name}; limit {100.0 * LIMIT:g} %")
+        yield Tile("Energy residual, worst bond", share, f"{name}; limit {100.0 * LARGEST_RESIDUAL:g} %")
     yield Tile("Coupling step", _step(result), f"{result.scheme or result.algorithm}, steps: {result.steps}")
     yield Tile("Simulated", f"{float(result.series.time[-1]):g} s", f"in {figure(result.seconds, 3)} s")
 
@@ -401,7 +401,7 @@ def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
         "tiles": tiles(result),
         "notes": notes(result),
         "facts": facts(result, scenario),
-        "limit": 100.0 * LIMIT,
+        "limit": 100.0 * LARGEST_RESIDUAL,
     }
 
 

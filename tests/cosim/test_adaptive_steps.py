@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, dense_runs, run
+from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, given_step, run
 from cosim.engine import march
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
@@ -69,13 +69,13 @@ def test_an_adaptive_run_is_compared_with_one_of_eight_times_its_tolerance_and_i
     parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
 ) -> None:
     made = []
-    plain = dense_runs.DenseRuns.run
+    plain = given_step.DenseRuns.run
 
     def spied(self: Any, scheme: Any, step: float) -> Result:
         made.append(scheme.relative / relative)
         return plain(self, scheme, step)
 
-    monkeypatch.setattr(dense_runs.DenseRuns, "run", spied)
+    monkeypatch.setattr(given_step.DenseRuns, "run", spied)
     result = ran(parts(), Adaptive(relative=relative, largest=0.2), step=0.1, stop=0.3)
     assert made == pytest.approx([1.0, *others])
     assert result.coupling_error is not None

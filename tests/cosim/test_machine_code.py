@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.engine import machine_code, processor
+from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
 from cosim.engine.compiled import compiled
 from cosim.engine.lowering import Request, object_file
@@ -50,7 +50,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def doubling() -> bytes:
-    return processor.optimised(CODE.format(triple=processor.description()[0]), "double")
+    return machine_code.optimised(CODE.format(triple=machine_code.description()[0]), "double")
 
 
 def test_a_kind_is_written_out_with_its_fields_and_their_types() -> None:
@@ -86,7 +86,7 @@ def test_where_a_folder_cannot_be_written_nothing_is_kept(tmp_path: Path, monkey
 
 
 def test_an_object_file_is_loaded_and_called(doubling: bytes) -> None:
-    double = machine_code._callable(processor.loaded(doubling), 1)
+    double = machine_code._callable(machine_code.loaded(doubling), 1)
     assert double(21) == 42
     with pytest.raises(ArithmeticError, match="divided by zero"):
         double(0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, dense_runs, run
+from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, given_step, run
 from cosim.error_estimate import Comparison, compare, difference, scales, stated_error
 from cosim.result import Coupled
 from eightpost.errors import InputError
@@ -339,9 +339,9 @@ def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that
     make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:
     system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
-    runs = dense_runs.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
+    runs = given_step.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
     # Two channels decide; at 1 ms there are 2400 values.
-    monkeypatch.setattr(dense_runs, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
+    monkeypatch.setattr(given_step, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
     time = runs.run(GaussSeidel(), 0.001).series.time
     assert np.diff(time)[0] == pytest.approx(every)
 

@@ -10,8 +10,7 @@ import pytest
 
 import cosim.verdict as rules
 from cosim import Result
-from cosim.energy import BondEnergy
-from cosim.result import Coupled
+from cosim.result import BondEnergy, Coupled
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Verdict
 

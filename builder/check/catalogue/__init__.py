@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from builder.check.catalogue import archive, behaviour, description
+from builder.check.catalogue import behaviour, static
 from builder.check.rules import Rule
 
 CATALOGUE: tuple[Rule, ...] = tuple(
-    value for module in (archive, description, behaviour) for value in vars(module).values() if isinstance(value, Rule)
+    value for module in (static, behaviour) for value in vars(module).values() if isinstance(value, Rule)
 )
 
 

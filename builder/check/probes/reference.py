@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from builder.check.catalogue import archive as rules
+from builder.check.catalogue import static as rules
 from builder.check.probes.bench import Bench, Results, Skip, step
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, listed

@@ -11,8 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from builder.check.catalogue import archive as rules
-from builder.check.catalogue import description as described
+from builder.check.catalogue import static as rules
 from builder.check.description import Variable
 from builder.check.rules import Finding, listed
 from builder.check.subject import XML, Subject
@@ -75,7 +74,7 @@ def stray(subject: Subject) -> Iterator[Finding]:
 def well_formed(subject: Subject) -> Iterator[Finding]:
     """Check that the XML can be parsed."""
     if subject.xml_error:
-        yield described.WELL_FORMED.finding(f"{subject.xml_error}; its content could not be checked")
+        yield rules.WELL_FORMED.finding(f"{subject.xml_error}; its content could not be checked")
 
 
 def encoding(subject: Subject) -> Iterator[Finding]:
@@ -83,7 +82,7 @@ def encoding(subject: Subject) -> Iterator[Finding]:
     content = subject.members.get(XML, b"").removeprefix(b"\xef\xbb\xbf")
     declared = _DECLARATION.match(content)
     if declared and declared[1].lower() not in (b"utf-8", b"utf8"):
-        yield described.ENCODING.finding(f"it declares {declared[1].decode('latin-1')}")
+        yield rules.ENCODING.finding(f"it declares {declared[1].decode('latin-1')}")
 
 
 ENTRY_RULES = (at_top, paths, duplicates, compression, dates, stray, well_formed, encoding)
@@ -156,7 +155,7 @@ def file_name(subject: Subject) -> Iterator[Finding]:
     """Check that the file is named after the modelIdentifier."""
     identifier = subject.description.identifier if subject.description else ""
     if identifier and subject.path.stem != identifier:
-        yield described.FILE_NAME.finding(f"the file is {subject.path.name}, the modelIdentifier {identifier}")
+        yield rules.FILE_NAME.finding(f"the file is {subject.path.name}, the modelIdentifier {identifier}")
 
 
 CONTENT_RULES = (sources, documents, icon, reference, file_name)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import PurePosixPath
 
-from builder.check.catalogue import archive as rules
-from builder.check.catalogue import description as described
+from builder.check.catalogue import static as rules
 from builder.check.description import Description
 from builder.check.rules import Finding, Rule, listed
 from builder.check.subject import Binary, Subject
@@ -119,7 +118,7 @@ def exports(subject: Subject) -> Iterator[Finding]:
         found = _unprefixed(binary, description)
         promised = required(description)
         if missing := sorted(promised - found):
-            yield described.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
+            yield rules.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
         if missing := sorted(CO_SIMULATION - promised - found):
             yield rules.ALL_EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
         if other := sorted(found - EXPORTABLE - _LINKER):
@@ -137,7 +136,7 @@ def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
             continue
         found = frozenset(name.removeprefix(f"{identifier}_") for name in binary.exports)
         if missing := sorted(required_by_model_exchange() - found):
-            yield described.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}, which ModelExchange needs")
+            yield rules.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}, which ModelExchange needs")
 
 
 def _unprefixed(binary: Binary, description: Description) -> frozenset[str]:
@@ -181,7 +180,7 @@ def runtimes(subject: Subject) -> Iterator[Finding]:
         if python and binary.format != "PE":
             yield rules.UNDEFINED_PYTHON.finding(f"{binary.name}: {len(python)} symbols, e.g. {listed(python, most=2)}")
         if (python or needed) and subject.description and not subject.description.can("needsExecutionTool"):
-            yield described.TOOL_HONEST.finding(f"{binary.name} needs {listed(needed or ['Python'])}")
+            yield rules.TOOL_HONEST.finding(f"{binary.name} needs {listed(needed or ['Python'])}")
 
 
 def _sound(subject: Subject) -> list[Binary]:

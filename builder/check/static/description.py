@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 
-from builder.check.catalogue import description as rules
+from builder.check.catalogue import static as rules
 from builder.check.description import Description, Unknown, Variable
 from builder.check.rules import Finding, Rule, listed
 

@@ -6,7 +6,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 
-from builder.check.catalogue import description as rules
+from builder.check.catalogue import static as rules
 from builder.check.description import Description, Unit, Variable
 from builder.check.rules import Finding, listed
 from eightpost import units

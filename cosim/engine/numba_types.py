@@ -1,14 +1,94 @@
-"""Implementations of the functions of `calls` for numba: calls of the FMI functions at their addresses."""
+"""The blocks of the loop as types of numba, and calls of FMI functions at their addresses."""
 
 from __future__ import annotations
 
+import hashlib
+from functools import cache
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic, overload
+from numba.core import cgutils, types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, overload, register_model
+from numba.np import arrayobj
+from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
+from cosim.engine.blocks import WORDS, Kind, described
+
+# ---- Blocks ---------------------------------------------------------------------------------------------------------
+
+
+class BlockType(types.Type):
+    """Type of a block: names and types of its fields."""
+
+    def __init__(self, name: str, fields: dict[str, Any]) -> None:
+        self.fields = fields
+        super().__init__(name=name)
+
+
+@register_model(BlockType)
+class _BlockModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, ir.IntType(64))
+
+
+@cache
+def block_type(kind: Kind) -> Any:
+    """Return numba's type for a block or for a field of one."""
+    if kind in (float, int):
+        return types.float64 if kind is float else types.int64
+    what, parts = kind
+    if isinstance(what, str):
+        return types.Array(from_dtype(np.dtype(what)), parts, "C")
+    # A short name, because numba writes it into every symbol and compares types by it.
+    name = f"{what.__name__}_{hashlib.sha256(described(kind).encode()).hexdigest()[:8]}"
+    return BlockType(name, dict(zip(what._fields, map(block_type, parts), strict=True)))
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):  # type: ignore[misc]
+    key = BlockType
+
+    def generic_resolve(self, kind: BlockType, name: str) -> Any:
+        return kind.fields.get(name)
+
+
+@lower_getattr_generic(BlockType)
+def _get(context: Any, builder: Any, kind: BlockType, address: Any, name: str) -> Any:
+    index, field = list(kind.fields).index(name), kind.fields[name]
+    word = ir.IntType(64)
+    table = builder.inttoptr(address, word.as_pointer())
+
+    def load(k: int) -> Any:
+        """Load a word as invariant: the table does not change while compiled code runs."""
+        value = builder.load(builder.gep(table, [word(WORDS * index + k)]))
+        value.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return value
+
+    if isinstance(field, types.Array):
+        return _array(context, builder, field, load)
+    return builder.bitcast(load(0), ir.DoubleType()) if isinstance(field, types.Float) else load(0)
+
+
+def _array(context: Any, builder: Any, kind: Any, load: Any) -> Any:
+    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    shape = [load(1 + axis) for axis in range(kind.ndim)]
+    strides = [size] if kind.ndim == 1 else [builder.mul(size, shape[1]), size]
+    array = arrayobj.make_array(kind)(context, builder)
+    arrayobj.populate_array(
+        array,
+        data=builder.inttoptr(load(0), context.get_data_type(kind.dtype).as_pointer()),
+        shape=cgutils.pack_array(builder, shape),
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=size,
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+# ---- Calls of FMI functions -----------------------------------------------------------------------------------------
 
 _WORD, _POINTER, _REAL, _INT = ir.IntType(64), ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
 _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT}
