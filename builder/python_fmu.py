@@ -44,9 +44,10 @@ CAPABILITIES = {
 
 @dataclass(frozen=True)
 class _Slave:
-    """Code of a Python FMU: unchanged copies of library files, and the model data that is not in the variables."""
+    """Code of a Python FMU: the slave, unchanged copies of library files, and model data that is not a variable."""
 
     product: Product
+    main: Path
     code: tuple[Path, ...]
     model: Mapping[str, Any]
 
@@ -67,7 +68,8 @@ def python_fmu(product: Product) -> dict[str, bytes]:
 def _shock_slave(product: Product, shock: Shock) -> _Slave:
     law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
     common = source_folder() / "common"
-    return _Slave(product, (*imported_files(law), common / "table_slave.py", common / "shock_slave.py"), {})
+    code = (*imported_files(law), common / "table_slave.py")
+    return _Slave(product, common / "shock_slave.py", code, {"law": law.stem, "class": type(shock.law).__name__})
 
 
 def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
@@ -81,7 +83,8 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
         "ports": list(friction_ports(product.interface)),
     }
     code = imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
-    return _Slave(product, (*code, source_folder() / "common" / "table_slave.py"), data)
+    fmus = source_folder()
+    return _Slave(product, fmus / product.sources / "slave.py", (*code, fmus / "common" / "table_slave.py"), data)
 
 
 def imported_files(source: Path) -> tuple[Path, ...]:
@@ -102,9 +105,8 @@ def imported_files(source: Path) -> tuple[Path, ...]:
 def _stage(slave: _Slave, folder: Path) -> Path:
     """Write the slave, its package and its table under names unique to this FMU; return the slave's file."""
     table = json.dumps(_table(slave), indent=1, allow_nan=False)
-    source = source_folder() / slave.product.sources / "slave.py"
     digest = hashlib.sha256(table.encode())
-    for file in (source, *slave.code):
+    for file in (slave.main, *slave.code):
         digest.update(file.read_bytes())
     name = f"{slave.product.identifier}_{digest.hexdigest()[:8]}"
     package = folder / f"{name}_law"
@@ -115,7 +117,7 @@ def _stage(slave: _Slave, folder: Path) -> Path:
     for file in slave.code:
         shutil.copyfile(file, package / file.name)
     (folder / f"{name}.json").write_text(table + "\n", encoding="utf-8")
-    shutil.copyfile(source, folder / f"{name}.py")
+    shutil.copyfile(slave.main, folder / f"{name}.py")
     return folder / f"{name}.py"
 
 

@@ -1,10 +1,16 @@
-"""A shock as a PythonFMU slave: any law with the port of docs/ports.md."""
+"""Any shock law as a PythonFMU slave with the port of docs/ports.md.
+
+The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same
+law files that the library uses for fits. Absolute names would make two FMUs in one process share code.
+"""
+
+from importlib import import_module
 
 from pythonfmu.enums import Fmi2Status
 
-from .curve import StaticCurve
-from .port import Port
-from .table_slave import TableSlave
+TableSlave = import_module(f"{__name__}_law.table_slave").TableSlave
+StaticCurve = import_module(f"{__name__}_law.curve").StaticCurve
+Port = import_module(f"{__name__}_law.port").Port
 
 _OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 
@@ -12,9 +18,10 @@ _OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_p
 class ShockSlave(TableSlave):
     """Slave that steps a law with its inputs held; the lagged force is the only state and is itself a variable."""
 
-    #: The law and the names of its own parameters, set by each shock's slave.py.
-    law_class = None
-    own_parameters = ()
+    def __init__(self, **kwargs):
+        super().__init__(f"{__name__}.json", **kwargs)
+        self.law_class = getattr(import_module(f"{__name__}_law.{self.model['law']}"), self.model["class"])
+        self.own_parameters = [name for name in self.law_class.__dataclass_fields__ if name not in ("curve", "port")]
 
     def refresh(self):
         self.law = self.law_class(

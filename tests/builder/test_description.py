@@ -123,8 +123,7 @@ def test_the_same_source_gives_the_same_bytes_and_another_source_another_guid(fm
 def test_every_folder_of_fmus_holds_the_same_files():
     for folder in source_folder().iterdir():
         if folder.is_dir() and folder.name != "common":
-            alike = {"interface.toml", "slave.py", "model.c", "README.md"}
-            alike -= {"slave.py"} if folder.name == "assembly" else set()  # an assembly is always native
+            alike = {"interface.toml", "model.c", "README.md"}
             assert {p.name for p in folder.iterdir() if p.is_file()} >= alike
 
 
