@@ -95,11 +95,12 @@ def keep(folder: str, key: str, content: bytes, *, most: int | None = None) -> N
 # ---- numba's own cache ----------------------------------------------------------------------------------------------
 
 
-def kept(function: Dispatcher) -> Dispatcher:
+def kept(function: Dispatcher, number: int = 0) -> Dispatcher:
     """Enable caching of a numba function's machine code on disk, in files with a checksum.
 
     Args:
         function: Function returned by `numba.njit` without `cache=True`.
+        number: Number that changes with the files, other than its own, that the function's code comes from.
 
     Returns:
         The function itself. If no cache folder is writable, it is compiled in every process.
@@ -112,7 +113,8 @@ def kept(function: Dispatcher) -> Dispatcher:
         return function
     numbas = dispatcher._cache
     files = _checked_files()
-    numbas._cache_file = files(numbas._cache_path, numbas._impl.filename_base, numbas._cache_file._source_stamp)
+    stamp = (numbas._cache_file._source_stamp, number)
+    numbas._cache_file = files(numbas._cache_path, numbas._impl.filename_base, stamp)
     return function
 
 

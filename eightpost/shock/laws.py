@@ -13,12 +13,17 @@ from types import ModuleType
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = ("curve", "file", "lag", "law", "laws", "port")
+_OTHERS = ("compiled", "curve", "file", "lag", "law", "laws", "port")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
     """Return the names of a law's own scalar parameters, without curve and port."""
     return tuple(f.name for f in dataclasses.fields(law) if f.name not in ("curve", "port"))
+
+
+def own_values(law: ShockLaw) -> tuple[float, ...]:
+    """Return the values of a law's own scalar parameters."""
+    return tuple(getattr(law, name) for name in own_parameters(type(law)))
 
 
 def law_name(law: type[ShockLaw]) -> str:
@@ -35,6 +40,11 @@ def fit_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
     """Return how each of a law's own parameters is fitted, in the order of its fields."""
     declared: tuple[FitParameter, ...] = law_module(law).FIT_PARAMETERS
     return declared
+
+
+def fit_form(law: type[ShockLaw]) -> str:
+    """Return the name of the closed form with which a law is fitted; "stepped" for a law that declares none."""
+    return getattr(law_module(law), "FIT_FORM", "stepped")
 
 
 def _law_classes() -> dict[str, type[ShockLaw]]:

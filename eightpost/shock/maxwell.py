@@ -17,6 +17,8 @@ from math import copysign, inf, isfinite
 from .lag import advance
 from .law import STRAIGHT, FitParameter, Piece, ShockLaw, Valve, valve_force
 
+FIT_FORM = "series spring"
+
 #: From as soft as rubber to a hundred times as stiff as an oil column.
 FIT_PARAMETERS = (FitParameter("series_stiffness", "N/m", low=1e5, start=3e6, high=1e9, scale="logarithmic"),)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from .law import FitParameter, Piece, ShockLaw, Valve
 
+FIT_FORM = "no lag"
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 
 

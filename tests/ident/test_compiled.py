@@ -7,9 +7,10 @@ from importlib.util import module_from_spec, spec_from_file_location
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.compiled import lagged_columns, machine, number_of, stepped_force
 from eightpost.ident.shock.lag import lag
+from eightpost.ident.shock.stepped import lagged_columns
 from eightpost.shock import Maxwell
+from eightpost.shock.compiled import machine, number_of, stepped_force
 
 
 @pytest.fixture

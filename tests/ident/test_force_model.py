@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.choice import dynamics_for
+from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.force import Models, gas_columns, limits_for, linear_solution
 from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.record import prepare_runs

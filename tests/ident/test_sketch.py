@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.choice import dynamics_for
-from eightpost.ident.shock.closed import FadingLag
+from eightpost.ident.shock.closed import FadingLag, dynamics_for
 from eightpost.ident.shock.force import Models, gas_columns, limits_for
 from eightpost.ident.shock.joint import sketched
 from eightpost.ident.shock.record import prepare_runs

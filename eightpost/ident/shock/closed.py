@@ -1,9 +1,11 @@
-"""Laws with a closed form in the fit: LPF1 and LPNL2."""
+"""Dynamics of laws in the fit: closed forms where a law declares one, else the functions of its file, stepped."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,12 +17,12 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.force import Dynamics, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, own_parameters
+from eightpost.shock import fit_form, fit_parameters, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import Port, ShockLaw, StaticCurve
+    from eightpost.shock import Port, ShockLaw
     from eightpost.signals import TimeSeries
 
 
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 #: Number of values of tau in the first scan, evenly spaced in its logarithm between the bounds.
 _SCAN = 12
 
-#: Starting points of LPNL2: tau relative to LPF1's, and the transition forces relative to the peak static force.
+#: Starting points of a fading lag: tau relative to the best single lag, transition forces to the peak static force.
 _TAU_SHARES = (1.0, 1.7)
 _FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 
@@ -119,14 +121,15 @@ def _static_forces(law: ShockLaw, velocity: Array) -> Array:
 
 def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
     """Return alpha F_lag + (1 - alpha) F_s (N,) [N] over damper velocity (N,) [m/s]."""
-    if isinstance(law, Polylinear) or len(series) < 2:
+    form = fit_form(type(law))
+    if form == "no lag" or len(series) < 2:
         return _static_forces(law, velocity)
     step = np.full(len(series) - 1, 1.0 / series.sample_rate) if series.is_uniform else np.diff(series.time)
     pieces = _Pieces.of(series["velocity"], step, law.port.motion_ratio)
-    if not isinstance(law, Lpf1 | Lpnl2):
+    if form not in ("lag", "fading lag"):
         return _stepped(law, pieces)
-    static = _static_forces(law, velocity)
-    lagged, weight = _lagged(law, static[0], pieces), _weights(law, static)
+    static, own = _static_forces(law, velocity), own_values(law)
+    lagged, weight = _lagged(law, own[0], static[0], pieces), array_weight(type(law))(static, own)
     return weight * lagged + (1.0 - weight) * static
 
 
@@ -166,14 +169,14 @@ class _Pieces:
         return np.concatenate([values[self.first], values[-1:]])
 
 
-def _lagged(law: Lpf1 | Lpnl2, begin: float, pieces: _Pieces) -> Array:
+def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: _Pieces) -> Array:
     """Return F_lag (N,) [N], as `eightpost.shock.lag.advance` computes it, for all pieces at once."""
     static = _static_forces(law, pieces.velocity)
-    ratio = pieces.step / law.time_constant
+    ratio = pieces.step / time_constant
     rise = -np.expm1(-ratio)
     gained = static[:-1] * rise + np.diff(static) * (1.0 - rise / ratio)
-    gained = np.add.reduceat(gained * np.exp(-pieces.left / law.time_constant), pieces.first)
-    kept = np.exp(-pieces.between / law.time_constant)
+    gained = np.add.reduceat(gained * np.exp(-pieces.left / time_constant), pieces.first)
+    kept = np.exp(-pieces.between / time_constant)
     if np.all(kept == kept[0]):
         rest, _ = lfilter([1.0], [1.0, -kept[0]], gained, zi=[kept[0] * begin])
         return np.concatenate([[begin], rest])
@@ -183,21 +186,19 @@ def _lagged(law: Lpf1 | Lpnl2, begin: float, pieces: _Pieces) -> Array:
     return np.array(lagged)
 
 
-def _weights(law: Lpf1 | Lpnl2, static: Array) -> Array | float:
-    """Return alpha (N,) [1]."""
-    if isinstance(law, Lpf1):
-        return 1.0
-    share = (law.lag_zero_force - np.abs(static)) / (law.lag_zero_force - law.lag_full_force)
-    return np.clip(share, 0.0, 1.0)
+@cache
+def array_weight(law: type[ShockLaw]) -> Callable[[Array, tuple[float, ...]], Array | float]:
+    """Return a law's `weight_core` for static forces (N,): its own code with the functions of numpy."""
+    core: FunctionType = law_module(law).weight_core
+    return FunctionType(core.__code__, core.__globals__ | {"min": np.minimum, "max": np.maximum})
 
 
 def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
     """Return the valve force (N,) [N] of any law from its own compiled functions."""
-    from eightpost.ident.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
+    from eightpost.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
 
-    own = tuple(getattr(law, name) for name in own_parameters(type(law)))
     valve = law.valve._replace(curve=law.curve.numbers())
-    return pieces.at_samples(stepped_force(type(law), valve, own, pieces.velocity, pieces.step))
+    return pieces.at_samples(stepped_force(type(law), valve, own_values(law), pieces.velocity, pieces.step))
 
 
 # ---- Dynamics of the laws whose force has a closed form over a whole record -----------------------------------------
@@ -221,9 +222,10 @@ class Blend(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NoLag(Dynamics):
-    """Polylinear: F = F_s."""
+    """No lag: F = F_s."""
 
     limits: Limits
+    kind: type[ShockLaw] | None = None
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = F_s."""
@@ -242,16 +244,13 @@ class NoLag(Dynamics):
         """Return the model itself: it is linear and so needs no thinning."""
         return model
 
-    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
-        """Return the Polylinear law."""
-        return Polylinear(curve, port=port)
-
 
 @dataclass(frozen=True, slots=True)
 class FullLag(Dynamics):
-    """LPF1: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
+    """Full lag: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
 
     limits: Limits
+    kind: type[ShockLaw] | None = None
     names = ("time_constant",)
     units = ("s",)
 
@@ -275,10 +274,6 @@ class FullLag(Dynamics):
         """Return the model itself: a lag adds almost no cost in the spectrum."""
         return model
 
-    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
-        """Return the LPF1 law."""
-        return Lpf1(curve, float(theta[0]), port=port)
-
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau."""
         lowest, highest = self.limits.time_constant
@@ -299,36 +294,42 @@ class FullLag(Dynamics):
 
 @dataclass(frozen=True, slots=True)
 class FadingLag(Dynamics):
-    """LPNL2: alpha falls from 1 to 0 between two static forces (Eq 3.25).
+    """Fading lag: alpha falls from 1 to 0 between two static forces (Eq 3.25).
 
     theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
     F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
     """
 
     limits: Limits
-    names = ("time_constant", "lag_full_force", "lag_zero_force")
+    kind: type[ShockLaw]
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the law's own parameters."""
+        return tuple(p.name for p in fit_parameters(self.kind))
+
     units = ("s", "N", "N")
+
+    def weight(self, static: Array, theta: Array) -> Array:
+        """Return alpha (N,) [1] at static forces (N,) [N]."""
+        return np.asarray(array_weight(self.kind)(static, tuple(self.values(theta).tolist())))
 
     def blend(self, static: Array, theta: Array, step: float) -> Blend:
         """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
         tau, full, zero = self.values(theta)
         lagged = lag(static, tau, step)
-        behind = lagged - static
-        share = (zero - np.abs(static)) / (zero - full)
-        weight = np.clip(share, 0.0, 1.0)
-        ramp = np.where((share > 0.0) & (share < 1.0), behind / (zero - full), 0.0)
+        behind, weight = lagged - static, self.weight(static, theta)
+        ramp = np.where((weight > 0.0) & (weight < 1.0), behind / (zero - full), 0.0)
         by_tau = weight * lag_sensitivity(static, lagged, tau, step)
-        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * share, ramp * (1.0 - share)])
+        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * weight, ramp * (1.0 - weight)])
         return Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = alpha F_lag + (1 - alpha) F_s."""
-        tau, full, zero = self.values(theta)
         static = model.static(b)
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        behind = np.concatenate([lag(static[part], tau, p.step) for p, part in pairs]) - static
-        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
-        return np.asarray(static + weight * behind)
+        behind = np.concatenate([lag(static[part], theta[0], p.step) for p, part in pairs]) - static
+        return np.asarray(static + self.weight(static, theta) * behind)
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = alpha F_lag + (1 - alpha) F_s at the rows."""
@@ -363,9 +364,7 @@ class FadingLag(Dynamics):
             theta: Parameters (3,).
             behind: Difference (n, N) that theta's lag makes; see the method of this name.
         """
-        _, full, zero = self.values(theta)
-        weight = np.clip((zero - np.abs(static)) / (zero - full), 0.0, 1.0)
-        return model.runs.rows(model.basis.columns.T + weight * behind).T
+        return model.runs.rows(model.basis.columns.T + self.weight(static, theta) * behind).T
 
     def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
         """Return theta with alpha = 1 up to the peak of the static force."""
@@ -375,10 +374,6 @@ class FadingLag(Dynamics):
     def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
         """Return the best starting points of a grid of transition forces."""
         return fading_starts(model, self, lpf1, count)
-
-    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
-        """Return the LPNL2 law."""
-        return Lpnl2(curve, *self.values(theta).tolist(), port=port)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau, F_1 and u."""
@@ -417,3 +412,18 @@ class FadingLag(Dynamics):
 
     def _room(self, theta: Array) -> float:
         return float(self.limits.force[1] - self.limits.gap - theta[1])
+
+
+# ---- Choice of the dynamics -----------------------------------------------------------------------------------------
+
+
+def dynamics_for(law: type[ShockLaw], limits: Limits) -> Dynamics:
+    """Return the dynamics of a law."""
+    forms: dict[str, type[NoLag | FullLag | FadingLag]] = {"no lag": NoLag, "lag": FullLag, "fading lag": FadingLag}
+    form = fit_form(law)
+    if form in forms:
+        return forms[form](limits, law)
+    # The compiler takes a second to load.
+    from eightpost.ident.shock.stepped import SeriesSpring, SteppedLaw  # noqa: PLC0415
+
+    return SeriesSpring(limits, law) if form == "series spring" else SteppedLaw(limits, law)

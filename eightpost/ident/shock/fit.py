@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.boggs import Boggs
-from eightpost.ident.shock.choice import dynamics_for
+from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import Shape
 from eightpost.ident.shock.force import Models, gas_columns, limits_for
 from eightpost.ident.shock.joint import Joint

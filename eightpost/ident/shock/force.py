@@ -127,6 +127,7 @@ class Dynamics(ABC):
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     limits: Limits
+    kind: type[ShockLaw] | None
 
     @abstractmethod
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
@@ -140,9 +141,10 @@ class Dynamics(ABC):
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """Return the derivatives of `rows` by b (R, n) and by theta (R, k)."""
 
-    @abstractmethod
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
         """Return the law with its curve and port."""
+        assert self.kind is not None, "these dynamics are a step of the fit of another law"
+        return self.kind(curve, *self.values(theta).tolist(), port=port)
 
     @property
     def needs_rise(self) -> bool:

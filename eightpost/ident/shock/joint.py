@@ -234,7 +234,7 @@ class Joint:
         dynamics, start = tied.dynamics, projected(tied, tied.curve_rows(tau))[0]
         if tau is None:
             return Sketch(self._settled(Problem(tied).minimum_from(start), models("free", order)), models, order, tau)
-        first = tied.with_dynamics(FullLag(dynamics.limits))
+        first = tied.with_dynamics(FullLag(dynamics.limits, dynamics.kind))
         lpf1 = Problem(first).minimum_from(np.append(start, tau))
         if dynamics.needs_rise:  # a jump at the transition may be downwards
             lpf1 = replace(self, shape="monotone")._shaped(lpf1)

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.compiled import lagged_columns, stepped_force
 from eightpost.ident.shock.curve import split_coefficients
 from eightpost.ident.shock.force import Dynamics
 from eightpost.shock import CurveNumbers, StaticCurve, Valve, fit_parameters
+from eightpost.shock.compiled import compiled_loop, stepped_force
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.curve import WorkingBasis
     from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import FitParameter, Port, ShockLaw
+    from eightpost.shock import FitParameter, ShockLaw
 
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
@@ -197,10 +198,6 @@ class SteppedLaw(Dynamics):
         by_curve = coarse.runs.rows(np.array(moved) / small).T
         return by_curve, coarse.runs.rows(np.array(own).reshape(theta.size, -1) / steps[:, None]).T
 
-    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
-        """Return the law."""
-        return self.kind(curve, **dict(zip(self.names, self.values(theta).tolist(), strict=True)), port=port)
-
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta."""
         return self.own.bounds()
@@ -315,3 +312,37 @@ def _look_up(basis: WorkingBasis, b: Array, force: Array) -> _TablePoint:
     series = np.take(columns.T, cell, axis=1) * (1.0 - share) + np.take(columns.T, cell + 1, axis=1) * share
     between = velocity[0] + place * (velocity[1] - velocity[0])
     return _TablePoint(between, slope[cell] * (1.0 - share) + slope[cell + 1] * share, series.T)
+
+
+#: Lags shorter than this share of the sampling interval are treated as zero.
+_SHORTEST_SHARE = 1e-9
+
+
+def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
+    """Return columns (N, n) behind a first-order lag with varying time constant; each starts at its own first value.
+
+    Args:
+        columns: Columns (N, n), contiguous in memory, as are the returned ones.
+        time_constant: Time constant (N,) [s]; between two samples their mean applies.
+        step: Sampling interval [s].
+    """
+    lagged = np.empty(columns.shape[::-1])
+    tau = np.maximum(0.5 * (time_constant[:-1] + time_constant[1:]), _SHORTEST_SHARE * step)
+    rise = -np.expm1(-step / tau)
+    _lag_machine()(np.ascontiguousarray(columns.T), rise, 1.0 - rise * tau / step, lagged)
+    return lagged.T
+
+
+@cache
+def _lag_machine() -> Callable[..., None]:
+    def loop(series: Any, rise: Any, weight: Any, lagged: Any) -> None:
+        for j in range(series.shape[0]):
+            before, start = series[j, 0], series[j, 0]
+            lagged[j, 0] = before
+            for n in range(rise.size):
+                end = series[j, n + 1]
+                before += (start - before) * rise[n] + (end - start) * weight[n]
+                lagged[j, n + 1] = before
+                start = end
+
+    return compiled_loop(loop)

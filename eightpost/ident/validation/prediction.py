@@ -14,7 +14,7 @@ from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.stability import discretise_by_parts
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, ShockLaw
+from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
@@ -62,7 +62,7 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
     """
     model, ports = vehicle.state_space, ports_of(vehicle.state_space)
     drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
-    quick = [law for law in laws.values() if isinstance(law, Polylinear | Lpf1 | Lpnl2) and _is_plain(law)]
+    quick = [law for law in laws.values() if _is_plain(law)]
     can = model.dt is None and len(quick) == len(laws)
     if can and set(vehicle.baseline_damping) == set(laws):
         bank = list({id(law): law for law in quick}.values())

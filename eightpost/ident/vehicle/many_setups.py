@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from eightpost.array_types import Array, Complex
+from eightpost.cache import kept
 from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.experiment import channel
-from eightpost.shock import Lpf1, Lpnl2, Polylinear
+from eightpost.shock import ShockLaw
+from eightpost.shock.compiled import LAW_FILES, law_numbers, law_step
 from eightpost.vehicle import Friction as VehicleFriction
 
 if TYPE_CHECKING:
@@ -27,26 +29,14 @@ if TYPE_CHECKING:
 
 # ---- Compiled loop of `many_setups`, which simulates one setup over all samples of a drive --------------------------
 
-#: Highest port velocity of the force tables [m/s], and their spacing [m/s].
-FASTEST, SPACING = 6.0, 2.5e-4
-_MIDDLE = round(FASTEST / SPACING)
 _MANY_SETUPS_LOOP_MAX_ITERATIONS = 60
 #: Change of the forces [N] at which the iteration has converged.
 _MANY_SETUPS_LOOP_CLOSE = 1e-3
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    found: Callable[..., Any] = numba.njit(nogil=True, error_model="numpy")(function)
+    found: Callable[..., Any] = kept(numba.njit(nogil=True, error_model="numpy")(function), LAW_FILES)
     return found
-
-
-@_compiled
-def _static(table: Any, v: float) -> Any:
-    """Return a static force [N] by linear interpolation in its table."""
-    at = min(max(v / SPACING, -float(_MIDDLE)), _MIDDLE - 1.0)
-    left = math.floor(at)
-    place = int(left) + _MIDDLE
-    return (1.0 - (at - left)) * table[place] + (at - left) * table[place + 1]
 
 
 @_compiled
@@ -66,53 +56,38 @@ def _add_inputs(x: Any, weight: Any, change: Any) -> None:
 
 
 @_compiled
-def _lag(laws: Any, i: int, lagged: Any, old: Any, static: float) -> Any:
-    """Return the lagged force [N] of a port after a step with a linear static force."""
-    late = laws[2][i] * (static - old[i])
-    return static - late + (lagged[i] - old[i] + late) * laws[1][i]
-
-
-@_compiled
-def _force(laws: Any, friction: Any, i: int, motion: Any, lag: float, static: float) -> Any:
-    """Return the whole force [N] of a port; `motion` is its velocity and displacement."""
-    low, high, gas = laws[3][i], laws[4][i], laws[5][i]
-    weight = min(max((high - abs(static)) / (high - low), 0.0), 1.0)
-    rub = friction[i, 0] * math.tanh(motion[0] / friction[i, 1]) if friction[i, 0] else 0.0
-    return weight * lag + (1.0 - weight) * static + rub + gas * motion[1]
-
-
-@_compiled
-def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, moves: bool) -> bool:
+def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float) -> bool:
     """Find the force differences at the end of a step by iteration; return whether they converged.
 
     `ports` has the velocities without the forces of the step, the displacements, the force differences (on entry: the
-    initial guess), and the lagged and static forces before the step (on return: after it).
+    initial guess), and the lagged forces and velocities before the step (on return: after it). The first sample has a
+    step of 0.
     """
     gain, damping = model
-    free, place, change, lagged, old = ports
+    free, place, change, lagged, before = ports
     count = free.size
-    v, force, static, lag = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    v, force, lag = np.empty(count), np.empty(count), np.empty(count)
     for iteration in range(_MANY_SETUPS_LOOP_MAX_ITERATIONS):
         error = 0.0
         for i in range(count):
             v[i] = free[i]
-            if moves:
+            if step > 0.0:
                 for j in range(count):
                     v[i] += gain[i, j] * change[j]
-            static[i] = _static(laws[0][i], v[i])
-            lag[i] = _lag(laws, i, lagged, old, static[i]) if moves else lagged[i]
-            force[i] = _force(laws, friction, i, (v[i], place[i]), lag[i], static[i]) - damping[i] * v[i]
+            lag[i], force[i] = law_step(laws[i], lagged[i], before[i], v[i], place[i], step)
+            rub = friction[i, 0] * math.tanh(v[i] / friction[i, 1]) if friction[i, 0] else 0.0
+            force[i] += rub - damping[i] * v[i]
         for i in range(count):
             error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MANY_SETUPS_LOOP_MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if error <= _MANY_SETUPS_LOOP_CLOSE:
-            lagged[:], old[:] = lag, static
+            lagged[:], before[:] = lag, v
             return True
     return False
 
 
 @_compiled
-def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any, every: int, out: Any) -> Any:
+def compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float, every: int, out: Any) -> Any:
     """Simulate one setup.
 
     Args:
@@ -120,9 +95,9 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
             damping (P,).
         rows: Indices of the velocities (P,) and displacements (P or 0,) among the outputs.
         driven: Outputs due to the drive alone (p, N).
-        laws: Parameters by port: force table, exp(-h / tau), tau / h, static forces at which the lag starts to fade and
-            has faded, gas stiffness.
-        friction: Friction force F_c and velocity v_f of each port (P, 2).
+        shocks: Laws of the ports as records (P,) of `LAW_NUMBERS`, and friction force F_c and velocity v_f of each port
+            (P, 2).
+        step: Step of the drive [s].
         every: Interval of the output samples, in samples of the drive.
         out: Array for the outputs (p, kept).
 
@@ -130,11 +105,11 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
         -1, or the index of the sample at which the forces did not converge.
     """
     decay, held, ramp, C, D, damping = modes
-    velocities, displacements = rows
+    (velocities, displacements), (laws, friction) = rows, shocks
     count, everything = damping.size, np.arange(C.shape[0])
     x, gain = np.zeros(decay.size, dtype=np.complex128), np.zeros((count, count))
     free, place = np.zeros(count), np.zeros(count)
-    change, before, lagged, old = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    change, last, lagged, before = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     for j in range(count):
         _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
     for k in range(driven.shape[1]):
@@ -144,10 +119,11 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
         for i in range(count):
             free[i] = driven[velocities[i], k]
             place[i] = driven[displacements[i], k] if displacements.size else 0.0
-            before[i], change[i] = change[i], 2.0 * change[i] - before[i]
+            last[i], change[i] = change[i], 2.0 * change[i] - last[i]
         _add_outputs(C, velocities, x, free)
         _add_outputs(C, displacements, x, place)
-        if not _solve_forces((gain, damping), laws, friction, (free, place, change, lagged, old), k > 0):
+        ports = (free, place, change, lagged, before)
+        if not _solve_forces((gain, damping), laws, friction, ports, step if k else 0.0):
             return k
         if k:
             _add_inputs(x, ramp, change)
@@ -160,8 +136,6 @@ def compiled_march(modes: Any, rows: Any, driven: Any, laws: Any, friction: Any,
 
 # ---- Simulation of many setups of an identified vehicle on one drive ------------------------------------------------
 
-Law = Polylinear | Lpf1 | Lpnl2
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManySetups:
@@ -169,14 +143,14 @@ class ManySetups:
 
     Attributes:
         vehicle: Identified continuous vehicle with the friction of its ports.
-        bank: Shock laws that setups choose from.
+        bank: Shock laws that setups choose from; their gas preload has no effect, as the vehicle moves about rest.
         drive: Evenly sampled inputs of the rig by name; missing ones are zero. Its sample rate is that of the
             simulation.
         every: Interval of the output samples, in samples of the drive.
     """
 
     vehicle: IdentifiedVehicle
-    bank: Sequence[Law]
+    bank: Sequence[ShockLaw]
     drive: SignalsTimeSeries
     every: int = 1
 
@@ -197,8 +171,10 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"each setup needs one shock for each of {', '.join(plant.ports) or 'one port'}")
-        friction = [self.vehicle.friction.get(port, VehicleFriction(0.0, 1.0)) for port in plant.ports]
-        return plant.march(_ManySetupsShocks(self.bank, friction, plant.step), chosen, self.every)
+        rub = [self.vehicle.friction.get(port, VehicleFriction(0.0, 1.0)) for port in plant.ports]
+        laws = law_numbers(self.bank)
+        laws["port"]["gas_preload"] = 0.0
+        return plant.march(laws, np.array([[one.force, one.velocity] for one in rub]), chosen, self.every)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,13 +226,13 @@ class _Plant:
             step,
         )
 
-    def march(self, shocks: _ManySetupsShocks, chosen: Whole, every: int) -> Array:
+    def march(self, laws: NDArray[np.void], friction: Array, chosen: Whole, every: int) -> Array:
         """Return the outputs (S, p, kept) of S setups; `chosen` (S, P) has the bank index of each port's shock."""
         kept = len(range(0, self.driven.shape[1], every))
         found = np.empty((len(chosen), len(self.C), kept))
         for one, places in zip(found, chosen, strict=True):
-            laws = tuple(np.ascontiguousarray(row[places]) for row in shocks.laws)
-            failed = compiled_march(self.modes, self.rows, self.driven, laws, shocks.friction, every, one)
+            shocks = laws[places], friction
+            failed = compiled_march(self.modes, self.rows, self.driven, shocks, self.step, every, one)
             if failed >= 0:
                 raise StepError(
                     f"the shock forces at sample {failed} do not converge with steps of {self.step:g} s; resample the "
@@ -273,33 +249,6 @@ class _Plant:
     def rows(self) -> tuple[Whole, Whole]:
         """Indices of the velocities and displacements among the outputs."""
         return np.array(self.velocities, dtype=np.intp), np.array(self.displacements, dtype=np.intp)
-
-
-class _ManySetupsShocks:
-    """Bank in the form that the loop uses: fine tables of the static forces, and the other parameters of the laws."""
-
-    def __init__(self, bank: Sequence[Law], friction: Sequence[VehicleFriction], step: float) -> None:
-        """Compute the tables and parameters."""
-        count = round(FASTEST / SPACING)
-        velocities = (SPACING * np.arange(-count, count + 1)).tolist()
-        tables = np.array([[law.static_force(v) for v in velocities] for law in bank])
-        tau, low, high = np.array([_lag_of(law) for law in bank]).T
-        gas = np.array([law.port.motion_ratio**2 * law.port.gas_stiffness for law in bank])
-        self.laws = (tables, np.exp(-step / tau), tau / step, low, high, gas)
-        self.friction = np.array([[rub.force, rub.velocity] for rub in friction])
-
-
-def _lag_of(law: Law) -> tuple[float, float, float]:
-    """Return tau and the static forces at which the lag starts to fade and has faded; Polylinear has almost no lag."""
-    if isinstance(law, Lpnl2):
-        return law.time_constant, law.lag_full_force, law.lag_zero_force
-    if isinstance(law, Lpf1):
-        return law.time_constant, 1e11, 1e12
-    if isinstance(law, Polylinear):
-        return 1e-9, 1e11, 1e12
-    raise InputError(
-        f"setups are simulated with polylinear, lpf1 and lpnl2; simulate {type(law).__name__} with simulate_with_shocks"
-    )
 
 
 def _first_order(poles: Complex, step: float) -> tuple[Complex, Complex, Complex]:

@@ -1,8 +1,8 @@
-"""Compiled integration of the virtual rig for one run of one car, with the same steps as `reference.py`.
+"""Compiled integration of the virtual rig for one run of one car, with the same steps as `reference_march`.
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
-The functions work on arrays and numbers only; `compiled.py` fills them from cars and shocks. This is the only module of
+The functions work on arrays and numbers only; `simulate.py` fills them from cars and shocks. This is the only module of
 the rig that imports numba.
 """
 
@@ -17,6 +17,7 @@ from numba import njit
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
+from eightpost.shock.compiled import LAW_FILES, law_step
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 #: Types of shocks. The functions below document the contents of their rows of numbers.
-LINEAR, STATIC, LAGGED, WEIGHTED, FLUID, PHYSICAL = range(6)
+LINEAR, LAW, FLUID, PHYSICAL = range(4)
 
 #: Length of a row of numbers, and number of states of a shock.
 NUMBERS, STATES = 36, 5
@@ -70,15 +71,13 @@ class ShockNumbers(NamedTuple):
         kinds: Types of the shocks (S,).
         numbers: Parameters (S, NUMBERS).
         starts: Initial states (S, STATES).
-        tables: Static forces (S, T) on an even grid of port velocities, symmetric about zero.
-        spacing: Spacing of the velocity grid [m/s].
+        laws: Laws (S,) as records of `LAW_NUMBERS`; zeros for the other shocks.
     """
 
     kinds: Counts
     numbers: Array
     starts: Array
-    tables: Array
-    spacing: float
+    laws: NDArray[np.void]
 
 
 class Inputs(NamedTuple):
@@ -104,7 +103,7 @@ class Inputs(NamedTuple):
 def _compile(function: Function) -> Function:
     """Compile a function and cache its machine code on disk; sums may be computed in another order."""
     options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-    return cast("Function", kept(njit(**options)(function)))
+    return cast("Function", kept(njit(**options)(function), LAW_FILES))
 
 
 @_compile
@@ -148,8 +147,8 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
             for c in range(corners):
                 s = which[c]
                 force = _shock(
-                    shocks.kinds[s], shocks.numbers[s], shocks.tables[s], shocks.spacing, states[c], before[c],
-                    speeds[c], places[c], h, work,
+                    shocks.kinds[s], shocks.numbers[s], shocks.laws[s], states[c], before[c], speeds[c], places[c], h,
+                    work,
                 )  # fmt: skip
                 bend[c] = _bend(car.friction[c], bend[c], 0.5 * (before[c] + speeds[c]), h)
                 w, p = corners + c, 2 * corners + c
@@ -240,9 +239,8 @@ def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
 
 @_compile
 def _shock(
-    kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
-    h: float, work: Array,
-) -> float:  # fmt: skip
+    kind: int, n: Array, law: Any, state: Array, before: float, after: float, place: float, h: float, work: Array
+) -> float:
     """Return a shock's force [N] after a step and update its states, like `Bank.advance`."""
     if kind == LINEAR:
         return float(n[0] * after)
@@ -250,43 +248,8 @@ def _shock(
         return _fluid(n, state, before, after, place, h)
     if kind == PHYSICAL:
         return _physical(n, state, 0.5 * (before + after), place, h, work)
-    return _tabulated(kind, n, table, spacing, state, before, after, place, h)
-
-
-@_compile
-def _at(table: Array, spacing: float, velocity: float) -> float:
-    """Return the table's force at a velocity [m/s], constant beyond its ends."""
-    x = velocity / spacing + 0.5 * (table.size - 1)
-    if x <= 0.0:
-        return float(table[0])
-    k = int(x)
-    if k >= table.size - 1:
-        return float(table[-1])
-    return float(table[k] + (x - k) * (table[k + 1] - table[k]))
-
-
-@_compile
-def _tabulated(
-    kind: int, n: Array, table: Array, spacing: float, state: Array, before: float, after: float, place: float,
-    h: float,
-) -> float:  # fmt: skip
-    """Return the force of Polylinear, LPF1 or LPNL2.
-
-    n is motion ratio, seal friction, its velocity, gas preload, gas stiffness, tau, F_1, F_2.
-    """
-    static = _at(table, spacing, after)
-    force = static
-    if kind != STATIC:
-        start, tau = _at(table, spacing, before), n[5]
-        behind = tau * (static - start) / h
-        state[0] = static - behind + (state[0] - start + behind) * math.exp(-h / tau)
-        force = state[0]
-    if kind == WEIGHTED:
-        weight = min(max((n[7] - abs(static)) / (n[7] - n[6]), 0.0), 1.0)
-        force = weight * state[0] + (1.0 - weight) * static
-    if n[1] != 0.0:
-        force += n[1] * math.tanh(n[0] * after / n[2])
-    return float(n[0] * (force + n[3] + n[4] * n[0] * place))
+    state[0], force = law_step(law, state[0], before, after, place, h)
+    return float(force)
 
 
 @_compile

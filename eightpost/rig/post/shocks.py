@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -15,9 +14,6 @@ from eightpost.errors import ParameterError
 from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.truth_damper import TruthDamper, ValveSide
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.lpf1 import Lpf1
-from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.polylinear import Polylinear
 
 # ---- Physical dampers on the virtual rig ----------------------------------------------------------------------------
 
@@ -72,9 +68,6 @@ class PhysicalBank:
 
 # ---- Shocks on the virtual rig --------------------------------------------------------------------------------------
 
-#: Maximum port velocity of the tables [m/s] and their spacing [m/s].
-_FASTEST, TABLE_SPACING = 6.0, 2.5e-4
-
 
 @dataclass(frozen=True, slots=True)
 class LinearDamper:
@@ -88,15 +81,6 @@ class LinearDamper:
 
 
 Shock = LinearDamper | ShockLaw | TruthDamper | PhysicalDamper
-
-
-@lru_cache(maxsize=64)
-def static_table(law: Polylinear | Lpf1 | Lpnl2) -> tuple[Array, Array]:
-    """Return evenly spaced port velocities (T,) [m/s] and the static forces of the law (T,) [N]."""
-    count = round(_FASTEST / TABLE_SPACING)
-    velocities = TABLE_SPACING * np.arange(-count, count + 1)
-    forces = np.array([law.static_force(v) for v in velocities.tolist()])
-    return np.asarray(velocities, dtype=np.float64), forces
 
 
 class Bank(Protocol):
@@ -120,35 +104,6 @@ class _LinearBank:
 
     def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
         return self._damping * after
-
-
-class _TabulatedBank:
-    """Bank for Polylinear, LPF1 and LPNL2, with static forces from a fine table and an exact lag."""
-
-    def __init__(self, law: Polylinear | Lpf1 | Lpnl2, ports: int) -> None:
-        self._law, self._lagged = law, np.zeros(ports)
-        self._velocities, self._forces = static_table(law)
-
-    def _static(self, velocity: Array) -> Array:
-        return np.asarray(np.interp(velocity, self._velocities, self._forces))
-
-    def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
-        port, static = self._law.port, self._static(after)
-        force = static if isinstance(self._law, Polylinear) else self._lag(self._law, before, static, step)
-        if port.seal_friction:
-            force = force + port.seal_friction * np.tanh(port.motion_ratio * after / port.friction_velocity)
-        gas = port.gas_preload + port.gas_stiffness * port.motion_ratio * displacement
-        return np.asarray(port.motion_ratio * (force + gas))
-
-    def _lag(self, law: Lpf1 | Lpnl2, before: Array, static: Array, step: float) -> Array:
-        start, tau = self._static(before), law.time_constant
-        behind = tau * (static - start) / step
-        self._lagged = static - behind + (self._lagged - start + behind) * np.exp(-step / tau)
-        if isinstance(law, Lpf1):
-            return self._lagged
-        span = law.lag_zero_force - law.lag_full_force
-        weight = np.clip((law.lag_zero_force - np.abs(static)) / span, 0.0, 1.0)
-        return np.asarray(weight * self._lagged + (1.0 - weight) * static)
 
 
 class _LawBank:
@@ -201,8 +156,6 @@ def _side_flow(side: ValveSide, force: Array) -> tuple[Array, Array]:
 def _bank(shock: Shock, ports: int) -> Bank:
     if isinstance(shock, LinearDamper):
         return _LinearBank(shock)
-    if isinstance(shock, Polylinear | Lpf1 | Lpnl2):
-        return _TabulatedBank(shock, ports)
     if isinstance(shock, ShockLaw):
         return _LawBank(shock, ports)
     if isinstance(shock, TruthDamper):

@@ -17,23 +17,20 @@ from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS, Drives
 from eightpost.rig.post.kernel import (
     FLUID,
-    LAGGED,
+    LAW,
     LINEAR,
     NUMBERS,
     PHYSICAL,
     STATES,
-    STATIC,
-    WEIGHTED,
     CarNumbers,
     Inputs,
     ShockNumbers,
     march,
 )
-from eightpost.rig.post.shocks import TABLE_SPACING, LinearDamper, Shock, ShockSet, static_table
+from eightpost.rig.post.shocks import LinearDamper, Shock, ShockSet
 from eightpost.rig.truth_damper import TruthDamper
-from eightpost.shock.lpf1 import Lpf1
-from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.polylinear import Polylinear
+from eightpost.shock import ShockLaw
+from eightpost.shock.compiled import LAW_NUMBERS, law_numbers
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.workers.process import usable_processors
 
@@ -44,12 +41,6 @@ if TYPE_CHECKING:
 
 
 # ---- Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores ------------
-
-
-def can_compile(shocks: Sequence[Sequence[Shock]]) -> bool:
-    """Return whether the compiled integration supports all shocks; other laws are called from Python."""
-    known = (LinearDamper, Polylinear, Lpf1, Lpnl2, TruthDamper, PhysicalDamper)
-    return all(isinstance(shock, known) for corners in shocks for shock in corners)
 
 
 def compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
@@ -93,18 +84,17 @@ def _car_numbers(car: Car) -> CarNumbers:
 
 
 def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
-    kinds, numbers, starts, tables = [], np.zeros((len(shocks), NUMBERS)), np.zeros((len(shocks), STATES)), []
+    kinds, numbers, starts = [], np.zeros((len(shocks), NUMBERS)), np.zeros((len(shocks), STATES))
+    laws = np.zeros(len(shocks), LAW_NUMBERS)
     for k, shock in enumerate(shocks):
         kind, row = _numbers_of(shock)
         kinds.append(kind)
         numbers[k, : len(row)] = row
         if isinstance(shock, PhysicalDamper):
             starts[k, :3] = shock._rest(0.0)
-        tabulated = isinstance(shock, Polylinear | Lpf1 | Lpnl2)
-        tables.append(static_table(shock)[1] if tabulated else None)
-    longest = max((table.size for table in tables if table is not None), default=2)
-    padded = np.stack([np.zeros(longest) if table is None else table for table in tables])
-    return ShockNumbers(np.array(kinds), numbers, starts, padded, TABLE_SPACING)
+        if isinstance(shock, ShockLaw):
+            laws[k : k + 1] = law_numbers([shock])
+    return ShockNumbers(np.array(kinds), numbers, starts, laws)
 
 
 def _numbers_of(shock: Shock) -> tuple[int, list[float]]:
@@ -115,17 +105,7 @@ def _numbers_of(shock: Shock) -> tuple[int, list[float]]:
         return FLUID, _fluid_numbers(shock)
     if isinstance(shock, PhysicalDamper):
         return PHYSICAL, list(_physical_numbers(shock))
-    if isinstance(shock, Lpf1):
-        return LAGGED, [*_port_numbers(shock), shock.time_constant]
-    if isinstance(shock, Lpnl2):
-        return WEIGHTED, [*_port_numbers(shock), shock.time_constant, shock.lag_full_force, shock.lag_zero_force]
-    assert isinstance(shock, Polylinear)
-    return STATIC, _port_numbers(shock)
-
-
-def _port_numbers(law: Polylinear | Lpf1 | Lpnl2) -> list[float]:
-    port = law.port
-    return [port.motion_ratio, port.seal_friction, port.friction_velocity, port.gas_preload, port.gas_stiffness]
+    return LAW, []
 
 
 def _fluid_numbers(damper: TruthDamper) -> list[float]:
@@ -275,8 +255,7 @@ def simulate(
         runs: Drives and shocks of the runs.
         lead: Duration of the lead-in [s].
         steps: Number of integration steps per sample; default 4, which is 5 kHz.
-        engine: "compiled" uses all cores (and "reference" for laws that it does not support); "reference" computes the
-            same steps in numpy, slower and equal up to rounding.
+        engine: "compiled" uses all cores; "reference" computes the same steps in Python, equal up to rounding.
 
     Raises:
         ParameterError: A drive lacks an input or has another sample rate, or a run does not have one shock per corner.
@@ -287,7 +266,7 @@ def simulate(
     inputs = {id(run.drive): _inputs(car, run.drive) for run in runs}
     drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE), steps)
     shocks = [run.shocks for run in runs]
-    march = compiled_march if engine == "compiled" and can_compile(shocks) else reference_march
+    march = compiled_march if engine == "compiled" else reference_march
     with np.errstate(over="ignore", invalid="ignore"):
         records = march(car, shocks, drives)
     return [_motion(car, run, inputs[id(run.drive)], rows) for run, rows in zip(runs, records, strict=True)]
