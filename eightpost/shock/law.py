@@ -10,9 +10,8 @@ A law is a single file (docs/add_a_law.md). Besides its class, the file has at m
   law's own parameters, in the order of its fields.
 - `FIT_PARAMETERS`: a `FitParameter` for each of these parameters.
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
-  lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": a lag with alpha = 1 up to the second parameter
-  F_1, 0 above the third F_2, and linear between. "series spring": the only parameter is a stiffness in series with the
-  curve.
+  lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1, 0
+  above the third F_2, and linear between. "series spring": the only parameter is a stiffness in series with the curve.
 """
 
 from __future__ import annotations
