@@ -229,7 +229,7 @@ def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Sha
 # ---- The study's page -----------------------------------------------------------------------------------------------
 
 #: Parts of the page's script, in the order of their dependencies.
-_SCRIPTS = ("store", "state", "table", "dots", "plots", "setup", "sensitivity", "page")
+_SCRIPTS = ("state", "table", "dots", "plots", "setup", "sensitivity", "page")
 
 #: Number of trade-offs that are drawn when the page opens.
 _TRADES = 6

@@ -1,6 +1,23 @@
-// The reader's choices, and the setups that pass them.
+// The data of the page, the reader's choices, and the setups that pass them.
 
-let data; // see store.js
+const manifest = JSON.parse(document.getElementById("manifest").textContent);
+
+/** Return the columns, setups and builds as typed arrays; `numbers` is the block of bytes. */
+function decode(numbers) {
+  const count = manifest.setups;
+  const doubles = (at, length = count) => new Float64Array(numbers, at, length);
+  const columns = manifest.columns.map((column) => {
+    const values = doubles(column.at), span = column.high - column.low || 1;
+    const { uncertainty } = column;
+    const known = uncertainty && Object.fromEntries(["spread", "best", "baseline", "tied"].map((key) => [key, doubles(uncertainty[key])]));
+    return { ...column, values, uncertainty: known, ties: uncertainty?.ties, levels: Float64Array.from(values, (value) => (value - column.low) / span) };
+  });
+  const placed = manifest.corners.map((_, corner) => Uint8Array.from(doubles(manifest.placed[corner])));
+  return { count, columns, placed, numbers: doubles(manifest.numbers), rank: doubles(manifest.rank),
+    allowed: doubles(manifest.allowed), error: doubles(manifest.error), bytes: numbers };
+}
+
+let data; // see decode
 let shown; // one byte per setup: whether it passes the filters and is inside the brush
 let waiting = false;
 
