@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from builder.documents import Disclosure
@@ -20,6 +20,7 @@ from eightpost.files import check_output_folder, document_kind
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
+from eightpost.verdict import Verdict
 
 Progress = Callable[[int, int], None]
 
@@ -89,6 +90,15 @@ def build(
     for item, members in built:
         write_archive(item.path, members)
     return [item for item, _ in built]
+
+
+def verdict_on(built: Sequence[Built]) -> Verdict:
+    """Return the verdict on all models, with the FMU that each reason is from."""
+    return Verdict(
+        replace(reason, origin=f"{item.path.name}: {reason.origin}")
+        for item in built
+        for reason in item.validity.verdict.reasons
+    )
 
 
 def _native(

@@ -185,6 +185,32 @@ class StudyResult:
         rows = np.flatnonzero(self.feasible)
         return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
 
+    def rows_of(self, setups: NDArray[np.int64], measure: str) -> NDArray[np.int64]:
+        """Return the rows of some setups, sorted by a measure."""
+        rows = np.searchsorted(self.setups, setups)
+        return np.asarray(rows[np.argsort(self.values(measure)[rows], kind="stable")], dtype=np.int64)
+
+    @property
+    def failures(self) -> tuple[tuple[Setup, str], ...]:
+        """Setups that failed, each with its message."""
+        messages = self.table["message"]
+        return tuple((self.setup(row), messages[row].as_py()) for row in np.flatnonzero(~self.done).tolist())
+
+    def marked(self, kind: str) -> int:
+        """Return the number of setups whose marks contain a text."""
+        return sum(kind in marks for marks in self.table["marks"].to_pylist())
+
+    @property
+    def seconds(self) -> float:
+        """Worker time of all setups [s]."""
+        return float(np.sum(self.table["seconds"].to_numpy()))
+
+    @property
+    def worst_coupling_error(self) -> float | None:
+        """Largest coupling error [%]; None if none is known."""
+        errors = self.table["coupling_error_percent"].drop_null().to_numpy()
+        return float(errors.max()) if errors.size else None
+
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
         header = {

@@ -157,6 +157,12 @@ class Study:
         return SetupSpace(self.corners, self.alike)
 
     @property
+    def named_measures(self) -> tuple[str, ...]:
+        """Measures of the objective and the constraints; a study with neither names all its measures."""
+        named = [*(term.measure for term in self.objective), *(one.measure for one in self.constraints)]
+        return tuple(dict.fromkeys(named or [measure.name for measure in self.measures]))
+
+    @property
     def baseline_setup(self) -> Setup | None:
         """Setup that others are compared with; None if the study has no baseline."""
         return self.space.find(self.baseline) if self.baseline else None

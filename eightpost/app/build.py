@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,11 +12,11 @@ from rich.markup import escape
 
 from eightpost.app.progress import bar
 from eightpost.report.console import console_table, folded
-from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from builder.assembly import Assembled
     from builder.build import Built
+    from eightpost.verdict import Verdict
 
 TARGETS = ("native", "python", "all")
 
@@ -140,6 +139,7 @@ def build_with_progress(
 
 def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print a table of the FMUs and the verdict that they carry; return the verdict."""
+    from builder.build import verdict_on
     from eightpost.app.show import show_verdict
 
     rows = []
@@ -151,10 +151,6 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     console.print(console_table(columns, rows))
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")
-    verdict = Verdict(
-        replace(reason, origin=f"{item.path.name}: {reason.origin}")
-        for item in built
-        for reason in item.validity.verdict.reasons
-    )
+    verdict = verdict_on(built)
     show_verdict(console, verdict)
     return verdict

@@ -75,7 +75,7 @@ def linearity(
     prepared = prepare(_tests(files, channel_map), how)
     for line in prepared.summary():
         console.print(line, markup=False)
-    recipe = LocalPolynomial(half_width=0.5 * width, spacing=0.2 * width, high=high)
+    recipe = LocalPolynomial.of_width(width, high)
     assessment = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(coherence, level))
     _show(console, assessment)
     written = [folder / "paths.csv", folder / "conditions.png"]

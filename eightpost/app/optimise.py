@@ -96,13 +96,10 @@ def _search(console: Console, requested: Requested, pool: Workers, search: Searc
 
 def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
     """Return a table of the Pareto front, sorted by the first measure."""
-    import numpy as np
-
     titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
     columns = ["setup", *unbroken(" ".join(result.study.corners)), *titles]
     lines = []
-    rows = np.searchsorted(result.setups, optimum.front)
-    for row in rows[np.argsort(result.values(objectives[0])[rows], kind="stable")].tolist():
+    for row in result.rows_of(optimum.front, objectives[0]).tolist():
         values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
         lines.append((str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values))
     return console_table(columns, lines, title="Pareto front")

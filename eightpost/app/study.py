@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -183,8 +182,6 @@ def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
 
 def show_result(console: Console, result: StudyResult, *, rank: str | None = None, top: int = 10) -> None:
     """Print the ranking, and the setups that failed or have a mark."""
-    import numpy as np
-
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict
 
@@ -195,10 +192,9 @@ def show_result(console: Console, result: StudyResult, *, rank: str | None = Non
         console.print(f"{infeasible} setups violate a constraint and are not ranked", highlight=False)
     _show_failed(console, result)
     _show_marks(console, result)
-    seconds = float(np.sum(result.table["seconds"].to_numpy()))
-    errors = result.table["coupling_error_percent"].drop_null().to_numpy()
-    worst = f"; coupling error up to {float(errors.max()):.2g} %" if errors.size else ""
-    console.print(f"{len(result)} setups, {seconds:.1f} s of worker time{worst}", highlight=False)
+    error = result.worst_coupling_error
+    worst = "" if error is None else f"; coupling error up to {error:.2g} %"
+    console.print(f"{len(result)} setups, {result.seconds:.1f} s of worker time{worst}", highlight=False)
     if result.partial:
         console.print("[yellow]partial[/]: run it again with the same folder to resume", highlight=False)
     show_verdict(console, study_verdict(result))
@@ -206,7 +202,7 @@ def show_result(console: Console, result: StudyResult, *, rank: str | None = Non
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
     """Return the table of the ranking, with the baseline in the last row."""
-    shown = [rank] if rank else _ranking_measures(result)
+    shown = [rank] if rank else result.study.named_measures[:_SHOWN]
     objective = result.objective if rank is None else None
     titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
     objectives = ["objective"] if objective is not None else []
@@ -222,31 +218,16 @@ def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
     return console_table(columns, lines)
 
 
-def _ranking_measures(result: StudyResult) -> list[str]:
-    """Return the measures of the objective and the constraints; without any, the first measures."""
-    read = result.study
-    named = [*(term.measure for term in read.objective), *(one.measure for one in read.constraints)]
-    return list(dict.fromkeys(named or [measure.name for measure in read.measures]))[:_SHOWN]
-
-
 def _show_failed(console: Console, result: StudyResult) -> None:
-    import numpy as np
-
-    failed = np.flatnonzero(~result.done)
-    for row in failed[:_NAMED]:
-        message = result.table["message"][int(row)].as_py()
-        console.print(f"[red]failed[/] {result.setup(int(row))}: {escape(message)}", highlight=False, soft_wrap=True)
-    if failed.size > _NAMED:
-        console.print(f"[red]failed[/] {failed.size - _NAMED} more; see the column message of the table")
+    failures = result.failures
+    for setup, message in failures[:_NAMED]:
+        console.print(f"[red]failed[/] {setup}: {escape(message)}", highlight=False, soft_wrap=True)
+    if len(failures) > _NAMED:
+        console.print(f"[red]failed[/] {len(failures) - _NAMED} more; see the column message of the table")
 
 
 def _show_marks(console: Console, result: StudyResult) -> None:
     """Print how many setups have each kind of mark."""
-    kinds = Counter[str]()
-    for marks in result.table["marks"].to_pylist():
-        present = {
-            kind for kind in ("beyond its fitted velocities", "tire off the ground", "coupling") if kind in marks
-        }
-        kinds.update(present)
-    for kind, count in kinds.items():
-        console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)
+    for kind in ("beyond its fitted velocities", "tire off the ground", "coupling"):
+        if count := result.marked(kind):
+            console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)

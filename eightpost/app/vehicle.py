@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from eightpost.ident.response import FrequencyResponse
     from eightpost.vehicle import Mode
 
-#: Number of frequencies in a response file and in a picture.
-_POINTS = 800
-
 
 @click.command()
 @click.argument("path", metavar="CAR", type=click.Path(path_type=Path))
@@ -46,18 +43,14 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     Example:
       eightpost vehicle car.toml --vary damping --factors 0.5,1,2,3 -o study
     """
-    import numpy as np
-
     from eightpost.ident.response import response_of, write_response
-    from eightpost.ident.vehicle.parameter_study import variants_of
+    from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
     from eightpost.ident.vehicle.plots import plot_magnitudes
     from eightpost.vehicle import read_vehicle
 
-    if not 0.0 < high < 1e4:
-        raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
+    frequency = frequencies_to(high)
     check_output_folder(folder)
     car = read_vehicle(path)
-    frequency = np.linspace(high / _POINTS, high, _POINTS)
     console = Console()
     console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)
     variants = variants_of(car, parameter, _numbers(factors), frequency)

@@ -55,6 +55,11 @@ class LocalPolynomial:
     high: float = 30.0
     power_floor: float = POWER_FLOOR
 
+    @classmethod
+    def of_width(cls, width: float, high: float) -> LocalPolynomial:
+        """Return an estimator with bands of a width [Hz] up to a frequency [Hz], and five frequencies in a band."""
+        return cls(half_width=0.5 * width, spacing=0.2 * width, high=high)
+
     def __post_init__(self) -> None:
         """Check the ranges."""
         if self.degree < 0 or self.spare <= 1.0 or self.spacing <= 0.0 or self.high <= 0.0:

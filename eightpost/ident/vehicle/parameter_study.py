@@ -28,6 +28,21 @@ class Variant(NamedTuple):
     modes: tuple[Mode, ...]
 
 
+#: Number of frequencies in a response file and in a picture.
+_POINTS = 800
+
+
+def frequencies_to(high: float) -> NDArray[np.float64]:
+    """Return the frequencies [Hz] of a response file and of a picture, up to `high`.
+
+    Raises:
+        InputError: The highest frequency is not possible.
+    """
+    if not 0.0 < high < 1e4:
+        raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
+    return np.linspace(high / _POINTS, high, _POINTS)
+
+
 def variants_of(
     vehicle: Vehicle, parameter: str | None, factors: Sequence[float], frequency: NDArray[np.float64]
 ) -> dict[str, Variant]:

@@ -1,0 +1,34 @@
+"""A case takes another coupling than that of its file."""
+
+from __future__ import annotations
+
+import pytest
+
+import cosim
+from cosim.system_file import Case
+from eightpost.errors import InputError
+
+
+def case(algorithm: str = "gauss-seidel", step: float | None = 1e-3) -> Case:
+    return Case("empty", cosim.System({}), cosim.Scenario(stop=1.0), cosim.SCHEMES[algorithm], step)
+
+
+def test_without_options_the_coupling_is_that_of_the_file() -> None:
+    assert case().with_coupling() == case()
+    assert case().with_coupling("gauss-seidel").step == 1e-3
+
+
+def test_an_algorithm_that_finds_its_step_drops_that_of_the_file() -> None:
+    found = case().with_coupling("default")
+    assert found.algorithm == cosim.SCHEMES["default"] and found.step is None
+    assert case().with_coupling("default", step=2e-3).step == 2e-3
+    assert case().with_coupling("jacobi").step == 1e-3
+
+
+def test_a_tolerance_is_in_percent() -> None:
+    default = case().with_coupling("default", tolerance=0.5).algorithm
+    adaptive = case().with_coupling("adaptive", tolerance=0.5).algorithm
+    assert isinstance(default, cosim.Automatic) and default.tolerance == 0.5
+    assert isinstance(adaptive, cosim.Adaptive) and adaptive.relative == pytest.approx(0.005)
+    with pytest.raises(InputError, match="gauss-seidel has no tolerance"):
+        case().with_coupling(tolerance=0.5)
