@@ -11,10 +11,12 @@ The variable `eightpost` is JSON with the remaining data, so that a file that is
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import savemat
 
 from eightpost import __version__
@@ -22,15 +24,9 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.ident.response import FrequencyResponse
+from eightpost.vehicle import IdentifiedVehicle
 from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from eightpost.vehicle import IdentifiedVehicle
 
 #: Newest schema of a response file that can be read; it is also the one that is written.
 SCHEMA = 1

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 def to_frd(response: FrequencyResponse) -> Any:

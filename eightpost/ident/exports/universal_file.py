@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost import __version__
 from eightpost.array_types import Array
@@ -20,10 +21,6 @@ from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, reading
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _FUNCTION, _COHERENCE = 4, 6
 _FREQUENCY = 18

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.linearity.path import Excitation
+from eightpost.ident.preparation import Prepared
+from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
-
-if TYPE_CHECKING:
-    from eightpost.ident.preparation import Prepared
-    from eightpost.signals import TimeSeries
-
 
 #: An actuator is at rest below this fraction of the largest of its kind in the same test [1] ...
 RESTING = 0.2

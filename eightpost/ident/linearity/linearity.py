@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +12,8 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.linearity.excitations import by_input, excitations
 from eightpost.ident.linearity.path import Path, outputs_of, paths
+from eightpost.ident.preparation import Prepared
 from eightpost.ident.response.local_polynomial import LocalPolynomial
-
-if TYPE_CHECKING:
-    from eightpost.ident.preparation import Prepared
-
 
 # ---- Conditions of Table 6.4 ----------------------------------------------------------------------------------------
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
 
 from eightpost.array_types import Array, Complex
+from eightpost.ident.response.local_polynomial import LocalPolynomial
 from eightpost.ident.response.records import Record, Records
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from eightpost.ident.response.local_polynomial import LocalPolynomial
-    from eightpost.vehicle.statespace import Channel
-
+from eightpost.vehicle.statespace import Channel
 
 #: Length of the time response that is kept for plots [s] (Fig 6.9a).
 SHOWN = 2.0

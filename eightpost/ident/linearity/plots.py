@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.cells import write_rows
 from eightpost.files import atomic_path
-from eightpost.ident.linearity.linearity import Condition
+from eightpost.ident.linearity.linearity import Condition, Linearity
+from eightpost.ident.linearity.path import Path
 from eightpost.report.pictures import Axes, color_cells, new_figure, save
-
-if TYPE_CHECKING:
-    from eightpost.ident.linearity.linearity import Linearity
-    from eightpost.ident.linearity.path import Path
-
 
 # ---- CSV tables of linearity, with a line per path ------------------------------------------------------------------
 

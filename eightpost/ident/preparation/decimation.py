@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-
-if TYPE_CHECKING:
-    pass
-
 
 #: Relative tolerance of a record's rate as a multiple of the model's, because loggers round time.
 _RATE_TOLERANCE = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import toml_content
@@ -13,10 +13,6 @@ from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.preparation import Preparation
 from eightpost.rig.post.car import Geometry
 from eightpost.units import convert, quantity
-
-if TYPE_CHECKING:
-    pass
-
 
 _KEYS = ("rate", "pot_cutoff", "settling", "same_start", "delays", "geometry")
 #: Value of `pot_cutoff` that keeps the records' own velocities.

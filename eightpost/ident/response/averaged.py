@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError
 from eightpost.ident.response.frequency_response import FrequencyResponse
 from eightpost.ident.response.records import Blocks, Records, Spectra, gather
-
-if TYPE_CHECKING:
-    from eightpost.signals import TimeSeries
-
+from eightpost.signals import TimeSeries
 
 # ---- Power of the inputs of records, which determines where a response is important ---------------------------------
 

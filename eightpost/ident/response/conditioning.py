@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.response.averaged import POWER_FLOOR, regress, response_from
+from eightpost.ident.response.averaged import POWER_FLOOR, Recipe, regress, response_from
 from eightpost.ident.response.frequency_response import FrequencyResponse
 from eightpost.ident.response.records import Blocks, Record, Records, Spectra
-
-if TYPE_CHECKING:
-    from eightpost.ident.response.averaged import Recipe
-
 
 # ---- Treatments of estimated responses before a model is fitted (5.3.2, 6.3.2) --------------------------------------
 

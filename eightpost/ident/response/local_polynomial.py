@@ -14,20 +14,16 @@ powerful tool", European Journal of Control 15 (2009) 260-274, doi 10.3166/ejc.1
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.response.averaged import POWER_FLOOR, WORST_CONDITION, powered
 from eightpost.ident.response.frequency_response import FrequencyResponse
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from eightpost.ident.response.records import Records
-
+from eightpost.ident.response.records import Records
 
 #: Correlation of an input of two tests above which it is the same drive.
 _ALIKE = 0.7

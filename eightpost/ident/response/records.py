@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,8 @@ from scipy.signal import get_window
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import DataError, InputError, ParameterError, TooShortError
+from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
-
-if TYPE_CHECKING:
-    from eightpost.signals import TimeSeries
-
 
 # ---- Windowed, overlapping blocks and their spectra -----------------------------------------------------------------
 

@@ -11,9 +11,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.validation.comparison import Comparison, Trend, quantity
+from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend, quantity
 from eightpost.ident.validation.responses import Response
-from eightpost.ident.validation.steady import SineOutput
 from eightpost.ident.validation.vehicle_tables import (
     certainty_table,
     friction_table,

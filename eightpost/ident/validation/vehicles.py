@@ -12,9 +12,13 @@ from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import (
     Comparison,
     Judging,
+    SineOutput,
+    StaticOutput,
     Trend,
     compare,
     quantity,
+    sine_output,
+    static_outputs,
     trends_of,
     with_total,
 )
@@ -22,7 +26,6 @@ from eightpost.ident.validation.prediction import closed_at_ports, open_at_ports
 from eightpost.ident.validation.responses import Response, VehicleMode, main_paths, modes_of
 from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum
-from eightpost.ident.validation.steady import SineOutput, StaticOutput, sine_output, static_outputs
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.shock import ShockLaw

@@ -13,18 +13,15 @@ Source: B. C. Moore, "Principal component analysis in linear systems", IEEE Tran
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh, svd
 from scipy.sparse import coo_array, csr_array
 
 from eightpost.array_types import Array, Complex
 from eightpost.vehicle.statespace import StateSpace
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 #: Eigenvalue of a Gramian, relative to the largest, below which it is a rounding error [1].
 _ROUNDING = 1e-14

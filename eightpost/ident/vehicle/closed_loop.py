@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +12,12 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.stability import discretise_by_parts
+from eightpost.shock import ShockLaw
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.vehicle import IdentifiedVehicle, StateSpace
 from eightpost.vehicle.vehicles import Friction
 
-if TYPE_CHECKING:
-    from eightpost.shock import ShockLaw
-    from eightpost.vehicle import IdentifiedVehicle, StateSpace
-
-    Whole = NDArray[np.intp]
+Whole = NDArray[np.intp]
 
 
 _MAX_ITERATIONS = 50

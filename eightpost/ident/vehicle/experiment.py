@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
-
-if TYPE_CHECKING:
-    from eightpost.ident.preparation import Prepared
-    from eightpost.signals import TimeSeries
-
+from eightpost.ident.preparation import Prepared
+from eightpost.signals import TimeSeries
 
 # ---- Definition of an identification --------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,12 @@ from scipy.signal import resample
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.response.records import gather
+from eightpost.ident.response.records import Records, gather
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.experiment import Experiment, channel
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
+from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction
-
-if TYPE_CHECKING:
-    from eightpost.ident.response.records import Records
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.signals import TimeSeries
-
 
 # ---- Narrow bands of the spectra of whole records, in which each response is approximated by a polynomial -----------
 

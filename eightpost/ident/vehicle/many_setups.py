@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
@@ -18,20 +18,17 @@ from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.experiment import channel
 from eightpost.shock import ShockLaw
 from eightpost.shock.compiled import LAW_FILES, law_numbers, law_step
-from eightpost.vehicle import Friction as VehicleFriction
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
 
-if TYPE_CHECKING:
-    from eightpost.signals import TimeSeries as SignalsTimeSeries
-    from eightpost.vehicle import IdentifiedVehicle, StateSpace
-
-    Whole = NDArray[np.intp]
+Whole = NDArray[np.intp]
 
 
 # ---- Compiled loop of `many_setups`, which simulates one setup over all samples of a drive --------------------------
 
-_MANY_SETUPS_LOOP_MAX_ITERATIONS = 60
+_MAX_ITERATIONS = 60
 #: Change of the forces [N] at which the iteration has converged.
-_MANY_SETUPS_LOOP_CLOSE = 1e-3
+_CLOSE = 1e-3
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -67,7 +64,7 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
     free, place, change, lagged, before = ports
     count = free.size
     v, force, lag = np.empty(count), np.empty(count), np.empty(count)
-    for iteration in range(_MANY_SETUPS_LOOP_MAX_ITERATIONS):
+    for iteration in range(_MAX_ITERATIONS):
         error = 0.0
         for i in range(count):
             v[i] = free[i]
@@ -79,8 +76,8 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
             force[i] += rub - damping[i] * v[i]
         for i in range(count):
             error = max(error, abs(force[i] - change[i]))
-            change[i] = force[i] if iteration < _MANY_SETUPS_LOOP_MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
-        if error <= _MANY_SETUPS_LOOP_CLOSE:
+            change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
+        if error <= _CLOSE:
             lagged[:], before[:] = lag, v
             return True
     return False
@@ -151,7 +148,7 @@ class ManySetups:
 
     vehicle: IdentifiedVehicle
     bank: Sequence[ShockLaw]
-    drive: SignalsTimeSeries
+    drive: TimeSeries
     every: int = 1
 
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
@@ -171,7 +168,7 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"each setup needs one shock for each of {', '.join(plant.ports) or 'one port'}")
-        rub = [self.vehicle.friction.get(port, VehicleFriction(0.0, 1.0)) for port in plant.ports]
+        rub = [self.vehicle.friction.get(port, Friction(0.0, 1.0)) for port in plant.ports]
         laws = law_numbers(self.bank)
         laws["port"]["gas_preload"] = 0.0
         return plant.march(laws, np.array([[one.force, one.velocity] for one in rub]), chosen, self.every)
@@ -194,7 +191,7 @@ class _Plant:
     step: float
 
     @classmethod
-    def of(cls, vehicle: IdentifiedVehicle, drive: SignalsTimeSeries) -> _Plant:
+    def of(cls, vehicle: IdentifiedVehicle, drive: TimeSeries) -> _Plant:
         model, step = vehicle.state_space, 1.0 / drive.sample_rate
         if model.dt is not None:
             raise ParameterError(f"{model.name}: the model is discrete; setups are simulated with a continuous one")
@@ -264,7 +261,7 @@ def _first_order(poles: Complex, step: float) -> tuple[Complex, Complex, Complex
 
 def _driven(
     model: StateSpace,
-    drive: SignalsTimeSeries,
+    drive: TimeSeries,
     stepping: tuple[Complex, Complex, Complex],
     modal: tuple[Complex, Complex],
 ) -> Array:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.errors import InputError
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.vehicle import Corners, IdentifiedVehicle
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from eightpost.vehicle import Mode, QuarterCar, SevenDof, StructuralVehicle, Vehicle
+from eightpost.vehicle import Corners, IdentifiedVehicle, Mode, QuarterCar, SevenDof, StructuralVehicle, Vehicle
 
 
 class Variant(NamedTuple):

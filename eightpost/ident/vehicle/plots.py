@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import response_of
+from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.common_poles.stabilisation import plot_stabilisation
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
-
-if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
-    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-
 
 # ---- Plots of frequency responses -----------------------------------------------------------------------------------
 

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.ident.response.records import gather
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.experiment import Experiment, channel
 from eightpost.ident.vehicle.friction import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -12,32 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from eightpost.array_types import Array
 from eightpost.ident.vehicle.experiment import channel
-from eightpost.vehicle import kernel
-
-if TYPE_CHECKING:
-    from eightpost.vehicle import IdentifiedVehicle, StateSpace
-
-
-# ---- Detection of the intervals in which stepped loads are held constant --------------------------------------------
-
-#: Loads are held if they change by less than `_STILL` of their range within `_LOOK` [s], for at least `_SHORTEST` [s].
-_STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
-
-
-def holds(rows: Array, rate: float) -> list[slice]:
-    """Return the second half of every hold, when oscillations have decayed.
-
-    Args:
-        rows: Loads (A, N).
-        rate: Sample rate [Hz].
-    """
-    look = max(1, round(_LOOK * rate))
-    change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
-    still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))
-    edges = np.flatnonzero(np.diff(still.astype(int)))
-    spans = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST * rate]
-    return [slice((start + stop) // 2, stop) for start, stop in spans]
-
+from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, kernel
 
 # ---- Exact discretisation of models whose states form many independent parts, such as parallel sections -------------
 
@@ -134,3 +109,81 @@ def _port_model(model: StateSpace, ports: Sequence[str]) -> _Ports:
     driven = np.array([chosen.B[part == k].any() and chosen.C[:, part == k].any() for k in range(count)], dtype=bool)
     kept = np.flatnonzero(driven[part])
     return _Ports(chosen.A[np.ix_(kept, kept)], chosen.B[kept], chosen.C[:, kept])
+
+
+# ---- Range of shock slopes with proved stability --------------------------------------------------------------------
+
+#: Lower slopes that are tested, and the upper slope, relative to the baseline dampers [1].
+SOFTEST, STIFFEST = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5), 10.0
+
+#: Frequencies at which the criterion is evaluated [Hz].
+_FREQUENCIES = np.geomspace(0.01, 2000.0, 700)
+
+
+class SafeSlopes(NamedTuple):
+    """Range of shock slopes with proved stability.
+
+    Attributes:
+        softest: Lowest safe slope relative to the baseline damper [1]; None if no tested slope is safe.
+        stiffest: Highest safe slope relative to the baseline damper [1].
+        worst: Frequency at which the criterion is closest to failing, or fails for the last tested slope [Hz].
+    """
+
+    softest: float | None
+    stiffest: float
+    worst: float
+
+    def summary(self) -> str:
+        """Return the result as a sentence."""
+        if self.softest is None:
+            return (
+                f"Stability with any shocks is not proved: the circle criterion fails near {self.worst:.3g} Hz even "
+                f"for slopes from {SOFTEST[-1]:g} to {self.stiffest:g} times the baseline dampers; simulate every "
+                "bank at its lowest and highest slopes."
+            )
+        return (
+            f"The car is stable with any shocks whose slopes are from {self.softest:g} to {self.stiffest:g} times the "
+            f"baseline dampers (circle criterion, closest to failing at {self.worst:.3g} Hz)."
+        )
+
+
+def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> SafeSlopes:
+    """Return the range of shock slopes with which the car is proved stable by the circle criterion.
+
+    Let M be the port mobility (velocity per opposing force) with dampers of c_low at all ports. A shock whose slope
+    dF/dv is everywhere between c_low and c_high cannot make the loop unstable if
+
+        M(j w) + M(j w)* + 2 / (c_high - c_low)  is positive definite at every frequency, and M itself is stable
+
+    This circle criterion covers any curve with slopes in the range and any mix of shocks, so it is stricter than
+    stability with some linear dampers.
+
+    Source: H. K. Khalil, "Nonlinear Systems", 3rd ed., 2002, section 7.1 (multivariable circle criterion).
+
+    Args:
+        model: Identified model around the baseline damping.
+        baseline: Baseline damping C-bar [N.s/m] by port.
+    """
+    ports = model.select(
+        inputs=[channel(port, "force") for port in baseline], outputs=[channel(port, "velocity") for port in baseline]
+    )
+    worst = 0.0
+    for softest in SOFTEST:
+        safe, worst = _criterion(ports, baseline, softest)
+        if safe:
+            return SafeSlopes(softest, STIFFEST, worst)
+    return SafeSlopes(None, STIFFEST, worst)
+
+
+def _criterion(ports: StateSpace, baseline: Mapping[str, float], softest: float) -> tuple[bool, float]:
+    """Return whether the criterion is satisfied, and the frequency at which it is closest to failing [Hz]."""
+    soft = add_port_damping(ports, {port: (softest - 1.0) * rate for port, rate in baseline.items()})
+    poles = soft.poles()
+    if (poles.real >= 0.0).any():
+        return False, float(np.abs(poles[np.argmax(poles.real)]) / (2.0 * np.pi))
+    rates = np.sqrt(np.array(list(baseline.values())))
+    # Mobility times damping is dimensionless; 1 is a port whose motion only its damper resists.
+    M = -soft.frequency_response(_FREQUENCIES).transpose(2, 0, 1) * np.outer(rates, rates)
+    slack = 2.0 / (STIFFEST - softest) * np.eye(rates.size)
+    smallest = np.linalg.eigvalsh(M + M.conj().transpose(0, 2, 1) + slack)[:, 0]
+    return bool(smallest.min() > 0.0), float(_FREQUENCIES[np.argmin(smallest)])

@@ -10,9 +10,8 @@ least squares over the loads, are the static state of a vehicle file.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,16 +19,10 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.ident.vehicle.stability import holds
+from eightpost.rig.post import RigTest
 from eightpost.rig.post.modes import MODES
+from eightpost.signals import TimeSeries
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from eightpost.rig.post import RigTest
-    from eightpost.signals import TimeSeries
-
 
 #: Quantities with a static value, by the last part of the channel name.
 _STATIC = ("tire_force", "ride_height")
@@ -192,3 +185,24 @@ def _levels(record: TimeSeries, names: Sequence[str], loads: Sequence[str]) -> A
     spans = holds(rows - rows.mean(axis=1, keepdims=True), record.sample_rate)
     table = [[float(record[name][span].mean()) for name in names] for span in spans]
     return np.array(table).reshape(-1, len(names))
+
+
+# ---- Detection of the intervals in which stepped loads are held constant --------------------------------------------
+
+#: Loads are held if they change by less than `_STILL` of their range within `_LOOK` [s], for at least `_SHORTEST` [s].
+_STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
+
+
+def holds(rows: Array, rate: float) -> list[slice]:
+    """Return the second half of every hold, when oscillations have decayed.
+
+    Args:
+        rows: Loads (A, N).
+        rate: Sample rate [Hz].
+    """
+    look = max(1, round(_LOOK * rate))
+    change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
+    still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    spans = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST * rate]
+    return [slice((start + stop) // 2, stop) for start, stop in spans]

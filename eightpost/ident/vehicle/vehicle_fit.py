@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
@@ -14,9 +14,6 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, 
 from eightpost.ident.response import FrequencyResponse, read_response, write_response
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 #: Schema version of the files that are written, and the newest one that can be read.
 SCHEMA = 1

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
+from eightpost.vehicle.statespace import StateSpace
 from eightpost.verdict import Grade, Reason, Rule, Verdict
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle.trust import OutputTrust, Trust
-    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-    from eightpost.vehicle.statespace import StateSpace
-
 
 # ---- Console tables on an identified vehicle ------------------------------------------------------------------------
 

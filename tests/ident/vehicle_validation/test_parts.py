@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.errors import TooShortError
-from eightpost.ident.validation.comparison import Comparison, Judging, Trend
+from eightpost.ident.validation.comparison import Comparison, Judging, Trend, sine_output, static_outputs
 from eightpost.ident.validation.responses import modes_of
 from eightpost.ident.validation.rig_record import recognise_drive
-from eightpost.ident.validation.steady import sine_output, static_outputs
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 

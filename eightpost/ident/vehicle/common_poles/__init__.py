@@ -12,7 +12,6 @@ from eightpost.ident.vehicle.common_poles.deviations import (
 )
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
 from eightpost.ident.vehicle.common_poles.stabilisation import orders_of, plot_stabilisation, stabilisation
-from eightpost.ident.vehicle.common_poles.swapping import SafeSlopes, safe_slopes
 
 __all__ = [
     "CommonPoleFit",
@@ -20,13 +19,11 @@ __all__ = [
     "OrderStudy",
     "Ranges",
     "Refinement",
-    "SafeSlopes",
     "orders_of",
     "output_trust",
     "plot_stabilisation",
     "ranges_of",
     "response_deviation",
-    "safe_slopes",
     "sampled_models",
     "spread",
     "stabilisation",

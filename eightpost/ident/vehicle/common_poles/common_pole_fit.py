@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,8 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.common_poles.points import Feedthrough, Points, points_of, solve_inputs
+from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, points_of, solve_inputs
 from eightpost.ident.vehicle.common_poles.refinement import (
     Refinement,
     RefinementResult,
@@ -24,16 +24,10 @@ from eightpost.ident.vehicle.common_poles.refinement import (
     with_integrals,
     without_integrals,
 )
-from eightpost.ident.vehicle.common_poles.subspace import subspace_of
-from eightpost.vehicle.statespace import StateSpace
+from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
+from eightpost.vehicle.statespace import Channel, StateSpace
 
-if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
-    from eightpost.ident.vehicle.common_poles.points import Blocks
-    from eightpost.ident.vehicle.common_poles.subspace import Subspace
-    from eightpost.vehicle.statespace import Channel
-
-    Channels = tuple[Channel, ...]
+Channels = tuple[Channel, ...]
 
 
 # ---- Correction of a model so that its velocities have exactly no response to constant inputs -----------------------

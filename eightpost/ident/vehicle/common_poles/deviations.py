@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from eightpost.array_types import Array, Complex
+from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
 from eightpost.ident.vehicle.common_poles.refinement import Refinement, integrals
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.trust import OutputTrust
-from eightpost.vehicle import add_port_damping
-
-if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.signals import TimeSeries
-    from eightpost.vehicle import StateSpace
-
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import StateSpace, add_port_damping
 
 # ---- Uncertainty of a common-pole model due to noise, from models of responses with resampled noise -----------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,7 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError
-
-if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
-
+from eightpost.ident.response import FrequencyResponse
 
 # ---- Effects of inputs on outputs besides the common poles ----------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array, Complex
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.common_poles.points import Blocks, Row, solve_row
+from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, Row, solve_row
 from eightpost.vehicle.statespace import Channel, StateSpace
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle.common_poles.points import Feedthrough, Points
-
 
 # ---- Physical constraints on a vehicle model that follow from the names of its channels -----------------------------
 

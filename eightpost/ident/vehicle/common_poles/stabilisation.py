@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP, CommonPoleModel, OrderStudy
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 from eightpost.report.pictures import Axes, new_figure, save, ticks_at_1_2_5
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, OrderStudy
-
 
 #: Relative change of frequency and damping ratio below which a pole is stable from one order to the next [1].
 STEADY_FREQUENCY, STEADY_DAMPING = 0.01, 0.05

@@ -14,17 +14,12 @@ data", IEEE Trans. Automatic Control 41 (1996) 960-979, doi 10.1109/9.508900 (al
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import TooShortError
-from eightpost.ident.vehicle.common_poles.points import Blocks, blocks_of
-
-if TYPE_CHECKING:
-    from eightpost.ident.vehicle.common_poles.points import Points
-
+from eightpost.ident.vehicle.common_poles.points import Blocks, Points, blocks_of
 
 #: Frequency that the bilinear map takes to a right angle, relative to the highest frequency [1].
 _MIDDLE = 0.25

@@ -7,18 +7,15 @@ name of the recipe is that of the file with hyphens: `common_poles.py` defines "
 from __future__ import annotations
 
 import pkgutil
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from eightpost.errors import ParameterError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-    from eightpost.signals import TimeSeries
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.signals import TimeSeries
 
 
 class VehicleRecipe(Protocol):

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import process_time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, contribution_error, response_of
+from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
 from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.balanced import balance
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from eightpost.ident.response import Recipe
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.signals import TimeSeries
-
 
 #: Blocks of a record are not shorter than this [s] as long as there are `_FEWEST_BLOCKS` of them.
 _SHORTEST_BLOCK, _FEWEST_BLOCKS = 10.0, 20

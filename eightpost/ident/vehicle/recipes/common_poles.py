@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import process_time
-from typing import TYPE_CHECKING
 
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
 from eightpost.ident.vehicle.common_poles import (
@@ -14,22 +14,16 @@ from eightpost.ident.vehicle.common_poles import (
     orders_of,
     output_trust,
     ranges_of,
-    safe_slopes,
     unmodelled,
 )
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
 from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
-from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import Trust
+from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
+from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from eightpost.ident.vehicle.experiment import Experiment
-    from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust
-    from eightpost.signals import TimeSeries
 
 
 @dataclass(frozen=True, slots=True)
