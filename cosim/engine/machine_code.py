@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import os
+import pickle
 import threading
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
 from cosim.engine.blocks import Kind, described
 from eightpost.cache import keep, recall
+from eightpost.workers.process import python_command, run
 
 # ---- Object files for this processor --------------------------------------------------------------------------------
 
@@ -76,6 +79,44 @@ def _machine() -> Any:
     )
 
 
+# ---- Compilation in a process of its own ----------------------------------------------------------------------------
+
+
+class Request(NamedTuple):
+    """Request for machine code.
+
+    Args:
+        function: Function of the loop.
+        kinds: Kinds of its first arguments, which are blocks.
+        numbers: Number of integer arguments that follow.
+        instead: Replacements of called functions, by name.
+    """
+
+    function: Callable[..., int]
+    kinds: tuple[Kind, ...]
+    numbers: int
+    instead: dict[str, Callable[..., int]]
+
+
+def object_file(request: Request) -> bytes:
+    """Return an object file with the function, compiled in a separate process.
+
+    Raises:
+        RuntimeError: numba or LLVM failed.
+    """
+    ran = run(
+        python_command("cosim.engine.lowering", bare="cosim"),
+        environment=os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"},
+        question=pickle.dumps(request),
+    )
+    if ran.code != 0:
+        fault = ran.errors.decode(errors="replace").strip()
+        raise RuntimeError(
+            f"{request.function.__name__} could not be compiled; engine='python' needs no compiler: {fault}"
+        )
+    return ran.output
+
+
 # ---- Functions, compiled once per machine ---------------------------------------------------------------------------
 
 #: Folder of the cache, and the number of files in it.
@@ -104,8 +145,6 @@ def machine_code(
         if key not in _FUNCTIONS:
             content = recall(_FOLDER, key)
             if content is None:
-                from cosim.engine.lowering import Request, object_file  # noqa: PLC0415 -- rarely needed
-
                 content = object_file(Request(function, kinds, count - len(kinds), instead))
                 keep(_FOLDER, key, content, most=_KEPT)
             _FUNCTIONS[key] = _callable(loaded(content), count)

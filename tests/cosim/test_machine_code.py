@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
 from cosim.engine.compiled import compiled
-from cosim.engine.lowering import Request, object_file
+from cosim.engine.machine_code import Request, object_file
 from eightpost.cache import keep, recall
 
 #: Of numba's convention: the result goes where the first argument points.
@@ -105,7 +105,7 @@ def test_kept_code_is_taken_and_damaged_code_is_made_anew(
     def function(numbers: Numbers) -> int:
         return numbers.count
 
-    monkeypatch.setattr("cosim.engine.lowering.object_file", make)
+    monkeypatch.setattr("cosim.engine.machine_code.object_file", make)
     bind, numbers = compiled(function), Numbers(np.zeros(1), 3, 0.5)
     for _ in range(2):
         monkeypatch.setattr(machine_code, "_FUNCTIONS", {})
