@@ -11,8 +11,8 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from benchmarks.shock_rows import Result
 from benchmarks.shock_tables import virtual
-from eightpost.ident.shock.plots import law_title
 from eightpost.ident.validation.printed import CONFIGURATIONS
+from eightpost.shock import law_title
 
 #: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73", "maxwell": "#D55E00"}

@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.shock_records import LAWS
 from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.table import number
-from eightpost.ident.shock.plots import law_title
 from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
+from eightpost.shock import law_title
 from eightpost.units import convert
 
 #: Required gains over the static law [%], and required ratio of the errors of LPNL2 and LPF1.

@@ -3,7 +3,16 @@
 from eightpost.shock.curve import CurveNumbers, StaticCurve
 from eightpost.shock.file import Shock, read_shock, write_shock
 from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
-from eightpost.shock.laws import LAWS, fit_form, fit_parameters, law_module, law_name, own_parameters, own_values
+from eightpost.shock.laws import (
+    LAWS,
+    fit_form,
+    fit_parameters,
+    law_module,
+    law_name,
+    law_title,
+    own_parameters,
+    own_values,
+)
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.maxwell import Maxwell
@@ -29,6 +38,7 @@ __all__ = [
     "fit_parameters",
     "law_module",
     "law_name",
+    "law_title",
     "own_parameters",
     "own_values",
     "read_shock",

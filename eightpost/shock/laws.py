@@ -31,6 +31,15 @@ def law_name(law: type[ShockLaw]) -> str:
     return next(name for name, known in LAWS.items() if known is law)
 
 
+def law_title(law: str) -> str:
+    """Return the display name of a law.
+
+    >>> law_title("lpnl2"), law_title("polylinear")
+    ('LPNL2', 'Polylinear')
+    """
+    return law.upper() if any(letter.isdigit() for letter in law) else law.capitalize()
+
+
 def law_module(law: type[ShockLaw]) -> ModuleType:
     """Return the module of a law: it has `weight_core`, `advance_core` and `FIT_PARAMETERS`."""
     return import_module(law.__module__)

@@ -64,10 +64,10 @@ def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
     return np.append(projected(model, model.curve_rows(tau))[0], tau)
 
 
-def fading_starts(model: ForceModel, dynamics: FadingLag, lpf1: Array, count: int) -> list[Array]:
+def fading_starts(model: ForceModel, dynamics: FadingLag, full_lag: Array, count: int) -> list[Array]:
     """Return the best starting points (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
-    static = model.static(lpf1[: model.curve_count])
-    taus = np.minimum(float(lpf1[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
+    static = model.static(full_lag[: model.curve_count])
+    taus = np.minimum(float(full_lag[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
     starts = []
     for tau in taus.tolist():
         behind = dynamics.behind(model, tau)
@@ -366,14 +366,14 @@ class FadingLag(Dynamics):
         """
         return model.runs.rows(model.basis.columns.T + self.weight(static, theta) * behind).T
 
-    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+    def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return theta with alpha = 1 up to the peak of the static force."""
-        peak = float(np.abs(model.static(lpf1[: model.curve_count])).max())
-        return self.theta(float(lpf1[-1]), 1.05 * peak, 1.5 * peak)
+        peak = float(np.abs(model.static(full_lag[: model.curve_count])).max())
+        return self.theta(float(full_lag[-1]), 1.05 * peak, 1.5 * peak)
 
-    def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
+    def starts(self, model: ForceModel, full_lag: Array, count: int) -> list[Array]:
         """Return the best starting points of a grid of transition forces."""
-        return fading_starts(model, self, lpf1, count)
+        return fading_starts(model, self, full_lag, count)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau, F_1 and u."""

@@ -179,11 +179,11 @@ class Dynamics(ABC):
         """Return a sentence for each bound that is not the dissertation's."""
         return ()
 
-    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+    def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return the theta whose force is closest to that of LPF1's parameters (n + g + 1,)."""
-        return lpf1[-1:]
+        return full_lag[-1:]
 
-    def starts(self, model: ForceModel, lpf1: Array, count: int) -> list[Array]:
+    def starts(self, model: ForceModel, full_lag: Array, count: int) -> list[Array]:
         """Return further starting points (n + g + k,) from LPF1's parameters, the best first."""
         return []
 

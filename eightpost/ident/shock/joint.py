@@ -98,14 +98,14 @@ class Sketch:
         models: Models of the whole record, with the weights used for the minimum.
         order: Order of the inner polynomial.
         tau: Time constant of the best single lag behind the curve [s]; None for a law without lag.
-        lpf1: Minimum of LPF1 from which the search started, for a law that has one.
+        full_lag: Minimum of LPF1 from which the search started, for a law that has one.
     """
 
     minimum: Minimum
     models: Models
     order: int
     tau: float | None
-    lpf1: Minimum | None = None
+    full_lag: Minimum | None = None
 
     @property
     def is_final(self) -> bool:
@@ -156,7 +156,7 @@ _CONSTRAINED = {
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Joint fit of all parameters; LPNL2 is never worse than LPF1, which it includes as a special case.
+    """Joint fit of all parameters; LPNL2 is never worse than LPF1 (the full lag), which it includes as a special case.
 
     A law is first fitted to a sketch, a part of the samples if they are costly; outliers are weighted there too. The
     result is then optimised on the whole record.
@@ -203,8 +203,8 @@ class Joint:
         minimum = self._on(Problem(model), sketch.minimum)
         if not model.dynamics.needs_rise:
             minimum = self._settled(minimum, sketch.models("free", sketch.order))
-        if sketch.lpf1 is not None and isinstance(model.dynamics, FadingLag):
-            like = _like(sketch.lpf1, model.dynamics, sketch.weights)
+        if sketch.full_lag is not None and isinstance(model.dynamics, FadingLag):
+            like = _like(sketch.full_lag, model.dynamics, sketch.weights)
             minimum = min((minimum, like), key=lambda m: m.cost)
         return replace(sketch, minimum=minimum)
 
@@ -235,22 +235,22 @@ class Joint:
         if tau is None:
             return Sketch(self._settled(Problem(tied).minimum_from(start), models("free", order)), models, order, tau)
         first = tied.with_dynamics(FullLag(dynamics.limits, dynamics.kind))
-        lpf1 = Problem(first).minimum_from(np.append(start, tau))
+        full_lag = Problem(first).minimum_from(np.append(start, tau))
         if dynamics.needs_rise:  # a jump at the transition may be downwards
-            lpf1 = replace(self, shape="monotone")._shaped(lpf1)
+            full_lag = replace(self, shape="monotone")._shaped(full_lag)
         else:
-            lpf1 = self._settled(lpf1, models("free", order))
-        sketch = Sketch(lpf1, models, order, tau, lpf1)
-        return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_lpf1(sketch))
+            full_lag = self._settled(full_lag, models("free", order))
+        sketch = Sketch(full_lag, models, order, tau, full_lag)
+        return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_full_lag(sketch))
 
-    def _beyond_lpf1(self, lpf1: Sketch) -> Minimum:
+    def _beyond_full_lag(self, full_lag: Sketch) -> Minimum:
         """Optimise the best of another law's starts, or LPF1's own solution if the law has none."""
-        base, parameters = lpf1.whole, lpf1.minimum.parameters
+        base, parameters = full_lag.whole, full_lag.minimum.parameters
         dynamics, problem = base.dynamics, sketched(base)
         starts = dynamics.starts(problem.model, parameters, _FOLLOWED)
-        best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_lpf1(base, parameters))])
+        best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_full_lag(base, parameters))])
         if dynamics.needs_rise:
-            return problem.constrained_minimum(rising_constraint(base.basis, lpf1.minimum.curve), best)
+            return problem.constrained_minimum(rising_constraint(base.basis, full_lag.minimum.curve), best)
         return self._shaped(problem.minimum_from(best))
 
     def _settled(self, minimum: Minimum, free: ForceModel) -> Minimum:
@@ -300,11 +300,11 @@ def _best(problem: Problem, starts: Sequence[Array]) -> Array:
     return min(guides, key=lambda guide: guide.cost).parameters
 
 
-def _like(lpf1: Minimum, dynamics: FadingLag, weights: Array) -> Minimum:
+def _like(full_lag: Minimum, dynamics: FadingLag, weights: Array) -> Minimum:
     """Return LPF1's minimum as parameters of a law that fades, with weights (R,) of the rows."""
-    model = lpf1.problem.model.with_dynamics(dynamics).weighted(weights)
-    same = np.append(lpf1.parameters[:-1], dynamics.like_lpf1(model, lpf1.parameters))
-    return Problem(model, lpf1.problem.constraint).at(same, "LPF1's solution: no fading of the lag is better")
+    model = full_lag.problem.model.with_dynamics(dynamics).weighted(weights)
+    same = np.append(full_lag.parameters[:-1], dynamics.like_full_lag(model, full_lag.parameters))
+    return Problem(model, full_lag.problem.constraint).at(same, "LPF1's solution: no fading of the lag is better")
 
 
 def _lag_of(model: ForceModel) -> float | None:

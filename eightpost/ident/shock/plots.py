@@ -15,6 +15,7 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.verdict import in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.report.pictures import Axes, new_figure, panels_of, save
+from eightpost.shock import law_title
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -25,11 +26,6 @@ if TYPE_CHECKING:
 
 
 # ---- Tables of fits for the console ---------------------------------------------------------------------------------
-
-
-def law_title(name: str) -> str:
-    """Return the display name of a law: LPF1, LPNL2, Polylinear, Maxwell."""
-    return name.upper() if any(letter.isdigit() for letter in name) else name.capitalize()
 
 
 def fit_table(fits: Sequence[ShockFit]) -> Table:

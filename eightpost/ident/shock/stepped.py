@@ -219,10 +219,10 @@ class SteppedLaw(Dynamics):
         """Return the declared bounds."""
         return tuple((p.low, p.high) for p in self.own.declared)
 
-    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+    def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return the theta whose response to LPF1's curve is closest to LPF1's; each parameter is scanned in turn."""
-        coarse, b = model.coarse, lpf1[: model.curve_count]
-        target = model.lagged_rows(b, float(lpf1[-1]))
+        coarse, b = model.coarse, full_lag[: model.curve_count]
+        target = model.lagged_rows(b, float(full_lag[-1]))
         theta = self.own.start()
         low, high = self.bounds()
         reach = np.where(self.own.logarithmic, _SCANNED, np.inf)
@@ -281,12 +281,12 @@ class SeriesSpring(SteppedLaw):
         rows = model.runs.rows(np.concatenate(lagged).T).T
         return rows[:, :-1], rows[:, -1:]
 
-    def like_lpf1(self, model: ForceModel, lpf1: Array) -> Array:
+    def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return ln k with k = slope / tau, where slope is the mean slope of the curve over the samples."""
-        b = lpf1[: model.curve_count]
+        b = full_lag[: model.curve_count]
         slope = _look_up(model.basis, b, model.static(b)).slope
         low, high = self.bounds()
-        return np.clip(np.log([float(slope.mean()) / float(lpf1[-1])]), low, high)
+        return np.clip(np.log([float(slope.mean()) / float(full_lag[-1])]), low, high)
 
 
 @lru_cache(maxsize=4)

@@ -8,10 +8,11 @@ from typing import TypeVar
 from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
-from eightpost.ident.validation.shocks import ShockCase, ShockValidation, law_title, names_of
+from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
 from eightpost.ident.validation.sine import SineValidation
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.report.tables import ResultTable
+from eightpost.shock import law_title
 from eightpost.units import convert
 
 _Outcome = TypeVar("_Outcome", RandomValidation, StaticValidation, BumpValidation)

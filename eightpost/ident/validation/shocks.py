@@ -14,7 +14,7 @@ from eightpost.ident.validation.evaluation import RandomValidation, Validation, 
 from eightpost.ident.validation.printed import configuration_of
 from eightpost.ident.validation.sine import SineValidation, validate_sine
 from eightpost.ident.validation.static import StaticValidation, validate_static
-from eightpost.shock import Shock
+from eightpost.shock import Shock, law_title
 
 Outcome = RandomValidation | SineValidation | StaticValidation | BumpValidation
 
@@ -146,15 +146,6 @@ def mismatch(shock: Shock, record: DynoRecord) -> str | None:
         if mine.get(name) is not None and other.get(name) is not None and not _alike(mine[name], other[name]):
             return f"{name} {mine[name]!r} is not {other[name]!r}"
     return None
-
-
-def law_title(law: str) -> str:
-    """Return the display name of a law.
-
-    >>> law_title("lpnl2"), law_title("polylinear")
-    ('LPNL2', 'Polylinear')
-    """
-    return law.upper() if any(letter.isdigit() for letter in law) else law.capitalize()
 
 
 def names_of(cases: Sequence[ShockCase]) -> tuple[str, ...]:
