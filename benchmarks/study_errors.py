@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.study import shipped_study
-from cosim.error_estimate import difference
+from cosim.results.error_estimate import difference
 from cosim.study import Build, Setup, Study
 from cosim.study.result import error_column
 from cosim.study.running.choose_coupling import choose_coupling

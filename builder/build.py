@@ -9,10 +9,10 @@ from pathlib import Path
 
 from builder.documents import Disclosure
 from builder.documents.validity import validity_of
-from builder.interface import Interface
+from builder.fmu.interface import Interface
+from builder.fmu.product import Product, shock_product, vehicle_product
 from builder.native.native_fmu import native_fmus
 from builder.native.toolchain import find_toolchain
-from builder.product import Product, shock_product, vehicle_product
 from builder.python_fmu import python_fmu
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError

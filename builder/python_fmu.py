@@ -20,10 +20,10 @@ from typing import Any
 
 import eightpost.shock
 import eightpost.vehicle.friction
-from builder.description import Description, content_guid, model_description
 from builder.documents import Disclosure, Subject, documents
-from builder.interface import friction_ports, source_folder
-from builder.product import Product
+from builder.fmu.description import Description, content_guid, model_description
+from builder.fmu.interface import friction_ports, source_folder
+from builder.fmu.product import Product
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.shock import Shock

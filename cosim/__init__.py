@@ -1,15 +1,15 @@
 """Co-simulation of FMUs: components, systems, algorithms, results. Knows FMI and signals, no physics."""
 
-from cosim.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
-from cosim.automatic import SCHEMES, Automatic
-from cosim.component import Capabilities, Component, UnitDefinition, Variable
-from cosim.fmu_component import FmuComponent
-from cosim.isolated_component import IsolatedComponent
-from cosim.master import Verification, run, verify
-from cosim.result import BondEnergy, Coupled, Result
-from cosim.session import RunInterrupted
-from cosim.system import DEFAULT_STEP, Bond, Connection, Scenario, System
+from cosim.components.component import Capabilities, Component, UnitDefinition, Variable
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.isolated_component import IsolatedComponent
+from cosim.results.result import BondEnergy, Coupled, Result
+from cosim.session.automatic import SCHEMES, Automatic
+from cosim.session.master import Verification, run, verify
+from cosim.session.session import RunInterrupted
 from cosim.system_file import open_component
+from cosim.systems.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
+from cosim.systems.system import DEFAULT_STEP, Bond, Connection, Scenario, System
 
 __all__ = [
     "DEFAULT_STEP",

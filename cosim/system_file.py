@@ -10,14 +10,14 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cosim.algorithm import Adaptive, Algorithm
-from cosim.automatic import SCHEMES, Automatic
-from cosim.component import DISCRETE, Component
-from cosim.conversion import convert_between, named_unit
-from cosim.fmu_component import FmuComponent
-from cosim.isolated_component import IsolatedComponent
+from cosim.components.component import DISCRETE, Component
+from cosim.components.conversion import convert_between, named_unit
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.isolated_component import IsolatedComponent
+from cosim.session.automatic import SCHEMES, Automatic
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.system import DEFAULT_STEP, Bond, Connection, Scenario, System, find_variable
+from cosim.systems.algorithm import Adaptive, Algorithm
+from cosim.systems.system import DEFAULT_STEP, Bond, Connection, Scenario, System, find_variable
 from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError

@@ -36,7 +36,11 @@ _RECIPES = (
     ("static rule of `check`", ("builder/check/catalogue/description.py", "builder/check/static/units.py"), "check.md"),
     ("dynamic rule of `check`", ("builder/check/catalogue/behaviour.py", "builder/check/probes/reset.py"), "check.md"),
     ("file format of signals", ("eightpost/signals/read.py", "eightpost/signals/csv_file.py"), "files.md"),
-    ("coupling scheme", ("cosim/algorithm.py", "cosim/engine/sweep.py", "cosim/engine/march.py"), "coupling.md"),
+    (
+        "coupling scheme",
+        ("cosim/systems/algorithm.py", "cosim/engine/sweep.py", "cosim/engine/march.py"),
+        "coupling.md",
+    ),
 )
 
 _INTRODUCTION = """# Architecture

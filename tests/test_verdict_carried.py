@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from builder.documents import Disclosure
 from builder.documents.validity import combined_member, validity_of
+from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import _source
-from builder.product import shock_product, vehicle_product
 from builder.python_fmu import python_fmu
 from cosim import FmuComponent
 from eightpost.__main__ import main

@@ -160,7 +160,7 @@ def _uff(path: Path) -> Any:
 
 
 def _fmu(path: Path) -> Any:
-    from cosim.fmu_file import FmuFile  # noqa: PLC0415
+    from cosim.components.fmu_file import FmuFile  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory(prefix="fuzz_fmu_") as folder:
         fmu = FmuFile.unpack(path, folder)
@@ -242,7 +242,7 @@ def _spreads(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from cosim.result import SavedRun  # noqa: PLC0415
+    from cosim.results.result import SavedRun  # noqa: PLC0415
 
     return SavedRun.load(path.parent)
 

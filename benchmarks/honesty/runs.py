@@ -18,7 +18,7 @@ from benchmarks.honesty.cases import Case
 from benchmarks.honesty.reference import Answer, solve
 from benchmarks.honesty.scale import percent, reference_scales
 from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
-from cosim.session import Session
+from cosim.session.session import Session
 from eightpost.errors import EightpostError
 from eightpost.signals import TimeSeries
 

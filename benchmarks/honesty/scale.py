@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.error_estimate import judged_by
+from cosim.results.error_estimate import judged_by
 
 Array = NDArray[np.float64]
 

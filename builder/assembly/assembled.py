@@ -10,8 +10,8 @@ from builder.assembly.documents import assembly_documents
 from builder.assembly.plan import Assembly, assembly_interface
 from builder.assembly.sources import assembly_sources
 from builder.build import fmu_identifier
-from builder.description import Description
-from builder.interface import Interface
+from builder.fmu.description import Description
+from builder.fmu.interface import Interface
 from builder.native.native_fmu import CAPABILITIES, Source, compiled, sealed
 from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__

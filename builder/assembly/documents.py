@@ -17,7 +17,7 @@ from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
 from builder.documents.validity import combined_member
-from builder.interface import Interface, friction_ports, source_folder
+from builder.fmu.interface import Interface, friction_ports, source_folder
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
 from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.interface import Interface, Variable, shock_kinds, source_folder
+from builder.fmu.interface import Interface, Variable, shock_kinds, source_folder
 from builder.native.native_fmu import SHOCK
 from builder.native.tables import interface_header, layout
 from eightpost import __version__

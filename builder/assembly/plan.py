@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part, read_parts
-from builder.interface import RATES, Interface, Variable, read_table
+from builder.fmu.interface import RATES, Interface, Variable, read_table
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire, Wiring
 

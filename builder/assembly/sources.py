@@ -7,7 +7,7 @@ from itertools import accumulate
 
 from builder.assembly.parts import VEHICLE, Part, model_files
 from builder.assembly.plan import Assembly
-from builder.interface import Interface, source_folder
+from builder.fmu.interface import Interface, source_folder
 from builder.native.native_fmu import COMMON
 from builder.native.tables import c_number, interface_header, interface_source, layout
 

@@ -14,7 +14,7 @@ from builder.documents.picture import LOOP_FREQUENCY, shock_picture, vehicle_pic
 from builder.documents.reference import SECRET, Disclosure, Subject, customary, quantity, results
 from builder.documents.terminals import terminals_and_icons
 from builder.documents.validity import validity_member
-from builder.interface import source_folder
+from builder.fmu.interface import source_folder
 from eightpost import units
 from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
 from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from latex2mathml.converter import convert
 from markdown_it import MarkdownIt
 
-from builder.interface import source_folder
+from builder.fmu.interface import source_folder
 
 if TYPE_CHECKING:
     from markdown_it.renderer import RendererHTML

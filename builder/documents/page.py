@@ -9,7 +9,7 @@ from html import escape
 from builder.documents.equations import equations
 from builder.documents.reference import FOLDER, displayed_start, limits, start
 from builder.documents.terminals import terminals
-from builder.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable
 from eightpost import __version__
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, static_page, table
 

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from builder.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.shock import Shock, ShockLaw

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from builder.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable
 from eightpost.corners import CORNERS
 
 #: Kind of the terminals on both sides of a connection; a leading underscore marks a kind that is not standardized.

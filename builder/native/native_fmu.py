@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from builder.description import Description, content_guid, model_description
 from builder.documents import SECRET, Disclosure, Subject, documents
-from builder.interface import Interface, source_folder
+from builder.fmu.description import Description, content_guid, model_description
+from builder.fmu.interface import Interface, source_folder
+from builder.fmu.product import Product
 from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
 from builder.native.vehicle_data import kept_numbers, vehicle_data
-from builder.product import Product
 from eightpost import __version__
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from builder.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable
 
 _SIGNALS = ("input", "output", "local")
 

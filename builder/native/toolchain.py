@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Protocol
 
-from builder.interface import source_folder
+from builder.fmu.interface import source_folder
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.workers.process import usable_processors

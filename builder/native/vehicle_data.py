@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from builder.interface import Interface, friction_ports
+from builder.fmu.interface import Interface, friction_ports
 from builder.native.tables import c_array, c_number
 from eightpost.array_types import Array
 from eightpost.vehicle import LinearStepper, StateSpace

@@ -16,9 +16,9 @@ from markupsafe import Markup
 
 from cosim.report.drawing import graph
 from cosim.report.wiring import Group, arrows, groups
-from cosim.result import Coupled, Result
-from cosim.system import Scenario, System
-from cosim.verdict import LARGEST_RESIDUAL
+from cosim.results.result import Coupled, Result
+from cosim.results.verdict import LARGEST_RESIDUAL
+from cosim.systems.system import Scenario, System
 from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from cosim.conversion import named_unit
-from cosim.system import Bond, Connection, Scenario, System
+from cosim.components.conversion import named_unit
+from cosim.systems.system import Bond, Connection, Scenario, System
 from eightpost.errors import UnknownUnitError
 
 # ---- Connections of a system for a drawing --------------------------------------------------------------------------

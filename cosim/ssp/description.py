@@ -9,8 +9,8 @@ from functools import cached_property
 from math import isfinite
 from pathlib import Path
 
-from cosim.component import UnitDefinition
-from cosim.conversion import Conversion
+from cosim.components.component import UnitDefinition
+from cosim.components.conversion import Conversion
 from cosim.ssp import package
 from cosim.ssp.flatten import Assignment, Connector, Experiment, FmuElement, Link, Structure, SystemElement, Value
 from cosim.ssp.package import Place, attribute, flag, integer, local_name, named, number, open_package, read_inside, tag

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from math import isclose
 from pathlib import Path as PathlibPath
 
-from cosim.component import DISCRETE, UnitDefinition, Variable
-from cosim.conversion import Conversion, convert_between
+from cosim.components.component import DISCRETE, UnitDefinition, Variable
+from cosim.components.conversion import Conversion, convert_between
 from cosim.ssp.package import Unpacked
-from cosim.system import Bond, Connection
+from cosim.systems.system import Bond, Connection
 from eightpost.errors import InputError, WiringError
 
 # ---- Contents of a description before any FMU is opened -------------------------------------------------------------

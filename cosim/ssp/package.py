@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
-from cosim.component import UnitDefinition
+from cosim.components.component import UnitDefinition
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file

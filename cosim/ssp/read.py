@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
-from cosim.component import Component
-from cosim.fmu_component import FmuComponent
+from cosim.components.component import Component
+from cosim.components.fmu_component import FmuComponent
 from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
 from cosim.ssp.flatten import Experiment, FmuElement, Structure, Value
 from cosim.ssp.package import Unpacked, named, open_package
 from cosim.ssp.values import OpenInputs, Values, read_values
-from cosim.system import Scenario, System
+from cosim.systems.system import Scenario, System
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import Drivefile
 

@@ -7,11 +7,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from cosim.component import DISCRETE, Variable
-from cosim.conversion import Conversion, convert_between, named_unit, to_si
+from cosim.components.component import DISCRETE, Variable
+from cosim.components.conversion import Conversion, convert_between, named_unit, to_si
 from cosim.ssp.flatten import Assignment, FmuElement, Hop, Network, Path, Port, SystemElement, Value, compose
 from cosim.ssp.package import read_inside
-from cosim.system import can_be_set
+from cosim.systems.system import can_be_set
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import UnknownUnitError, WiringError

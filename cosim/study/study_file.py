@@ -10,9 +10,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cosim.component import Variable
-from cosim.conversion import convert_between, named_unit
-from cosim.fmu_component import FmuComponent
+from cosim.components.component import Variable
+from cosim.components.conversion import convert_between, named_unit
+from cosim.components.fmu_component import FmuComponent
 from cosim.study.families import Car, family
 from cosim.study.measures import Measure
 from cosim.study.running.evaluator import ports

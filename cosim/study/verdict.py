@@ -8,9 +8,9 @@ from pathlib import PurePath
 
 import numpy as np
 
+from cosim.results.validity import MODEL_UNKNOWN
+from cosim.results.verdict import LARGEST_ERROR
 from cosim.study.result import StudyResult
-from cosim.validity import MODEL_UNKNOWN
-from cosim.verdict import LARGEST_ERROR
 from eightpost.errors import InputError
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict, listed

@@ -81,10 +81,10 @@ def compare(
 
 
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
-    from cosim.plots import plot_measures
-    from cosim.result import SavedRun
+    from cosim.results.result import SavedRun
     from cosim.study.choice.compare import verdict_of_runs
     from cosim.study.measures import available, channel_measures, ride_measures
+    from cosim.study.plots import plot_measures
 
     if len(folders) < 2:
         raise InputError("compare needs at least two runs; the first is the baseline")

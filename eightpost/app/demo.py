@@ -132,8 +132,9 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.plots import plot_measures, plot_spectra, plot_traces
+    from cosim.report.plots import plot_spectra, plot_traces
     from cosim.study.measures import ride_measures
+    from cosim.study.plots import plot_measures
 
     console.rule("4. Response measures")
     series = {label: result.settled() for label, result in results.items()}

@@ -96,7 +96,7 @@ def run(
       eightpost run car.ssp --drive examples/data/track.parquet -o out/
     """
     import cosim
-    from cosim.plots import plot_excerpt
+    from cosim.report.plots import plot_excerpt
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.app.show import show_result, show_verification

@@ -12,7 +12,7 @@ from pathlib import Path
 import lief
 import pytest
 
-from builder.interface import source_folder
+from builder.fmu.interface import source_folder
 from builder.native import toolchain
 from builder.native.toolchain import (
     PLATFORMS,

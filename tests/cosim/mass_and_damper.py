@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from cosim import Algorithm, Bond, Capabilities, Result, Scenario, System, run
+from cosim.components.functions import StateCallbacks, address_of
 from cosim.engine import blocks
 from cosim.engine.plan import DISCARD
-from cosim.functions import StateCallbacks, address_of
 from eightpost.errors import StepError
 
 MASS, STIFFNESS, DAMPING = 10.0, 4000.0, 60.0

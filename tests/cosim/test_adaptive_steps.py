@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, given_step, run
+from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
 from cosim.engine import march
+from cosim.session.session import given_step
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 

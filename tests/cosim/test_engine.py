@@ -33,9 +33,9 @@ from cosim import (
     System,
     run,
 )
-from cosim.algorithm import VALUES
+from cosim.components.fmu_instance import FmuInstance
 from cosim.engine import loop
-from cosim.fmu_instance import FmuInstance
+from cosim.systems.algorithm import VALUES
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, given_step, run
-from cosim.error_estimate import Comparison, compare, difference, scales, stated_error
-from cosim.result import Coupled
+from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, run
+from cosim.results.error_estimate import Comparison, compare, difference, scales, stated_error
+from cosim.results.result import Coupled
+from cosim.session.session import given_step
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 

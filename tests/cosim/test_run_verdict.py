@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import cosim.verdict as rules
+import cosim.results.verdict as rules
 from cosim import Result
-from cosim.result import BondEnergy, Coupled
+from cosim.results.result import BondEnergy, Coupled
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Verdict
 

@@ -20,9 +20,9 @@ from cosim import (
     System,
     run,
 )
-from cosim.algorithm import VALUES
 from cosim.engine.implicit import _broyden, _invert
 from cosim.engine.sweep import on_parabola, step_from
+from cosim.systems.algorithm import VALUES
 
 from .mass_and_damper import MASS, STIFFNESS, ran
 

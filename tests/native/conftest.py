@@ -16,8 +16,8 @@ import pytest
 from builder.assembly import Assembly, read_parts
 from builder.assembly.plan import assembly_interface
 from builder.assembly.sources import assembly_sources
+from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import c_sources
-from builder.product import shock_product, vehicle_product
 from eightpost.archive import extract_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.automatic import FIRST_STEP, Automatic, run_automatic
-from cosim.error_estimate import difference
-from cosim.result import Result
+from cosim.results.error_estimate import difference
+from cosim.results.result import Result
+from cosim.session.automatic import FIRST_STEP, Automatic, run_automatic
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.setup import Setup

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.result import Result
+from cosim.results.result import Result
 from eightpost.array_types import Array
 
 

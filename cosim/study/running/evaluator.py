@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.algorithm import GaussSeidel, Implicit
-from cosim.automatic import default_scheme
-from cosim.component import Component
-from cosim.conversion import to_si
-from cosim.fmu_component import FmuComponent
-from cosim.result import Result
-from cosim.session import Session
+from cosim.components.component import Component
+from cosim.components.conversion import to_si
+from cosim.components.fmu_component import FmuComponent
+from cosim.results.result import Result
+from cosim.results.verdict import LARGEST_ERROR
+from cosim.session.automatic import default_scheme
+from cosim.session.session import Session
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
-from cosim.system import Bond, Scenario, System
-from cosim.verdict import LARGEST_ERROR
+from cosim.systems.algorithm import GaussSeidel, Implicit
+from cosim.systems.system import Bond, Scenario, System
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 from eightpost.workers.pool import heartbeat

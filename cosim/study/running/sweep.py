@@ -8,9 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from threading import Event
 
-from cosim.algorithm import GaussSeidel
-from cosim.session import interrupts_deferred
-from cosim.setup import Setup as SessionSetup
+from cosim.session.session import interrupts_deferred
+from cosim.session.setup import Setup as SessionSetup
 from cosim.study.measures import Measure, own_function
 from cosim.study.result import Provenance, StudyResult, in_order, result_table, study_schema
 from cosim.study.running.chunks import ChunkFolder, cut, file_digests, study_digest
@@ -18,7 +17,8 @@ from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
-from cosim.system import System
+from cosim.systems.algorithm import GaussSeidel
+from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder

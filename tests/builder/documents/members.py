@@ -10,7 +10,7 @@ import numpy as np
 
 import eightpost.shock
 from builder.documents import Disclosure, Subject, documents
-from builder.product import Product
+from builder.fmu.product import Product
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 CARS = ("seven_dof", "quarter_car")

@@ -8,8 +8,8 @@ import re
 import pytest
 
 from builder.documents.equations import mathml, render
-from builder.interface import source_folder
-from builder.product import shock_product
+from builder.fmu.interface import source_folder
+from builder.fmu.product import shock_product
 from eightpost.vehicle import read_vehicle, shipped
 
 from .members import ALL, Reader, members_of, page_of

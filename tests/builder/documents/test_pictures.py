@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from builder.product import shock_product, vehicle_product
+from builder.fmu.product import shock_product, vehicle_product
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .members import ALL, PICTURE, members_of

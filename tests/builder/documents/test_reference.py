@@ -13,7 +13,7 @@ from numpy.polynomial import polynomial
 from scipy.signal import cont2discrete
 
 from builder.documents.reference import vehicle_reference
-from builder.product import vehicle_product
+from builder.fmu.product import vehicle_product
 from eightpost.shock import StaticCurve
 from eightpost.vehicle import (
     Channel,

@@ -11,8 +11,8 @@ from fmu_manipulation_toolbox.terminals import Terminals
 from lxml import etree
 
 from builder.documents.terminals import terminals_and_icons
-from builder.interface import vehicle_interface
-from builder.product import shock_product
+from builder.fmu.interface import vehicle_interface
+from builder.fmu.product import shock_product
 from eightpost.shock import Lpnl2, Shock, StaticCurve
 from eightpost.vehicle import Channel, StateSpace
 

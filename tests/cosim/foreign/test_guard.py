@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from cosim import FmuComponent, run
-from cosim.watch import Surroundings
+from cosim.components.watch import Surroundings
 from eightpost.__main__ import main
 
 CASE = """

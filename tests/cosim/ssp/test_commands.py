@@ -67,7 +67,7 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_written_over(folde
 
 
 def test_the_verb_takes_what_a_package_lacks(folder, monkeypatch):
-    monkeypatch.setattr("cosim.plots.plot_traces", lambda *_, **__: None)
+    monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     (folder / "corner.ssd").write_bytes(corner(CAR_ALONE + SHOCK))
     line = ["run", str(folder / "corner.ssd"), "-o", str(folder / "out"), "--drive", str(folder / "road.csv")]
     line += ["--input", "car.aero_force=100 N", "--stop", "200 ms", "--record-step", "10 ms", "--step", "2 ms"]
@@ -87,7 +87,7 @@ def test_the_verb_refuses_a_packages_options_beside_a_system_file(folder):
 
 
 def test_the_example_of_the_documentation_runs_as_it_says(folder, monkeypatch):
-    monkeypatch.setattr("cosim.plots.plot_traces", lambda *_, **__: None)
+    monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     page = (Path(__file__).parents[3] / "docs" / "ssp.md").read_text(encoding="utf-8")
     example, command = re.search(r"```xml\n(.*?)```\n\n```sh\n(.*?)```", page, re.DOTALL).groups()
     for ours, name in (("quarter_car", "car"), ("lpnl2", "shock")):

@@ -1,0 +1,1 @@
+"""What an FMU is made from: its variables and parameters (interface.toml), its model, its modelDescription.xml."""

@@ -1,0 +1,164 @@
+"""Generation of modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation)."""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from builder.fmu.interface import Interface, Variable
+from eightpost import __version__, units
+
+_LOG_CATEGORIES = {
+    "logStatusWarning": "Unusual calls that were carried out",
+    "logStatusDiscard": "Results that could not be computed",
+    "logStatusError": "Calls that were refused, with the reason",
+    "logStatusFatal": "Errors after which the instance cannot be used",
+    "logAll": "All messages",
+}
+
+
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
+
+
+@dataclass(frozen=True)
+class Description:
+    """Content of modelDescription.xml: the interface and everything else.
+
+    Attributes:
+        identifier: Model identifier and model name.
+        guid: GUID, without braces.
+        text: Description of the model.
+        interface: Variables and their dependencies.
+        capabilities: Attributes of the CoSimulation element.
+        generation_tool: Name and version of the tools that built the FMU.
+        source_files: Names of the C files in sources/ that a rebuild compiles.
+        stop_time: Stop time of the default experiment [s].
+        step_size: Step size of the default experiment [s].
+    """
+
+    identifier: str
+    guid: str
+    text: str
+    interface: Interface
+    capabilities: Mapping[str, str]
+    generation_tool: str
+    source_files: tuple[str, ...] = ()
+    stop_time: float = 30.0
+    step_size: float = 1e-3
+
+
+def model_description(description: Description) -> bytes:
+    """Return modelDescription.xml; the same description gives the same bytes."""
+    interface = description.interface
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=description.identifier,
+        guid=f"{{{description.guid}}}",
+        description=description.text,
+        author="eightpost",
+        version=__version__,
+        license="MIT",
+        generationTool=description.generation_tool,
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0",
+    )
+    kind = ET.SubElement(root, "CoSimulation", {"modelIdentifier": description.identifier, **description.capabilities})
+    if description.source_files:
+        files = ET.SubElement(kind, "SourceFiles")
+        for file in description.source_files:
+            ET.SubElement(files, "File", name=file)
+    _unit_definitions(root, interface.variables)
+    categories = ET.SubElement(root, "LogCategories")
+    for name, text in _LOG_CATEGORIES.items():
+        ET.SubElement(categories, "Category", name=name, description=text)
+    ET.SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=repr(description.stop_time),
+        stepSize=repr(description.step_size),
+    )
+    annotations = ET.SubElement(root, "VendorAnnotations")
+    tool = ET.SubElement(annotations, "Tool", name="eightpost")
+    ET.SubElement(tool, "Interface", name=interface.kind, version=interface.version)
+    _model_variables(root, interface.variables)
+    _model_structure(root, interface)
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+
+
+def content_guid(description: Description, members: Mapping[str, bytes]) -> str:
+    """Return a GUID that is a digest of the description (except for the GUID) and of all members of the archive."""
+    digest = hashlib.sha256(model_description(description))
+    for name in sorted(members):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(members[name]).digest())
+    return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
+
+
+def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
+    displays: dict[str, set[str]] = {}
+    for variable in variables:
+        if variable.unit:
+            displays.setdefault(variable.unit, set()).update({variable.display} if variable.display else ())
+    definitions = ET.SubElement(root, "UnitDefinitions")
+    for unit in sorted(displays):
+        element = ET.SubElement(definitions, "Unit", name=unit)
+        attributes = {base: str(power) for base, power in units.si_exponents(unit).items()}
+        factor, _ = units.conversion(unit, units.si_unit(unit))
+        ET.SubElement(element, "BaseUnit", attributes | ({"factor": repr(factor)} if factor != 1.0 else {}))
+        for display in sorted(displays[unit]):
+            factor, offset = units.conversion(unit, display)
+            attributes = {"name": display, "factor": repr(factor)} | ({"offset": repr(offset)} if offset else {})
+            ET.SubElement(element, "DisplayUnit", attributes)
+
+
+def _model_variables(root: ET.Element, variables: Iterable[Variable]) -> None:
+    parent = ET.SubElement(root, "ModelVariables")
+    for variable in variables:
+        attributes = {
+            "name": variable.name,
+            "valueReference": str(variable.reference),
+            "description": variable.description,
+            "causality": variable.causality,
+            "variability": variable.variability,
+        }
+        if variable.initial:
+            attributes["initial"] = variable.initial
+        ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), variable.type, _type_attributes(variable))
+
+
+def _type_attributes(variable: Variable) -> dict[str, str]:
+    values = {
+        "unit": variable.unit,
+        "displayUnit": variable.display,
+        "min": variable.minimum,
+        "max": variable.maximum,
+        "start": variable.start,
+    }
+    return {name: _text(value) for name, value in values.items() if value is not None}
+
+
+def _text(value: str | float | bool) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if isinstance(value, str) else repr(float(value))
+
+
+def _model_structure(root: ET.Element, interface: Interface) -> None:
+    structure = ET.SubElement(root, "ModelStructure")
+    index = {variable.name: position for position, variable in enumerate(interface.variables, start=1)}
+    for section, depends in (("Outputs", interface.direct), ("InitialUnknowns", interface.initial)):
+        parent = ET.SubElement(structure, section)
+        for name in interface.names("output"):
+            known = sorted(index[other] for other in depends[name])
+            ET.SubElement(
+                parent,
+                "Unknown",
+                index=str(index[name]),
+                dependencies=" ".join(map(str, known)),
+                dependenciesKind=" ".join(["dependent"] * len(known)),
+            )

@@ -1,0 +1,259 @@
+"""Interface of an FMU: the variables of interface.toml, from which everything else is derived."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eightpost.corners import CORNERS
+from eightpost.errors import FmuError
+
+if TYPE_CHECKING:
+    from eightpost.shock import Shock
+    from eightpost.vehicle import StateSpace
+
+
+# ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def source_folder() -> Path:
+    """Return the folder that contains common/, shock_lpnl2/, vehicle_ss/ and so on.
+
+    Raises:
+        FmuError: The folder does not exist; the installation is broken.
+    """
+    for folder in (_PACKAGE / "fmus", _PACKAGE.parent / "fmus"):
+        if (folder / "vehicle_ss" / "interface.toml").is_file():
+            return folder
+    raise FmuError(f"there is no fmus/ folder inside or next to {_PACKAGE}; reinstall eightpost")
+
+
+def shock_kinds() -> tuple[str, ...]:
+    """Return the names of the shock interfaces: the folders fmus/shock_<law>/."""
+    return tuple(sorted(path.parent.name for path in source_folder().glob("shock_*/interface.toml")))
+
+
+# ---- The interface of an FMU ----------------------------------------------------------------------------------------
+
+
+#: Units of quantities that are zero in any steady state.
+RATES = ("m/s", "rad/s", "m/s2")
+
+_KEYS = {
+    "name",
+    "reference",
+    "type",
+    "causality",
+    "variability",
+    "unit",
+    "display",
+    "start",
+    "min",
+    "max",
+    "size",
+}
+_KEYS |= {"description", "offset", "with", "at_start"}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable of an FMU.
+
+    `offset` is the name of the parameter that is added to an output.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    unit: str | None
+    display: str | None
+    start: float | bool | None
+    minimum: float | None
+    maximum: float | None
+    description: str
+    offset: str | None = None
+
+    @property
+    def initial(self) -> str | None:
+        """FMI's attribute `initial`: exact for parameters, calculated for outputs and locals, absent for inputs."""
+        return {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(self.causality)
+
+
+@dataclass(frozen=True)
+class Interface:
+    """All variables of one FMU and the dependencies of each output.
+
+    `direct` lists for each output the inputs with feedthrough to it, `initial` all variables that its initial value
+    depends on.
+    """
+
+    kind: str
+    version: str
+    description: str
+    variables: tuple[Variable, ...]
+    direct: Mapping[str, tuple[str, ...]]
+    initial: Mapping[str, tuple[str, ...]]
+
+    def names(self, causality: str) -> tuple[str, ...]:
+        """Return the names of all variables of a causality, in order."""
+        return tuple(v.name for v in self.variables if v.causality == causality)
+
+
+def shock_interface(shock: Shock) -> Interface:
+    """Return the interface of a shock FMU; the shock's parameters are the start values."""
+    table = read_table(f"shock_{shock.law_name}")
+    variables = tuple(v for row in table["variable"] for v in _sized_variables(row, shock.law))
+    # The start is an equilibrium, so parameters that only affect how the lag develops have no influence on it.
+    idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
+    parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
+    direct = {name: tuple(inputs) for name, inputs in table["dependencies"].items()}
+    return Interface(
+        kind=table["interface"],
+        version=table["version"],
+        description=table["description"],
+        variables=variables,
+        direct=direct,
+        initial={name: inputs + parameters for name, inputs in direct.items()},
+    )
+
+
+def vehicle_interface(model: StateSpace) -> Interface:
+    """Return the interface of a vehicle FMU: the rows of vehicle_ss that match the channels of its model.
+
+    Raises:
+        FmuError: A channel of the model matches no row, has a different unit, or is an output instead of an input (or
+            the reverse).
+    """
+    table = read_table("vehicle_ss")
+    channels = {c.name: ("input", c.unit) for c in model.inputs} | {c.name: ("output", c.unit) for c in model.outputs}
+    variables = tuple(v for row in table["variable"] for v in _corner_variables(row) if _is_included(row, v, channels))
+    _check_channels(model.name, channels, variables)
+    return Interface(
+        kind=table["interface"],
+        version=table["version"],
+        description=table["description"],
+        variables=variables,
+        direct=_dependencies(model, model.direct_terms(), {}),
+        initial=_dependencies(
+            model, model.direct_terms() | _steady_terms(model), {v.name: v.offset for v in variables}
+        ),
+    )
+
+
+def friction_ports(interface: Interface) -> tuple[str, ...]:
+    """Return the prefixes of the ports that have suspension friction, in order: "lf.", ..., or "" for a quarter car."""
+    last = "friction_force"
+    return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
+
+
+def read_table(folder: str) -> dict[str, Any]:
+    """Return interface.toml of a folder of fmus/, merged with the table that it extends."""
+    path = source_folder() / folder / "interface.toml"
+    table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    if base := table.get("extends"):
+        common = tomllib.loads((path.parent / base).read_text(encoding="utf-8"))
+        table["variable"] = common["variable"] + table.get("variable", [])
+        table["dependencies"] = common.get("dependencies", {}) | table.get("dependencies", {})
+    for row in table["variable"]:
+        if unknown := sorted(set(row) - _KEYS):
+            raise FmuError(f"{path}: {row.get('name')}: unknown keys: {', '.join(unknown)}")
+    return table
+
+
+def _variable(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
+    return Variable(
+        name=name,
+        reference=reference,
+        type=row.get("type", "Real"),
+        causality=row["causality"],
+        variability=row.get("variability", "continuous"),
+        unit=row.get("unit"),
+        display=row.get("display"),
+        start=0.0 if start is None and row["causality"] == "input" else start,
+        minimum=row.get("min"),
+        maximum=row.get("max"),
+        description=row["description"],
+        offset=offset,
+    )
+
+
+def _sized_variables(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
+    """Return a row's variables with start values from the law; a row with a size becomes name[1], name[2], ..."""
+    start = attrgetter(row["start"])(law) if "start" in row else None
+    if "size" not in row:
+        return [_variable(row, row["name"], row["reference"], start)]
+    assert start is not None and len(start) == row["size"]
+    return [_variable(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
+
+
+def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
+    """Return a row's variables: a row with <corner> becomes one per corner, and one without corner (quarter car)."""
+    name, start, offset = row["name"], row.get("start"), row.get("offset")
+    if "<corner>" not in name:
+        return [_variable(row, name, row["reference"], start, offset)]
+    prefixes = [f"{corner}." for corner in CORNERS] + [""]
+    return [
+        _variable(
+            row,
+            name.replace("<corner>.", prefix),
+            row["reference"] + k % len(CORNERS),
+            start,
+            offset.replace("<corner>.", prefix) if offset else None,
+        )
+        for k, prefix in enumerate(prefixes)
+    ]
+
+
+def _is_included(row: Mapping[str, Any], variable: Variable, channels: Mapping[str, tuple[str, str]]) -> bool:
+    if variable.causality != "parameter":
+        return variable.name in channels
+    if "with" not in row:
+        return True
+    corner, dot, _ = variable.name.rpartition(".")
+    partners = [row["with"]] if isinstance(row["with"], str) else row["with"]
+    return all(partner.replace("<corner>.", corner + dot) in channels for partner in partners)
+
+
+def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variables: Sequence[Variable]) -> None:
+    known = {v.name: (v.causality, v.unit) for v in variables}
+    for name, (side, unit) in channels.items():
+        if known.get(name) != (side, unit):
+            raise FmuError(
+                f"vehicle {model!r}: the {side} {name!r} [{unit}] is not a variable of vehicle_ss; docs/ports.md lists "
+                "the inputs and outputs with their units. Rename the channel, or leave it out of the model"
+            )
+
+
+def _dependencies(
+    model: StateSpace, terms: np.ndarray[Any, np.dtype[np.bool_]], offsets: Mapping[str, str | None]
+) -> dict[str, tuple[str, ...]]:
+    depends = {}
+    for channel, row in zip(model.outputs, terms, strict=True):
+        names = [c.name for c, term in zip(model.inputs, row, strict=True) if term]
+        if offsets:
+            names += ([offset] if (offset := offsets[channel.name]) else []) + (
+                ["start_at_equilibrium"] if names else []
+            )
+        depends[channel.name] = tuple(names)
+    return depends
+
+
+def _steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state."""
+    try:
+        gain = model.dc_gain()
+    except ValueError:
+        return np.ones(model.D.shape, dtype=bool)
+    scale = np.abs(gain).max(axis=1, keepdims=True)
+    rate = np.array([channel.unit in RATES for channel in model.outputs])
+    return np.asarray((np.abs(gain) > 1e-9 * scale) & ~rate[:, None])

@@ -1,0 +1,365 @@
+"""An FMI 2.0 co-simulation FMU as a component, through fmpy."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from fmpy import fmi1, fmi2
+
+from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
+from cosim.components.fmu_instance import FmuInstance, State, TypedBuffer, typed_buffers
+from cosim.components.fmu_log import (
+    DISCARD,
+    ERROR,
+    FATAL,
+    PENDING,
+    FmuLog,
+    advice,
+    no_state,
+    not_begun,
+    returned,
+    unknown_state,
+)
+from cosim.components.functions import FunctionTable
+from cosim.components.watch import Surroundings, calling
+from eightpost.errors import EightpostError, StepError, TerminatedError
+
+_REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
+
+
+class FmuComponent(OpenedFmu):
+    """One instance of an FMU in this process. Names are resolved once per set of names, so that stepping is fast.
+
+    The instance of an FMU that this project built is kept after a run and reset for the next one; that of any other is
+    freed after each run and created again for the next. An FMU that crashes ends this process, and an FMU that hangs
+    blocks it: see IsolatedComponent.
+
+    Args:
+        path: FMU file (.fmu).
+        name: Name of the component.
+        compile_missing: Whether to compile the FMU's sources if it has no binary for this platform.
+        folder: Folder in which the FMU is unpacked already; None unpacks it into a temporary folder, shared by all
+            components of this FMU.
+
+    Raises:
+        FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
+            this platform.
+    """
+
+    def __init__(
+        self, path: str | Path, name: str, *, compile_missing: bool = False, folder: str | Path | None = None
+    ) -> None:
+        shared = None
+        if folder is None:
+            shared = SharedFmu.of(path, compile_missing=compile_missing)
+            fmu = shared.fmu
+        else:
+            fmu = FmuFile.unpacked(path, folder)
+        self._log = FmuLog(name, fmu.names_in_log, fmu.folder)
+        super().__init__(fmu, name, self._log.messages)
+        self._instance = FmuInstance(fmu, name, self._log, shared)
+        # close() releases everything: on call, or when the component or the interpreter ends; runs may precede it.
+        self.close = weakref.finalize(self, self._instance.release, os.getpid())
+        self._references = fmu.references
+        self._arrays: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = {}
+        self._slave: Any = None
+        self._steps = self._begun = False
+        # In its own process it shares nothing with other components.
+        self._guarded = folder is None and not fmu.is_ours
+        self._surroundings = Surroundings.now()
+
+    @property
+    def usable(self) -> bool:
+        """False after fmi2Fatal: then no function of this FMU may be called in this process."""
+        return not self._instance.dead
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether the FMU is checked for ending this process or changing state shared with others."""
+        return self._guarded
+
+    def blame(self, changed: str) -> None:
+        """Record that the FMU changed shared state, described by `changed`; the change has been undone."""
+        self._changed[f"it changed {changed}; that was undone"] = None
+
+    def functions(self) -> FunctionTable:
+        """Return the addresses of the running instance's functions, for the loop.
+
+        Raises:
+            StepError: The component has not begun.
+        """
+        self._running()
+        return self._instance.functions(self._references)
+
+    def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
+        """Return the error for a call of the loop that the FMU refused, and handle the instance accordingly.
+
+        Args:
+            what: Name of the failed call: "step", "set inputs".
+            status: fmi2Status that the FMU returned.
+            time: Time at which the step begins [s].
+            inputs: Input values of the call, in the FMU's own units.
+        """
+        self._stand(time, self._inputs | dict(inputs))
+        return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
+
+    def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
+        """Create an instance, or reset the last run's if it was kept, set parameters and enter initialization.
+
+        Args:
+            start: Time at which the run starts [s].
+            stop: Time at which the run ends [s].
+            parameters: Values by name, in the FMU's own units.
+
+        Raises:
+            StepError: The FMU cannot be loaded or instantiated, refuses a value, or failed fatally before.
+        """
+        self.finish()
+        self._stand(start, {})
+        self._changed.clear()
+        self._surroundings = Surroundings.now()
+        with self._guard():
+            self._slave = self._ready()
+        self._log.messages.clear()
+        for name, value in parameters.items():
+            self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
+        self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=stop)
+        self._call("enter initialization", self._slave.enterInitializationMode)
+
+    def end_initialization(self) -> None:
+        """Leave initialization mode.
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses the call.
+        """
+        self._call_without_error("leave initialization", self._running().exitInitializationMode)
+        self._steps = True
+        self._call("limit its log", self._limit_log)
+
+    def set(self, names: Sequence[str], values: Sequence[float]) -> None:
+        """Set inputs of any type but String.
+
+        Args:
+            names: Names of the inputs (N,).
+            values: Values of the variables (N,), in the FMU's own units; 1 is true.
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses a value.
+        """
+        slave = self._running()
+        self._inputs.update(zip(names, values, strict=True))
+        for part in self._buffers(names):
+            part.buffer[:] = [part.number(values[place]) for place in part.places]
+            setter = getattr(slave, f"fmi2Set{part.kind}")
+            self._call("set inputs", setter, slave.component, part.references, len(part.buffer), part.buffer)
+
+    def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
+        """Set first derivatives of real inputs, for the next step.
+
+        Args:
+            names: Names of the inputs (N,).
+            values: Derivatives of the inputs (N,), in the FMU's own units per second.
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses the call (`capabilities.interpolates_inputs`).
+        """
+        slave = self._running()
+        (part,), count = self._buffers(names), len(names)
+        orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
+        arguments = (slave.component, part.references, count, orders, slopes)
+        self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
+
+    def get(self, names: Sequence[str]) -> list[float]:
+        """Return the values (N,) of variables (N,) of any type but String, in the FMU's own units; 1 is true.
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses the call.
+        """
+        slave, values = self._running(), [0.0] * len(names)
+        for part in self._buffers(names):
+            getter = getattr(slave, f"fmi2Get{part.kind}")
+            self._call("get outputs", getter, slave.component, part.references, len(part.buffer), part.buffer)
+            for place, value in zip(part.places, part.buffer, strict=True):
+                values[place] = float(value)
+        return values
+
+    def step(self, time: float, step: float) -> None:
+        """Make one step from `time` by `step` [s]; if no state is saved, tell the FMU that it will not be repeated.
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses the step.
+        """
+        slave = self._running()
+        self._time = time
+        final = 0 if self._instance.states else 1
+        self._call(f"step from {time:g} s by {step:g} s", slave.fmi2DoStep, slave.component, time, step, final)
+        self._time = time + step
+
+    def save(self) -> object:
+        """Return the current state, for `restore`; it is freed by `free` or at the end of the run.
+
+        Raises:
+            StepError: The component has not begun, or the FMU cannot save its state (`capabilities.state`) or fails to.
+        """
+        slave = self._running()
+        if not self.capabilities.state:
+            raise StepError(no_state(self._name, self.source))
+        pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
+        self._call("save its state", slave.fmi2GetFMUstate, slave.component, ctypes.byref(pointer))
+        state = State(pointer, self._time, dict(self._inputs))
+        self._instance.states.append(state)
+        return state
+
+    def restore(self, state: object) -> None:
+        """Restore a state that `save` returned; the state remains valid.
+
+        Raises:
+            StepError: The component has not begun, the state is not one of this run, or the call fails.
+        """
+        slave, known = self._running(), self._known(state)
+        self._call("restore a state", slave.fmi2SetFMUstate, slave.component, known.pointer)
+        self._stand(known.time, known.inputs)
+
+    def free(self, state: object) -> None:
+        """Free a state; its memory is used by the next `save`.
+
+        Raises:
+            StepError: The state is not one of this run.
+        """
+        known = self._known(state)
+        self._instance.states.remove(known)
+        self._instance.spare.append(known.pointer)
+
+    def finish(self) -> None:
+        """Terminate, and free the instance unless it can be reset for the next `begin`."""
+        slave, self._slave = self._slave, None
+        steps, self._steps = self._steps, False
+        if slave is not None:
+            with self._guard():
+                self._instance.finish(terminate=steps)
+
+    @contextmanager
+    def _guard(self) -> Iterator[None]:
+        """Record which FMU is called, and undo the changes of the call to shared state."""
+        if not self._guarded:
+            yield
+            return
+        try:
+            with calling(self._name):
+                yield
+        finally:
+            for changed in self._surroundings.restore():
+                self.blame(changed)
+
+    def _known(self, state: object) -> State:
+        if not isinstance(state, State) or state not in self._instance.states:
+            raise StepError(unknown_state(self._name, self.source))
+        return state
+
+    def _running(self) -> Any:
+        # fmi2Fatal of another instance of this FMU ends this one too.
+        if self._slave is None or self._instance.slave is None:
+            raise StepError(not_begun(self._name, self.source))
+        return self._slave
+
+    def _ready(self) -> Any:
+        try:
+            return self._instance.ready()
+        except EightpostError:
+            raise
+        except Exception as error:  # fmpy raises bare Exceptions if it cannot load or instantiate
+            raise self._failure("failed to instantiate", f"{error}.", self._advice_on_instantiation()) from error
+        finally:
+            self._begun = True
+
+    def _advice_on_instantiation(self) -> str:
+        if self._fmu.needs_tool:
+            return "install the tool that made it; the FMU cannot run without it (needsExecutionTool)"
+        if self._begun and not self._fmu.is_ours:
+            return (
+                "some FMUs allow only one instance per process: run it in processes of its own: --isolate, "
+                "IsolatedComponent"
+            )
+        return ""
+
+    def _limit_log(self) -> None:
+        """Log only warnings and errors from here on: a debug message in every step would cost more than the step."""
+        categories = sorted(self._fmu.log_categories & _REASONS)
+        with suppress(fmi1.FMICallException):  # an FMU without this function keeps its log as it is
+            self._slave.setDebugLogging(bool(categories), categories)
+
+    def _set_parameter(self, name: str, value: float | bool | str) -> None:
+        kind, references = self.variables[name].type, [self._references[name]]
+        if kind == "Real":
+            self._slave.setReal(references, [value])
+        elif kind == "Boolean":
+            self._slave.setBoolean(references, [bool(value)])
+        elif kind == "String":
+            self._slave.setString(references, [str(value)])
+        else:
+            self._slave.setInteger(references, [int(value)])
+
+    def _buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
+        """Return buffers for the values, grouped by the types of the names."""
+        key = tuple(names)
+        if key not in self._arrays:
+            types = {name: self.variables[name].type for name in key}
+            self._arrays[key] = typed_buffers(key, types, self._references)
+        return self._arrays[key]
+
+    def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+        try:
+            with self._guard():
+                function(*arguments, **options)
+        except fmi1.FMICallException as error:
+            raise self._refusal(what, error.status, error.function) from error
+        except (OSError, AttributeError) as error:  # Windows raises OSError if an FMU accesses invalid memory
+            raise self._failure(f"failed to {what}", f"{error}.") from error
+
+    def _call_without_error(self, what: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Make a call that also fails if the FMU logs an error: some FMUs (PythonFMU's) report it nowhere else."""
+        errors = self._log.errors
+        self._call(what, function, *arguments)
+        if self._log.errors > errors:
+            raise self._failure(f"failed to {what}", "it logged an error.")
+
+    def _refusal(self, what: str, status: int, function: str) -> StepError:
+        """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
+        why, to_do, terminated = returned(status, function), advice(status), False
+        if status == DISCARD:
+            to_do = "its inputs may be out of its range"
+            if what.startswith("step"):
+                more, to_do, terminated = self._discarded()
+                why += more
+        failure = self._failure(f"failed to {what}", why, to_do)
+        if terminated:
+            failure = TerminatedError(str(failure))
+        if status == FATAL:
+            self._instance.abandon()
+            self._slave = None
+        elif status == PENDING:
+            with suppress(Exception):
+                self._slave.cancelStep()
+        self._instance.failed = status >= ERROR or status < 0
+        return failure
+
+    def _discarded(self) -> tuple[str, str, bool]:
+        """Return how far a step came, what to do, and whether the FMU ended the simulation."""
+        reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
+        slave = self._slave
+        with suppress(Exception):
+            slave.fmi2GetRealStatus(slave.component, _LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
+        with suppress(Exception):
+            slave.fmi2GetBooleanStatus(slave.component, _TERMINATED, ctypes.byref(ended))
+        until = f" It reached {reached.value:g} s." if reached.value == reached.value else ""
+        if ended.value:
+            to_do = "end the run before that time, or find out why it ends"
+            return f"{until} It ended the simulation (fmi2Terminated).", to_do, True
+        return until, "use a smaller coupling step", False

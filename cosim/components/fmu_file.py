@@ -1,0 +1,372 @@
+"""FMU file: its description, its binary for this platform, and the folder that it is unpacked into."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import fmpy
+
+from cosim.components.component import Capabilities, UnitDefinition, Variable
+from cosim.components.fmu_log import Messages, Place, failure_text
+from cosim.components.rebuild import compile_sources
+from eightpost.archive import extract_archive
+from eightpost.errors import FmuError, StepError
+from eightpost.validity import MEMBER, Validity
+
+# ---- FMU file unpacked into a folder, and the contents of its modelDescription.xml ----------------------------------
+
+_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+#: Letter for each type in "#r12#", with which a log message may name a variable (FMI 2.0.4, 2.1.5).
+_LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "String": "s"}
+
+
+@dataclass(frozen=True)
+class FmuFile:
+    """An FMI 2.0 co-simulation FMU in a folder.
+
+    Args:
+        path: FMU file (.fmu).
+        folder: Folder in which it is unpacked.
+        description: Contents of modelDescription.xml as fmpy reads it.
+    """
+
+    path: Path
+    folder: Path
+    description: Any
+
+    @classmethod
+    def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
+        """Unpack a file into a folder.
+
+        Args:
+            path: FMU file (.fmu).
+            folder: Folder to unpack it into.
+            compile_missing: Whether to compile its sources if it has no binary for this platform.
+
+        Raises:
+            FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary
+                for this platform.
+        """
+        extract_archive(path, folder)
+        fmu = cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+        if compile_missing and not fmu.has_binary:
+            compile_sources(fmu.path, fmu.folder, fmu.identifier, fmu.sources)
+        fmu._check_platform()
+        return fmu
+
+    @classmethod
+    def unpacked(cls, path: str | Path, folder: str | Path) -> FmuFile:
+        """Read an FMU that `unpack` left in a folder."""
+        return cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+
+    @property
+    def identifier(self) -> str:
+        """Name of its library (modelIdentifier)."""
+        return str(self.description.coSimulation.modelIdentifier)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
+        builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
+        if listed := tuple(name for build in builds for files in build.sourceFileSets for name in files.sourceFiles):
+            return listed
+        found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
+        return ("all.c",) if "all.c" in found else found
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this project built it: tests show that the reset of such an FMU gives the same bits."""
+        return str(self.description.generationTool or "").startswith("eightpost ")
+
+    @property
+    def once(self) -> bool:
+        """Whether a process may hold only one instance of it."""
+        return bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+
+    @property
+    def needs_tool(self) -> bool:
+        """Whether it runs only if the tool that made it is installed."""
+        return bool(self.description.coSimulation.needsExecutionTool)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Conditions of its results other than the file itself."""
+        if not self.needs_tool:
+            return ()
+        return (
+            "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here",
+        )
+
+    @property
+    def log_categories(self) -> frozenset[str]:
+        """Log categories that can be switched on."""
+        return frozenset(category.name for category in self.description.logCategories)
+
+    @cached_property
+    def references(self) -> Mapping[str, int]:
+        """Value references by variable name."""
+        return {v.name: v.valueReference for v in self.description.modelVariables}
+
+    @cached_property
+    def names_in_log(self) -> Mapping[str, str]:
+        """Variable names by the form used in log messages: "r12"; the first of several aliases."""
+        variables = reversed(self.description.modelVariables)
+        return {f"{_LETTERS.get(v.type, 'r')}{v.valueReference}": v.name for v in variables}
+
+    @cached_property
+    def variables(self) -> Mapping[str, Variable]:
+        """All variables by name."""
+        try:
+            return _variables(self.description)
+        except ValueError as error:
+            raise FmuError(f"{self.path}: its modelDescription.xml: {error}") from error
+
+    @cached_property
+    def capabilities(self) -> Capabilities:
+        """Declared abilities."""
+        flags = self.description.coSimulation
+        return Capabilities(
+            interpolates_inputs=bool(flags.canInterpolateInputs),
+            variable_step=bool(flags.canHandleVariableCommunicationStepSize),
+            state=bool(flags.canGetAndSetFMUstate),
+        )
+
+    @cached_property
+    def validity(self) -> Validity | None:
+        """Range of validity of its model, as eightpost writes it into FMUs; None if the FMU has none."""
+        try:
+            return Validity.from_json(json.loads((self.folder / MEMBER).read_text(encoding="utf-8")))
+        except (OSError, ValueError, RecursionError):  # an FMU of another tool, or a damaged file
+            return None
+
+    @property
+    def has_binary(self) -> bool:
+        """Whether it has a folder of binaries for this platform."""
+        return fmpy.platform in self._platforms()
+
+    def _platforms(self) -> list[str]:
+        binaries = self.folder / "binaries"
+        return sorted(p.name for p in binaries.iterdir() if p.is_dir()) if binaries.is_dir() else []
+
+    def _check_platform(self) -> None:
+        if self.has_binary:
+            return
+        advice = (
+            "it contains its sources: compile them with --compile or compile_missing=True"
+            if self.sources
+            else "use an FMU with a binary for this platform, or one with sources"
+        )
+        has = ", ".join(self._platforms()) or "none"
+        raise FmuError(f"{self.path}: has no binary for this platform ({fmpy.platform}), only for: {has}; {advice}")
+
+
+class SharedFmu:
+    """An FMU that is unpacked once for all its users in this process; the folder is removed with the last of them.
+
+    Instances of one library share its code, as FMI intends: four shocks then fit in the processor's cache.
+    """
+
+    def __init__(self, fmu: FmuFile) -> None:
+        self.fmu = fmu
+        weakref.finalize(self, _remove_own, fmu.folder, os.getpid())
+
+    @classmethod
+    def of(cls, path: str | Path, *, compile_missing: bool = False) -> SharedFmu:
+        """Return the FMU if it is unpacked already, else unpack it; a file that has changed since is unpacked again.
+
+        Raises:
+            FmuError: The file cannot be used; see `FmuFile.unpack`.
+        """
+        with _sharing:
+            key = _identity(Path(path))
+            shared = None if key is None else _shared.get(key)
+            if shared is None:
+                shared = cls(_unpack_apart(path, compile_missing))
+                if key is not None:
+                    _shared[key] = shared
+            return shared
+
+    def forget(self) -> None:
+        """Make the next user unpack the file again, because no function of this library may be called any more."""
+        with _sharing:
+            for key in [key for key, shared in _shared.items() if shared is self]:
+                del _shared[key]
+
+
+_shared: weakref.WeakValueDictionary[tuple[str, int, int], SharedFmu] = weakref.WeakValueDictionary()
+_sharing = Lock()
+
+
+def _identity(path: Path) -> tuple[str, int, int] | None:
+    """Return the identity of a file; None if it cannot be read, which unpacking reports in more detail."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return str(path.resolve()), status.st_mtime_ns, status.st_size
+
+
+def _unpack_apart(path: str | Path, compile_missing: bool) -> FmuFile:
+    folder = temporary_folder()
+    try:
+        return FmuFile.unpack(path, folder, compile_missing=compile_missing)
+    except BaseException:
+        remove(folder)
+        raise
+
+
+def _remove_own(folder: Path, owner: int) -> None:
+    """Remove the folder, except in a process that was forked off the owner, which still needs it."""
+    if os.getpid() == owner:
+        remove(folder)
+
+
+def temporary_folder() -> str:
+    """Return a new folder to unpack into; the caller removes it."""
+    return tempfile.mkdtemp(prefix="fmu_")
+
+
+def remove(folder: str | Path) -> None:
+    """Remove a folder with its contents; ignore errors."""
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _read_description(path: Path, folder: Path) -> Any:
+    if not (folder / "modelDescription.xml").is_file():
+        raise FmuError(f"{path}: is not an FMU: there is no modelDescription.xml at its top")
+    try:
+        description = fmpy.read_model_description(str(folder), validate=False)
+    except Exception as error:  # fmpy passes on all exceptions of its XML reader
+        raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
+    if not str(description.fmiVersion).startswith("2."):
+        raise FmuError(f"{path}: is an FMI {description.fmiVersion} FMU; export it as FMI 2.0 for co-simulation")
+    if description.coSimulation is None:
+        raise FmuError(
+            f"{path}: is for model exchange only and contains no solver; export it again as FMI 2.0 for co-simulation "
+            "(tools call it CS, or co-simulation with a solver)"
+        )
+    return description
+
+
+def _variables(description: Any) -> dict[str, Variable]:
+    units = {unit.name: _unit(unit) for unit in description.unitDefinitions}
+    direct = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
+    inputs = frozenset(v.name for v in description.modelVariables if v.causality == "input")
+    return {v.name: _variable(v, units, direct, inputs) for v in description.modelVariables}
+
+
+def _variable(
+    v: Any, units: Mapping[str, UnitDefinition], direct: Mapping[str, Any], inputs: frozenset[str]
+) -> Variable:
+    declared = v.unit or (v.declaredType.unit if v.declaredType is not None else None)
+    depends = direct.get(v.name)
+    # If a model states no dependencies, FMI assumes that an output depends on everything.
+    known = inputs if depends is None else frozenset(other.name for other in depends)
+    return Variable(
+        name=v.name,
+        causality=v.causality or "local",
+        variability=v.variability or "continuous",
+        type=v.type,
+        unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
+        start=v.start,
+        minimum=_limit(v, "min"),
+        maximum=_limit(v, "max"),
+        direct=known & inputs if v.causality == "output" else frozenset(),
+    )
+
+
+def _limit(v: Any, name: str) -> float | None:
+    """Return the attribute `min` or `max` of a variable.
+
+    Raises:
+        ValueError: The attribute is not a number.
+    """
+    text = getattr(v, name)
+    if text is None or v.type not in ("Real", "Integer"):
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{v.name}: {name}={text[:40]!r} is not a number; export the FMU again") from None
+
+
+def _unit(unit: Any) -> UnitDefinition:
+    base = unit.baseUnit
+    if base is None:
+        return UnitDefinition(unit.name, {"?": 1})
+    exponents = {name: getattr(base, name) for name in _EXPONENTS if getattr(base, name)}
+    return UnitDefinition(unit.name, exponents, base.factor, base.offset)
+
+
+# ---- Common part of components that are FMUs, in this process or another --------------------------------------------
+
+
+class OpenedFmu:
+    """File of an FMU, the state of its run, and the error report of a failed call.
+
+    Args:
+        fmu: Unpacked FMU.
+        name: Name of the component.
+        messages: Messages of the FMU.
+    """
+
+    def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
+        self._fmu, self._name, self._messages = fmu, name, messages
+        self._inputs: dict[str, float] = {}
+        self._time = 0.0
+        self._changed: dict[str, None] = {}
+
+    @property
+    def variables(self) -> Mapping[str, Variable]:
+        """All variables by name."""
+        return self._fmu.variables
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Abilities declared in modelDescription.xml."""
+        return self._fmu.capabilities
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this project built the FMU, so that the state it keeps from run to run is known."""
+        return self._fmu.is_ours
+
+    @property
+    def validity(self) -> Validity | None:
+        """Range of validity of its model; None if the FMU has none."""
+        return self._fmu.validity
+
+    @property
+    def identity(self) -> str:
+        """GUID of the FMU."""
+        return str(self._fmu.description.guid)
+
+    @property
+    def source(self) -> str:
+        """File name of the FMU."""
+        return self._fmu.path.name
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """Conditions of its results, changes to shared state, and its warnings and errors since it began, each once."""
+        return (*self._fmu.conditions, *self._changed, *self._messages.all)
+
+    def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
+        """Record the state of the run: the time [s], and inputs in their own units."""
+        self._time, self._inputs = time, dict(inputs)
+
+    def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
+        """Return the error for a failed call: the failure, its cause, and the advice."""
+        place = Place(self._name, self.source, self._time, self._inputs)
+        messages = self._messages.last
+        return StepError(failure_text(place, self.variables, failed=failed, why=why, messages=messages, to_do=to_do))

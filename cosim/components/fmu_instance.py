@@ -1,0 +1,307 @@
+"""An instance of an FMU: typed calls of its C functions, and buffers for its variables."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fmpy import fmi2
+
+from cosim.components.fmu_file import FmuFile, SharedFmu
+from cosim.components.fmu_log import FmuLog
+from cosim.components.functions import FUNCTIONS, FunctionTable, address_of
+from cosim.engine import blocks
+from eightpost.errors import StepError
+
+# ---- Buffers for the values of an FMU's variables -------------------------------------------------------------------
+
+#: Name of the FMI functions for a type, and the C type of its values.
+_KINDS: Mapping[str, tuple[str, Any]] = {
+    "Real": ("Real", ctypes.c_double),
+    "Integer": ("Integer", ctypes.c_int),
+    "Enumeration": ("Integer", ctypes.c_int),
+    "Boolean": ("Boolean", ctypes.c_int),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TypedBuffer:
+    """Values of one type, with the references of their variables.
+
+    Args:
+        kind: Real, Integer or Boolean, as in fmi2GetReal.
+        places: Positions of the values among all requested values.
+        references: Value references (C array).
+        buffer: Values (C array).
+    """
+
+    kind: str
+    places: tuple[int, ...]
+    references: Any
+    buffer: Any
+
+    def number(self, value: float) -> float | int:
+        """Return a value converted to the type of the buffer."""
+        if self.kind == "Real":
+            return value
+        return int(value != 0.0) if self.kind == "Boolean" else round(value)
+
+
+def typed_buffers(
+    names: Sequence[str], types: Mapping[str, str], references: Mapping[str, int]
+) -> tuple[TypedBuffer, ...]:
+    """Return one buffer for each type of function that the names need.
+
+    Args:
+        names: Names of the variables.
+        types: Types of the variables; String is not supported.
+        references: Value references of the variables.
+    """
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        places.setdefault(_KINDS[types[name]][0], []).append(place)
+    buffers = []
+    for kind, own in places.items():
+        array = (ctypes.c_uint * len(own))(*[references[names[place]] for place in own])
+        buffers.append(TypedBuffer(kind, tuple(own), array, (_KINDS[kind][1] * len(own))()))
+    return tuple(buffers)
+
+
+# ---- Instance of an FMU in this process -----------------------------------------------------------------------------
+
+#: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
+_instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
+
+#: Functions that every FMU must have.
+_NEEDED = (
+    "Instantiate", "FreeInstance", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode", "DoStep",
+    "GetReal", "SetReal", "Terminate",
+)  # fmt: skip
+_FMI_ERROR = 3
+
+
+@dataclass(eq=False)
+class State:
+    """Saved state, with the time and the inputs at which it was saved."""
+
+    pointer: Any
+    time: float
+    inputs: Mapping[str, float]
+
+
+@dataclass(eq=False)
+class FmuInstance:
+    """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder.
+
+    Args:
+        fmu: Unpacked FMU.
+        name: Name of the component.
+        log: Log for the FMU's messages.
+        shared: Shared FMU, referenced so that its folder exists until the end; None if the folder is managed elsewhere.
+    """
+
+    fmu: FmuFile
+    name: str
+    log: FmuLog
+    shared: SharedFmu | None = None
+    slave: Any = None
+    states: list[State] = field(default_factory=list)
+    spare: list[Any] = field(default_factory=list)
+    failed: bool = False
+    dead: bool = False
+    addresses: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _instances.add(self)
+
+    def ready(self) -> Any:
+        """Return an instance in its initial state: the last run's after a reset, or a new one.
+
+        Raises:
+            StepError: Another component holds an FMU that allows one instance, or an instance of it failed fatally.
+            Exception: The FMU cannot be loaded or instantiated.
+        """
+        if self.dead:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi2Fatal): none of its "
+                "functions may be called any more in this process; load it again, or run it in its own process: "
+                "--isolate, IsolatedComponent"
+            )
+        return self._reset() or self._new()
+
+    def functions(self, references: Mapping[str, int]) -> FunctionTable:
+        """Return the addresses of its functions for the loop; freeing a state is skipped after fmi2Fatal."""
+        slave = self.slave
+        if not self.addresses:
+            self.addresses = {name: _address(slave, name) for name in FUNCTIONS}
+        found, free = self.addresses, blocks.SAVE(self._free_for_the_loop)
+        return FunctionTable(
+            set_real=found["SetReal"],
+            set_slopes=found["SetRealInputDerivatives"],
+            do_step=found["DoStep"],
+            get_real=found["GetReal"],
+            save=found["GetFMUstate"],
+            restore=found["SetFMUstate"],
+            free=address_of(free) if found["FreeFMUstate"] else 0,
+            instance=int(getattr(slave.component, "value", slave.component)),
+            references=references,
+            keep=free,
+        )
+
+    def finish(self, *, terminate: bool) -> None:
+        """Terminate if it stepped without an error; free the instance unless its reset can be relied on."""
+        if self.slave is None:
+            return
+        self.free_states()
+        terminate = (
+            terminate and not self.failed
+        )  # after fmi2Error only freeing or a reset is allowed (FMI 2.0.4, 4.2.4)
+        if terminate:
+            with suppress(Exception):
+                self.slave.terminate()
+        if not (self.fmu.is_ours and terminate) or self.fmu.once:
+            self.free_instance()
+
+    def free_states(self) -> None:
+        """Free all states, in use or spare."""
+        pointers = [*(state.pointer for state in self.states), *self.spare]
+        self.states.clear()
+        self.spare.clear()
+        for pointer in pointers:
+            with suppress(Exception):
+                self.slave.fmi2FreeFMUstate(self.slave.component, ctypes.byref(pointer))
+
+    def free_instance(self) -> None:
+        """Free the instance, which has terminated or failed, and unload its library."""
+        slave, self.slave, self.failed = self.slave, None, False
+        self.addresses = {}
+        if slave is None:
+            return
+        with suppress(Exception):
+            if slave.component:
+                slave.freeInstance()
+            else:
+                slave.freeLibrary()
+
+    def abandon(self) -> None:
+        """Never call this FMU again, even to free it: fmi2Fatal applies to all its instances (FMI 2.0.4, 2.1.3)."""
+        for other in self._alike():
+            other.slave, other.dead = None, True
+            if other.shared is not None:
+                other.shared.forget()
+            other.states.clear()
+            other.spare.clear()
+
+    def release(self, owner: int) -> None:
+        """Free everything, except in a process that was forked off the owner, which still needs it."""
+        if os.getpid() != owner:
+            return
+        self.free_states()
+        self.free_instance()
+        if not self.dead:
+            self.log.close()
+        self.shared = None
+
+    def _alike(self) -> Iterator[FmuInstance]:
+        """Yield all instances of this FMU, including this one."""
+        mine = self.fmu.description.guid
+        yield from [
+            i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)
+        ]
+
+    def _free_for_the_loop(self, instance: int, pointer: int) -> int:
+        if self.dead or self.slave is None:
+            return 0
+        state = ctypes.cast(pointer, ctypes.POINTER(ctypes.c_void_p))
+        status: int = self.slave.dll.fmi2FreeFMUstate(instance, state)
+        return status
+
+    def _reset(self) -> Any:
+        """Return the last run's instance after a reset; None if there is no instance or it cannot be reset."""
+        slave = self.slave
+        if slave is None:
+            return None
+        errors = self.log.errors
+        with suppress(Exception):
+            slave.reset()
+            slave.setDebugLogging(True, [])
+            if self.log.errors == errors:
+                return slave
+        self.free_instance()
+        return None
+
+    def _new(self) -> Any:
+        self._check_not_held()
+        place = Path.cwd()
+        try:
+            self.slave = slave = FMU2Lenient(
+                guid=self.fmu.description.guid,
+                unzipDirectory=str(self.fmu.folder),
+                modelIdentifier=self.fmu.identifier,
+                instanceName=self.name,
+            )
+            self._check_functions(slave)
+            slave.instantiate(callbacks=self.log.callbacks, loggingOn=True)
+        except BaseException:
+            self.free_instance()
+            raise
+        finally:
+            os.chdir(place)  # fmpy stays in the library's folder if the library cannot be loaded
+        return slave
+
+    def _check_functions(self, slave: Any) -> None:
+        can = self.fmu.capabilities
+        needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
+        needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
+        if missing := [f"fmi2{name}" for name in needed if not _address(slave, name)]:
+            raise LookupError(f"its library has no {', '.join(missing)}")
+
+    def _check_not_held(self) -> None:
+        holder = next((i for i in self._alike() if i is not self), None)
+        if self.fmu.once and holder is not None:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) allows one instance per process, and component "
+                f"{holder.name!r} has it; run each in its own process: --isolate, IsolatedComponent"
+            )
+
+
+class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
+    """Slave of fmpy for libraries that lack functions: many lack the functions that they do not support."""
+
+    def _loadFunctions(self) -> None:  # noqa: N802
+        self.dll: Any = _Library(self.dll, self.modelIdentifier)
+        super()._loadFunctions()
+
+
+class _Library:
+    """Library in which a missing function returns fmi2Error.
+
+    Sources for static linking prefix each name with the model's identifier (FMI 2.0.4, 2.1.1).
+    """
+
+    def __init__(self, dll: Any, identifier: str) -> None:
+        self._dll, self._identifier = dll, identifier
+
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("fmi2"):
+            return getattr(self._dll, name)
+        plain = getattr(self._dll, name, None)
+        return plain or getattr(self._dll, f"{self._identifier}_{name}", None) or _Missing()
+
+
+class _Missing:
+    """Stand-in for a function that the library lacks."""
+
+    def __call__(self, *_arguments: Any) -> int:
+        return _FMI_ERROR
+
+
+def _address(slave: Any, name: str) -> int:
+    function = getattr(slave.dll, f"fmi2{name}")
+    return 0 if isinstance(function, _Missing) else address_of(function)

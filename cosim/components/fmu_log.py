@@ -1,0 +1,244 @@
+"""Log messages of FMUs, and errors that an FMU causes."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import logging
+import os
+import re
+import shutil
+import tempfile
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy import fmi2
+
+from cosim.components.component import Variable
+
+# ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------
+
+#: By FMI status: OK, warning, discard, error, fatal, pending.
+LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)
+_ERROR, _FATAL = 3, 4  # fmi2Status
+_VARIABLE = re.compile(r"#(?:#|([ribs]\d+)#)")
+
+
+class Messages:
+    """Warnings and more severe messages, each once; the first hundred, because an FMU may write the time into each."""
+
+    _KEPT = 100
+
+    def __init__(self) -> None:
+        self._kept: dict[str, None] = {}
+        self._last: deque[str] = deque(maxlen=3)
+        self._more = 0
+
+    def add(self, text: str) -> None:
+        """Add a message; the first hundred different ones are kept and the others counted."""
+        self._last.append(text)
+        if text in self._kept:
+            return
+        if len(self._kept) < self._KEPT:
+            self._kept[text] = None
+        else:
+            self._more += 1
+
+    def clear(self) -> None:
+        """Remove all messages."""
+        self._kept.clear()
+        self._last.clear()
+        self._more = 0
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """All messages, each once, and the number of those not kept."""
+        return (*self._kept, *([f"and {self._more} more messages"] if self._more else []))
+
+    @property
+    def last(self) -> str:
+        """Last three messages for the end of a sentence, or `none`."""
+        return "; ".join(dict.fromkeys(self._last)) or "none"
+
+
+class ComponentLog:
+    """Log of one component: logger `cosim.fmu.<component>`, and its warnings and more severe messages.
+
+    It does not reference the component, so it does not keep the component alive.
+
+    Args:
+        component: Name of the component.
+    """
+
+    def __init__(self, component: str) -> None:
+        self.messages = Messages()
+        self._logger = logging.getLogger(f"cosim.fmu.{component}")
+
+    def write(self, level: int, text: str) -> None:
+        """Write to the log, and keep the text if it is a warning or worse; `level` is one of logging's levels."""
+        self._logger.log(level, "%s", text)
+        if level >= logging.WARNING:
+            self.messages.add(text)
+
+
+class FmuLog(ComponentLog):
+    """Log of an FMU in this process, which writes through a callback; the level follows the FMI status (OK is debug).
+
+    Args:
+        component: Name of the component.
+        names: Variable names by the form used in messages: "r12" for "#r12#".
+        folder: Folder in which the FMU is unpacked; a library that this log needs is copied there.
+    """
+
+    def __init__(self, component: str, names: Mapping[str, str], folder: Path) -> None:
+        super().__init__(component)
+        self.errors = 0
+        self._names = names
+        self._formatter = _load_formatter(folder)
+        self.callbacks = fmi2.fmi2CallbackFunctions()
+        self.callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
+        self.callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
+        self._entry = fmi2.fmi2CallbackLoggerTYPE(self._take)
+        self.callbacks.logger = self._entry
+        if self._formatter is not None:
+            self._formatter.addLoggerProxy(ctypes.byref(self.callbacks))
+
+    def close(self) -> None:
+        """Unload the formatting library; the FMU must not write any more."""
+        formatter, self._formatter = self._formatter, None
+        if formatter is not None:
+            fmpy.freeLibrary(formatter._handle)
+
+    def _take(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
+        raw = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
+        text = _VARIABLE.sub(self._name, raw).strip()
+        if 0 <= status < len(LEVELS):
+            self.write(LEVELS[status], text)
+        else:
+            self._logger.error("%s", text)
+        self.errors += status in (_ERROR, _FATAL)
+
+    def _name(self, found: re.Match[str]) -> str:
+        return "#" if found[1] is None else self._names.get(found[1], found[0])
+
+
+def _load_formatter(folder: Path) -> Any:
+    """Load a copy of fmpy's library that fills in printf formats, which ctypes cannot; None if it is missing.
+
+    The library serves one callback at a time for all its users, so each log has its own copy.
+    """
+    spec = importlib.util.find_spec("fmpy.logging")
+    if spec is None or spec.origin is None:
+        return None
+    library = Path(spec.origin).parent / fmpy.platform / f"logging{fmpy.sharedLibraryExtension}"
+    if not library.is_file():
+        return None
+    number, copy = tempfile.mkstemp(prefix="log_formatter_", suffix=fmpy.sharedLibraryExtension, dir=folder)
+    os.close(number)
+    shutil.copyfile(library, copy)
+    formatter = ctypes.CDLL(copy)
+    formatter.addLoggerProxy.argtypes, formatter.addLoggerProxy.restype = [ctypes.c_void_p], None
+    return formatter
+
+
+# ---- Texts for failed FMI calls -------------------------------------------------------------------------------------
+
+#: fmi2Status above a warning.
+DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
+
+_NAMES = {DISCARD: "fmi2Discard", ERROR: "fmi2Error", FATAL: "fmi2Fatal", PENDING: "fmi2Pending"}
+_ADVICE = {
+    ERROR: "its inputs may be out of its range or the coupling step too large for it; it can be started again",
+    FATAL: "it is not called again in this process; load it again for another run, and report the fault to its maker",
+    PENDING: (
+        "it steps in the background (canRunAsynchronuously), and this master waits for each step: ask its maker for "
+        "an FMU that completes a step before doStep returns"
+    ),
+}
+_INPUTS_SHOWN = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """State of a component when it failed.
+
+    Args:
+        name: Name of the component.
+        source: Name of its file.
+        time: Time at which its last call began [s].
+        inputs: Last values of its inputs, in its own units.
+    """
+
+    name: str
+    source: str
+    time: float
+    inputs: Mapping[str, float] = field(default_factory=dict)
+
+
+def returned(status: int, function: str = "it") -> str:
+    """Return a sentence that describes a status."""
+    return f"{function} returned {_NAMES.get(status, f'{status}, which is no status of FMI')}."
+
+
+def advice(status: int) -> str:
+    """Return the advice for a status."""
+    return _ADVICE.get(status, "tell its maker")
+
+
+def failure_text(
+    place: Place, variables: Mapping[str, Variable], *, failed: str, why: str, messages: str, to_do: str = ""
+) -> str:
+    """Return the report of a failed call.
+
+    Args:
+        place: Component, time and inputs.
+        variables: Variables of the component, for the units of the inputs.
+        failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
+        why: Cause, as a sentence.
+        messages: Last messages of the component.
+        to_do: Advice.
+    """
+    when = "" if " from " in failed else f" at {place.time:g} s"
+    parts = [
+        f"component {place.name!r} ({place.source}) {failed}{when}: {why}",
+        f"Last messages: {messages.rstrip('.')}.",
+    ]
+    parts += [_inputs(place.inputs, variables)] if place.inputs else []
+    parts += [f"What to do: {to_do}"] if to_do else []
+    return " ".join(parts)
+
+
+def no_state(name: str, source: str) -> str:
+    """Return the message for a component that cannot save its state."""
+    return (
+        f"component {name!r} ({source}) cannot save its state (canGetAndSetFMUstate is false in its model "
+        "description); use an algorithm that repeats no step"
+    )
+
+
+def unknown_state(name: str, source: str) -> str:
+    """Return the message for an unknown state."""
+    return (
+        f"component {name!r} ({source}) does not know this state: it belongs to another component, to a run that has "
+        "ended, or has been freed; save a state in this run"
+    )
+
+
+def not_begun(name: str, source: str) -> str:
+    """Return the message for a component that has not begun."""
+    return f"component {name!r} ({source}) is not running; call begin() first"
+
+
+def _inputs(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:
+    shown = [f"{name} = {value:g}{_unit(variables.get(name))}" for name, value in inputs.items()]
+    more = f" and {len(shown) - _INPUTS_SHOWN} more" if len(shown) > _INPUTS_SHOWN else ""
+    return f"Its inputs: {', '.join(shown[:_INPUTS_SHOWN])}{more}."
+
+
+def _unit(variable: Variable | None) -> str:
+    unit = variable.unit if variable is not None else None
+    return "" if unit is None or unit.name in ("", "1") else f" {unit.name}"

@@ -1,0 +1,1 @@
+"""One run of a system: plan, start, steps, records, and the runs with which its coupling error is estimated."""

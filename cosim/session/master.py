@@ -1,0 +1,110 @@
+"""The master: runs a coupled system by default, at a given step or with a given algorithm, and repeats a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from cosim.engine.loop import ENGINES
+from cosim.results.error_estimate import difference
+from cosim.results.result import Result
+from cosim.session.automatic import Automatic, default_scheme, run_automatic, run_default_at_step
+from cosim.session.given_step import run_at_step
+from cosim.session.session import Session
+from cosim.systems.algorithm import Adaptive, Algorithm
+from cosim.systems.system import DEFAULT_STEP, Scenario, System
+from eightpost.errors import InputError
+
+
+def run(
+    system: System,
+    scenario: Scenario,
+    *,
+    algorithm: Algorithm | Automatic | None = None,
+    step: float | None = None,
+    compared: bool = True,
+    progress: Callable[[float], None] | None = None,
+    engine: str = "auto",
+) -> Result:
+    """Run a system and state its coupling error. Ctrl-C ends the run between two steps with RunInterrupted, which holds
+    the result so far.
+
+    Args:
+        system: Components and connections.
+        scenario: Drive, duration and variables to record.
+        algorithm: Algorithm object; by default (Automatic) a scheme that suits the components is chosen and, if no step
+            is given, the step as well.
+        step: Coupling step [s]; 1 ms by default for algorithms other than Automatic. The last step is shortened to end
+            at the stop time. For Adaptive: the first step to try.
+        compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
+            coupling error. If false, the error is not stated.
+        progress: Callback that receives the completed share, 0 to 1; it starts from 0 again for every run.
+        engine: `auto`: the compiled loop if numba is installed; `python`: the same loop interpreted, equal results.
+
+    Returns:
+        Recorded series in SI, status and statistics. The status reports a start that did not converge.
+
+    Raises:
+        WiringError: System, scenario and algorithm do not fit together.
+        InputError: The coupling step does not fit.
+        StepError: A component failed; the message gives its name, the time and its last messages.
+    """
+    if engine not in ENGINES:
+        raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
+    chosen = algorithm or Automatic()
+    if isinstance(chosen, Automatic) and step is None:
+        return run_automatic(system, scenario, chosen, engine, progress)
+    size = DEFAULT_STEP if step is None else step
+    if isinstance(chosen, Automatic):
+        return run_default_at_step(system, scenario, chosen, size, engine=engine, progress=progress, compared=compared)
+    return run_at_step(system, scenario, chosen, size, engine=engine, progress=progress, compared=compared)
+
+
+# ---- Repetition with a finer step, to show how far a run's numbers depend on the coupling step ----------------------
+
+#: An adaptive run is repeated at this share of its tolerance: about half the step.
+_FINER_TOLERANCE = 1.0 / 8.0
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A run and its repetition.
+
+    Args:
+        finer: Result of the repetition.
+        difference: Root mean square of the difference after settling per channel, in percent of the finer run's
+            standard deviation.
+    """
+
+    finer: Result
+    difference: Mapping[str, float]
+
+
+def verify(
+    system: System,
+    scenario: Scenario,
+    algorithm: Algorithm | Automatic,
+    result: Result,
+    *,
+    progress: Callable[[float], None] | None = None,
+    engine: str = "auto",
+) -> Verification:
+    """Repeat a run with the same scheme at half its coupling step; an adaptive run at an eighth of its tolerance.
+
+    Args:
+        system: System of the run.
+        scenario: Scenario of the run.
+        algorithm: Algorithm of the run; for the default, the scheme that it chose is repeated.
+        result: Result of the run.
+        progress: Callback that receives the completed share, 0 to 1.
+        engine: Engine of the loop; see `run`.
+
+    Raises:
+        StepError: A component failed.
+    """
+    scheme = default_scheme(result.scheme) if isinstance(algorithm, Automatic) else algorithm
+    if isinstance(scheme, Adaptive):
+        scheme = replace(scheme, relative=_FINER_TOLERANCE * scheme.relative)
+    recorded = scenario.record_step or (None if isinstance(scheme, Adaptive) else result.step)
+    finer = Session(system, replace(scenario, record_step=recorded), scheme, 0.5 * result.step).run(engine, progress)
+    return Verification(finer, difference(result.settled(), finer.settled()))

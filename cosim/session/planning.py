@@ -1,0 +1,268 @@
+"""Conversion of a system and its scenario to the flat arrays that the loop uses."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.components.conversion import to_si
+from cosim.components.functions import FunctionTable
+from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
+from cosim.systems.coupling import Coupling, Feed
+from cosim.systems.system import Bond, System
+from eightpost.array_types import Integers
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Numbering of everything in the arrays: parts, signals and extras by name, terms by (source, target).
+
+    Args:
+        parts: Names of the components in the order of stepping, with the components of each connected group together.
+        signals: Variables read after every step, as `component.variable`; those of one part are adjacent.
+        extras: Variables read at recorded points only, in the same form.
+        terms: Number of each connection's term, by source and target.
+        levels: Sizes of the levels of each group of connected parts; parts of a level take nothing from each other.
+    """
+
+    parts: tuple[str, ...]
+    signals: tuple[str, ...]
+    extras: tuple[str, ...]
+    terms: Mapping[tuple[str, str], int]
+    levels: tuple[tuple[int, ...], ...]
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Number of parts of each group."""
+        return tuple(sum(counts) for counts in self.levels)
+
+
+def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
+    """Return the numbering of everything; `order` is the order of stepping."""
+    takes = {
+        name: {term.source.partition(".")[0] for feed in coupling.feeds[name] for term in feed.terms} for name in order
+    }
+    groups = _groups(takes, order)
+    parts = tuple(name for group in groups for name in group)
+    feeds = [(name, feed) for name in parts for feed in _moving(coupling.feeds[name])]
+    pairs = [(term.source, f"{name}.{feed.target}") for name, feed in feeds for term in feed.terms]
+    return Layout(
+        parts=parts,
+        signals=tuple(f"{name}.{v}" for name in parts for v in coupling.outputs[name]),
+        extras=tuple(f"{name}.{v}" for name in parts for v in coupling.recorded[name]),
+        terms={pair: k for k, pair in enumerate(pairs)},
+        levels=tuple(_levels(group, takes) for group in groups),
+    )
+
+
+def make_plan(
+    system: System,
+    coupling: Coupling,
+    layout: Layout,
+    tables: Mapping[str, FunctionTable],
+    *,
+    watched: Iterable[tuple[str, bool]],
+    following: Collection[str],
+) -> Plan:
+    """Return the loop's arrays.
+
+    Args:
+        system: System with the bonds.
+        coupling: Coupling with the feeds.
+        layout: Layout of this coupling.
+        tables: Functions of each part.
+        watched: Signals whose time beyond a limit is counted: above 0.5 if true, else below 0.
+        following: Parts that are stepped from each point of the drive to the next.
+    """
+    position = {name: k for k, name in enumerate(layout.signals)}
+    watch = list(watched)
+    return Plan(
+        parts=_parts(coupling, layout, tables, following),
+        inputs=_inputs(coupling, layout, tables),
+        terms=_terms(coupling, layout, position),
+        driven=_driven(coupling, layout),
+        signals=_signals(layout, tables),
+        bonds=_bonds(system, layout),
+        watch=Watch(
+            _indices(position[name] for name, _ in watch),
+            sign=_reals(1.0 if is_above else -1.0 for _, is_above in watch),
+            limit=_reals(0.5 if is_above else 0.0 for _, is_above in watch),
+        ),
+        loops=_loops(layout, position),
+        levels=Levels(
+            parts=_begins(count for counts in layout.levels for count in counts),
+            groups=_begins(len(counts) for counts in layout.levels),
+        ),
+    )
+
+
+def _moving(feeds: Iterable[Feed]) -> tuple[Feed, ...]:
+    """Return the inputs that change during a run; the others are set once."""
+    return tuple(feed for feed in feeds if feed.terms or feed.drive is not None)
+
+
+def _groups(takes: Mapping[str, Iterable[str]], order: Sequence[str]) -> list[list[str]]:
+    """Return groups of parts that are connected, directly or through others, in the order of stepping."""
+    home = {name: name for name in order}
+
+    def root(name: str) -> str:
+        while home[name] != name:
+            home[name] = home[home[name]]
+            name = home[name]
+        return name
+
+    for name in order:
+        for source in takes[name]:
+            home[root(source)] = root(name)
+    groups: dict[str, list[str]] = {}
+    for name in order:
+        groups.setdefault(root(name), []).append(name)
+    return list(groups.values())
+
+
+def _levels(group: Sequence[str], takes: Mapping[str, Collection[str]]) -> tuple[int, ...]:
+    """Return the sizes of consecutive levels of parts, in which no part takes anything from another."""
+    levels: list[list[str]] = [[]]
+    for name in group:
+        if any(source in levels[-1] for source in takes[name]):
+            levels.append([])
+        levels[-1].append(name)
+    return tuple(map(len, levels))
+
+
+def _integers(values: Iterable[int]) -> Integers:
+    return np.array(list(values), dtype=np.int64)
+
+
+def _indices(values: Iterable[int]) -> Indices:
+    return np.array(list(values), dtype=np.uint32)
+
+
+def _begins(counts: Iterable[int]) -> Indices:
+    return _indices(accumulate(counts, initial=0))
+
+
+def _parts(
+    coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable], following: Collection[str]
+) -> Parts:
+    columns = ("set_real", "set_slopes", "do_step", "get_real", "save", "restore", "instance")
+    moving = [_moving(coupling.feeds[name]) for name in layout.parts]
+    inputs = [len(feeds) for feeds in moving]
+    signals = [len(coupling.outputs[name]) for name in layout.parts]
+    extras = [len(coupling.recorded[name]) for name in layout.parts]
+    addresses = {column: _integers(getattr(tables[name], column) for name in layout.parts) for column in columns}
+    return Parts(
+        **addresses,
+        ramps=_integers(int(coupling.components[n].capabilities.interpolates_inputs) for n in layout.parts),
+        follows=_integers(int(name in following) for name in layout.parts),
+        inputs=_begins(inputs),
+        terms=_begins(sum(len(feed.terms) for feed in feeds) for feeds in moving),
+        driven=_begins(sum(feed.drive is not None for feed in feeds) for feeds in moving),
+        signals=_begins(signals),
+        extras=_begins(extras),
+        input_count=_integers(inputs),
+        signal_count=_integers(signals),
+        extra_count=_integers(extras),
+    )
+
+
+def _inputs(coupling: Coupling, layout: Layout, tables: Mapping[str, FunctionTable]) -> Inputs:
+    rows = _rows(coupling, layout)
+    return Inputs(
+        reference=np.array([tables[name].references[feed.target] for name, feed in rows], dtype=np.uint32),
+        order=np.ones(len(rows), np.int32),
+        constant=_reals(feed.constant for _, feed in rows),
+    )
+
+
+def _rows(coupling: Coupling, layout: Layout) -> list[tuple[str, Feed]]:
+    """Return all inputs with their parts, in the order of their numbers."""
+    return [(name, feed) for name in layout.parts for feed in _moving(coupling.feeds[name])]
+
+
+def _reals(values: Iterable[float]) -> NDArray[np.float64]:
+    return np.array(list(values), dtype=np.float64)
+
+
+def _driven(coupling: Coupling, layout: Layout) -> Driven:
+    rows = [(k, feed) for k, (_, feed) in enumerate(_rows(coupling, layout)) if feed.drive is not None]
+    return Driven(
+        target=_indices(k for k, _ in rows),
+        channel=_indices(feed.drive or 0 for _, feed in rows),
+        factor=_reals(feed.drive_conversion.factor for _, feed in rows),
+        offset=_reals(feed.drive_conversion.offset for _, feed in rows),
+    )
+
+
+def _terms(coupling: Coupling, layout: Layout, position: Mapping[str, int]) -> Terms:
+    rank = {name: k for k, name in enumerate(layout.parts)}
+    held = {name for name in layout.parts if not coupling.components[name].capabilities.interpolates_inputs}
+    direct = {name: coupling.direct_inputs(name) for name in held}
+    feeds = _rows(coupling, layout)
+    rows = [(k, name, term) for k, (name, feed) in enumerate(feeds) for term in feed.terms]
+    ends = [1.0 if feeds[k][1].target in direct.get(name, ()) else 0.5 for k, name, _ in rows]
+    return Terms(
+        source=_indices(position[term.source] for _, _, term in rows),
+        target=_indices(k for k, _, _ in rows),
+        early=_integers(int(rank[term.source.partition(".")[0]] < rank[name]) for _, name, term in rows),
+        weight=_reals(term.gain * term.conversion.factor for _, _, term in rows),
+        offset=_reals(term.gain * term.conversion.offset for _, _, term in rows),
+        start=_reals(1.0 - end for end in ends),
+        end=_reals(ends),
+    )
+
+
+def _references(names: Iterable[str], tables: Mapping[str, FunctionTable]) -> NDArray[np.uint32]:
+    pairs = (name.partition(".")[::2] for name in names)
+    return np.array([tables[part].references[variable] for part, variable in pairs], dtype=np.uint32)
+
+
+def _signals(layout: Layout, tables: Mapping[str, FunctionTable]) -> Signals:
+    return Signals(_references(layout.signals, tables), _references(layout.extras, tables))
+
+
+def _bonds(system: System, layout: Layout) -> Bonds:
+    def terms(which: str) -> Indices:
+        return _indices(layout.terms[_ends(bond, which)] for bond in system.bonds)
+
+    def factor(bond: Bond, which: str, end: int) -> float:
+        return to_si(system.output(_ends(bond, which)[end]))[0].factor
+
+    def joules(sent: str, received: str) -> NDArray[np.float64]:
+        rows = [0.5 * factor(bond, sent, 0) * factor(bond, received, 1) for bond in system.bonds]
+        return np.array(rows, dtype=np.float64)
+
+    return Bonds(
+        terms("velocity"), terms("force"), given=joules("velocity", "force"), taken=joules("force", "velocity")
+    )
+
+
+def _ends(bond: Bond, which: str) -> tuple[str, str]:
+    connection = bond.velocity if which == "velocity" else bond.force
+    return connection.source, connection.target
+
+
+def _loops(layout: Layout, position: Mapping[str, int]) -> Loops:
+    """Return the unknowns of each group: sources that do not come before their target in the order."""
+    rank = {name: k for k, name in enumerate(layout.parts)}
+    early = {
+        source for source, target in layout.terms if rank[source.partition(".")[0]] >= rank[target.partition(".")[0]]
+    }
+    group_of = {
+        name: g
+        for g, (first, count) in enumerate(zip(_begins(layout.groups), layout.groups, strict=False))
+        for name in layout.parts[first : first + count]
+    }
+    unknowns = sorted(early, key=lambda s: (group_of[s.partition(".")[0]], position[s]))
+    counts = [sum(group_of[s.partition(".")[0]] == g for s in unknowns) for g in range(len(layout.groups))]
+    return Loops(
+        parts=_begins(layout.groups),
+        unknowns=_begins(counts),
+        signal=_indices(position[s] for s in unknowns),
+        matrix=_begins(n * n for n in counts),
+        least=np.full(len(unknowns), 1e-9),
+    )

@@ -1,0 +1,247 @@
+"""State of a run: components in progress, and errors that name the component that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.functions import Callbacks, FunctionTable, Native, free_states, function_table
+from cosim.components.watch import Surroundings, loop_words, watching
+from cosim.engine.compiled import Bind
+from cosim.engine.march import Tape
+from cosim.engine.plan import DISCARD, DIVERGED, STEP, Memory, Mode, Plan, memory
+from cosim.session.equilibrium import Equilibrium, solve_equilibrium
+from cosim.session.planning import make_plan
+from cosim.session.recorder import blank_tape, real_names
+from cosim.session.setup import Setup
+from eightpost.errors import DivergedError, StepError, TerminatedError
+
+# ---- Guard of a run -------------------------------------------------------------------------------------------------
+
+#: Number of steps of the compiled loop between checks of shared state.
+CHUNK = 1000
+
+
+def guarded(setup: Setup) -> dict[str, FmuComponent]:
+    """Return the components of a run that are checked."""
+    parts = setup.system.components.items()
+    return {name: part for name, part in parts if isinstance(part, FmuComponent) and part.is_guarded}
+
+
+def watched(setup: Setup) -> AbstractContextManager[None]:
+    """Return a context that watches the run if it has components to check."""
+    if not guarded(setup):
+        return nullcontext()
+    parts = setup.layout.parts
+    return watching(parts, [f"{name!r} ({setup.system.components[name].source})" for name in parts])
+
+
+def undoing(setup: Setup, progress: Callable[[float], None]) -> Callable[[float], None]:
+    """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes."""
+    parts, before = guarded(setup), Surroundings.now()
+    if not parts:
+        return progress
+
+    def check(share: float) -> None:
+        for changed in before.restore():
+            for name, part in parts.items():
+                others = [f"{other!r}" for other in parts if other != name]
+                part.blame(f"{changed} while stepping" + (f", or {' or '.join(others)} did" if others else ""))
+        progress(share)
+
+    return check
+
+
+# ---- State of a run while its components step -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Running:
+    """Components that have begun, in the form that the loop uses.
+
+    Args:
+        plan: Arrays that do not change.
+        memory: Arrays that the run changes.
+        tape: Recorded values.
+        tables: Functions by component.
+    """
+
+    plan: Plan
+    memory: Memory
+    tape: Tape
+    tables: Mapping[str, FunctionTable]
+
+    def stop(self) -> None:
+        """Make the loop stop before its next step."""
+        self.memory.stop.fill(1)
+
+    def free_states(self, setup: Setup) -> None:
+        """Free the states that the loop saved."""
+        free_states([self.tables[name] for name in setup.layout.parts], self.memory.states)
+
+
+@dataclass(frozen=True)
+class Marching:
+    """The loop and the parameters of its calls.
+
+    Args:
+        bind: Function that takes the loop's named tuples and returns the loop.
+        chunk: Number of steps per call.
+        mode: Settings of the scheme for a step.
+        progress: Callback that receives the completed share, 0 to 1, after each call of the loop.
+    """
+
+    bind: Bind
+    chunk: int
+    mode: Mode
+    progress: Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Ending of the loop.
+
+    Args:
+        why: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
+        time: Time that was reached [s].
+        least: Smallest step [s].
+        largest: Largest step [s].
+        began: Value of the clock (time.perf_counter) before the first step [s].
+        ended_by: Component that ended the simulation before the stop time; empty if none did.
+    """
+
+    why: int
+    time: float
+    least: float
+    largest: float
+    began: float
+    ended_by: str = ""
+
+
+def begin(setup: Setup) -> Equilibrium:
+    """Begin every component, find the equilibrium start and leave initialization.
+
+    Raises:
+        StepError: A component failed.
+    """
+    coupling, components = setup.coupling, setup.system.components
+    setup.discrete.begin()
+    for name, component in components.items():
+        component.begin(0.0, setup.scenario.stop, setup.system.start_values(name))
+    equilibrium = _equilibrium_start(setup)
+    for name in setup.layout.parts:
+        components[name].end_initialization()
+        coupling.now.update(coupling.read(name))
+    return equilibrium
+
+
+def _equilibrium_start(setup: Setup) -> Equilibrium:
+    """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between."""
+    solutions: list[Equilibrium] = []
+    agrees = setup.discrete.settle(lambda: solutions.append(solve_equilibrium(setup.coupling, setup.layout.parts)))
+    return replace(solutions[-1], converged=solutions[-1].converged and agrees)
+
+
+def prepare(setup: Setup) -> Running:
+    """Return the loop's arrays for components that are at the equilibrium start."""
+    tables = {name: function_table(component) for name, component in setup.system.components.items()}
+    plan = make_plan(
+        setup.system,
+        setup.coupling,
+        setup.layout,
+        tables,
+        watched=setup.limits.watched,
+        following=setup.following,
+    )
+    m = memory(plan)
+    if (words := loop_words()) is not None:
+        words.fill(0)
+        m = m._replace(failure=words)
+    m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
+    rows = int(setup.recorded.sum()) + 1
+    return Running(plan, m, blank_tape(setup.layout, real_names(setup.system, setup.names), rows), tables)
+
+
+# ---- Errors for a loop that ended early -----------------------------------------------------------------------------
+
+#: Descriptions of the loop's calls, by their numbers.
+_CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
+
+#: Schemes that may be stable if a scheme diverged.
+_OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
+
+
+def failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
+    """Return the error for the loop's ending; if a component raised an exception, that one.
+
+    Args:
+        setup: Setup of the run.
+        running: State in which the loop left the run.
+        end: Reason why it ended, a constant of cosim.engine.plan.
+        time: Time at which it ended [s].
+    """
+    if end == DIVERGED:
+        return _divergence(setup, running, time)
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    name, what = setup.layout.parts[part], _CALLS[call]
+    if (raised := _raised(running.tables[name])) is not None:
+        return raised
+    component = setup.system.components[name]
+    if isinstance(component, Native):
+        return component.refused(what, status, time, _inputs(setup, running, part))
+    return StepError(f"component {name!r} ({component.source}) failed to {what} at {time:g} s")
+
+
+def ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
+    """Return the name of the component that ended the simulation; for arguments see `failure`.
+
+    Raises:
+        StepError: The loop ended for another reason, or before the settling time.
+    """
+    error = failure(setup, running, end, time)
+    if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
+        raise error
+    return setup.layout.parts[int(running.memory.failure[1])]
+
+
+def terminated_at(setup: Setup, running: Running, time: float, step: float) -> str:
+    """Return the name of the component that ended the simulation, if the last step was discarded; else an empty string.
+
+    An adaptive run restores its components to `time` [s] before it gives up, which clears their status. Therefore the
+    smallest `step` [s] is tried once more.
+    """
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    if (status, call) != (DISCARD, STEP) or time <= setup.scenario.settling:
+        return ""
+    name = setup.layout.parts[part]
+    try:
+        setup.system.components[name].step(time, step)
+    except TerminatedError:
+        return name
+    except StepError:
+        return ""
+    return ""
+
+
+def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
+    signal = int(running.memory.failure[1])
+    return DivergedError(
+        f"the coupling diverged: {setup.layout.signals[signal]} is {running.memory.ahead[signal]:g} after {time:g} s; "
+        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
+    )
+
+
+def _raised(table: FunctionTable) -> BaseException | None:
+    """Return the exception that a Python component raised in a callback."""
+    keep = table.keep
+    return keep[0].error if isinstance(keep, tuple) and isinstance(keep[0], Callbacks) else None
+
+
+def _inputs(setup: Setup, running: Running, part: int) -> dict[str, float]:
+    """Return the last values given to a part, in its own units."""
+    rows = running.plan.parts.inputs
+    feeds = setup.coupling.feeds[setup.layout.parts[part]]
+    moving = [feed.target for feed in feeds if feed.terms or feed.drive is not None]
+    return dict(zip(moving, running.memory.value[rows[part] : rows[part + 1]].tolist(), strict=True))

@@ -1,0 +1,275 @@
+"""Coupling algorithms: frozen strategy objects with one interface, passed to `cosim.run`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple, Protocol
+
+from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERPOLATED, JACOBI, PARABOLIC, Mode
+from cosim.systems.coupling import Coupling
+from eightpost.errors import InputError, WiringError
+
+#: Coupling values over a step whose end values are not known yet.
+VALUES: Mapping[str, int] = {
+    "held": HELD,
+    "interpolated": INTERPOLATED,
+    "extrapolated": EXTRAPOLATED,
+    "parabolic": PARABOLIC,
+}
+
+
+class Accuracy(NamedTuple):
+    """Accuracy of a scheme for components that ramp their inputs.
+
+    Args:
+        order: Order of the error in the coupling step [1].
+        share: Error of a coupled value in the mean over a step, as a share of its error at the end of the step [1].
+    """
+
+    order: int
+    share: float
+
+
+#: Accuracy of explicit schemes by their coupling values: Adams-Bashforth formulas of two and three points.
+_ACCURACY = {
+    "held": Accuracy(1, 0.5),
+    "interpolated": Accuracy(1, 1.0),
+    "extrapolated": Accuracy(2, 5.0 / 12.0),
+    "parabolic": Accuracy(3, 3.0 / 8.0),
+}
+
+#: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
+_ACCURACY_OF_IMPLICIT = Accuracy(3, 1.0 / 24.0)
+
+#: Accuracy for a component that holds its inputs over a step.
+HELD_INPUTS = Accuracy(1, 0.5)
+
+
+class Algorithm(Protocol):
+    """Scheme that steps the components from one communication point to the next."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line."""
+
+    @property
+    def repeats(self) -> bool:
+        """Whether steps are repeated, so that every component must save and restore its state."""
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy for components that ramp their inputs."""
+
+    def order(self, coupling: Coupling) -> tuple[str, ...]:
+        """Return the order in which the components are stepped.
+
+        Raises:
+            WiringError: The algorithm's own sequence does not name every component once.
+        """
+
+    def mode(self, settling: float) -> Mode:
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
+
+
+class _Explicit:
+    """Base of schemes that make each step once and predict coupling values that are not known yet."""
+
+    __slots__ = ()
+
+    values: str
+    _sweep: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        if self.values not in VALUES:
+            raise InputError(f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}")
+
+    @property
+    def repeats(self) -> bool:
+        """False: each step is made once."""
+        return False
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy of the coupling values."""
+        return _ACCURACY[self.values]
+
+    def mode(self, settling: float) -> Mode:
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
+        return Mode(self._sweep, VALUES[self.values], 0.0, 0, settling, 1)
+
+
+class _Sequenced:
+    """Base of schemes that step the components one after the other."""
+
+    __slots__ = ()
+
+    sequence: tuple[str, ...]
+
+    def order(self, coupling: Coupling) -> tuple[str, ...]:
+        """Return the given sequence, or the one that follows from the dependencies.
+
+        Raises:
+            WiringError: The sequence does not name every component once.
+        """
+        if not self.sequence:
+            return coupling.order()[0]
+        if sorted(self.sequence) != sorted(coupling.components):
+            raise WiringError(
+                f"the sequence {', '.join(self.sequence)} must name every component once: "
+                f"{', '.join(coupling.components)}"
+            )
+        return self.sequence
+
+
+@dataclass(frozen=True, slots=True)
+class Jacobi(_Explicit):
+    """Jacobi scheme: every component steps with the values known at the start of the step.
+
+    With held values this is the scheme of most tools. With full damping in the shocks it needs small steps
+    (docs/coupling.md).
+
+    Args:
+        values: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start
+            to this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the
+            slope and its change.
+
+    Raises:
+        InputError: `values` is not one of these.
+    """
+
+    values: str = "held"
+    name: str = "jacobi"
+    _sweep: ClassVar[int] = JACOBI
+
+    def order(self, coupling: Coupling) -> tuple[str, ...]:
+        """Return the components in the system's order; the result does not depend on it."""
+        return tuple(coupling.components)
+
+
+@dataclass(frozen=True, slots=True)
+class GaussSeidel(_Explicit, _Sequenced):
+    """Gauss-Seidel scheme: each component steps with the newest outputs of those that have stepped before it.
+
+    Args:
+        sequence: Order of the components. If empty, it follows from the declared dependencies: a component whose
+            outputs follow an input without delay comes after the one that feeds it (vehicle first, then its shocks).
+        values: Coupling values of components that have not stepped: `extrapolated` with the last step's slope,
+            `parabolic` with the slope and its change (third order, with a smaller stability limit), `interpolated` (a
+            step late), or `held`. With `held`, known values are held too, at the newest value.
+
+    Raises:
+        InputError: `values` is not one of these.
+    """
+
+    sequence: tuple[str, ...] = ()
+    values: str = "extrapolated"
+    name: str = "gauss-seidel"
+    _sweep: ClassVar[int] = GAUSS_SEIDEL
+
+
+@dataclass(frozen=True, slots=True)
+class Implicit(_Sequenced):
+    """Implicit scheme: every step is repeated until the assumed coupling values equal the computed ones.
+
+    It is stable at steps and stiffnesses where explicit schemes are not. Coupled values are then known at both ends of
+    a step, and their mean is that of a parabola that also passes through the start of the last step. Every component
+    must save and restore its state.
+
+    Args:
+        sequence: Order of the components; see GaussSeidel.
+        tolerance: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times
+            that if iterations stall, since a component's output may jump slightly.
+        iterations: Maximum number of iterations of a step before its Jacobian is computed again, and after that before
+            the step is given up.
+
+    Raises:
+        InputError: The tolerance is not between 0 and 1, or the number of iterations is less than 1.
+    """
+
+    sequence: tuple[str, ...] = ()
+    tolerance: float = 1e-5
+    iterations: int = 15
+    name: str = "implicit"
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.tolerance < 1.0 and self.iterations >= 1):
+            raise InputError(
+                f"implicit: tolerance must lie between 0 and 1 and iterations be at least 1, not {self.tolerance!r} "
+                f"and {self.iterations!r}"
+            )
+
+    @property
+    def repeats(self) -> bool:
+        """True: steps are repeated from a saved state."""
+        return True
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy of third order."""
+        return _ACCURACY_OF_IMPLICIT
+
+    def mode(self, settling: float) -> Mode:
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
+        return Mode(IMPLICIT, EXTRAPOLATED, self.tolerance, self.iterations, settling, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Adaptive:
+    """Adaptive coupling step: each step is made once whole and once in halves, which must agree.
+
+    A proportional-integral controller sets the step. Steps end at recorded times, at points of the drive file and
+    at the stop time. Every component must save and restore its state and accept steps of any size.
+
+    Args:
+        scheme: Scheme of each step.
+        relative: Allowed local error [1], relative to the largest value so far of each coupled signal.
+        absolute: Additional allowed local error per signal (`component.variable`), in its own unit; by default
+            1e-5 m/s, 1e-6 m, 0.01 N.
+        least: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
+        largest: Largest step [s].
+
+    Raises:
+        InputError: `relative` or `least` is not positive, or `least` is above `largest`.
+    """
+
+    scheme: GaussSeidel | Jacobi | Implicit = field(default_factory=GaussSeidel)
+    relative: float = 1e-4
+    absolute: Mapping[str, float] = field(default_factory=dict)
+    least: float = 1e-7
+    largest: float = 0.02
+    name: str = "adaptive"
+
+    def __post_init__(self) -> None:
+        if not (self.relative > 0.0 and 0.0 < self.least <= self.largest):
+            raise InputError(
+                f"adaptive: relative must be positive and least at most largest, not {self.relative!r}, {self.least!r} "
+                f"s and {self.largest!r} s"
+            )
+
+    @property
+    def repeats(self) -> bool:
+        """True: every step is made twice."""
+        return True
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy of the scheme."""
+        return self.scheme.accuracy
+
+    def order(self, coupling: Coupling) -> tuple[str, ...]:
+        """Return the scheme's order of components."""
+        return self.scheme.order(coupling)
+
+    def mode(self, settling: float) -> Mode:
+        """Return the loop's settings for a step; limits are watched after `settling` [s]."""
+        return self.scheme.mode(settling)._replace(final=0)
+
+
+#: Algorithms by name, with their default settings.
+ALGORITHMS: dict[str, Algorithm] = {
+    "jacobi": Jacobi(),
+    "gauss-seidel": GaussSeidel(),
+    "implicit": Implicit(),
+    "adaptive": Adaptive(),
+}

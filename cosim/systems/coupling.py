@@ -1,0 +1,244 @@
+"""Resolved connections of a system: the sources of every component's inputs, and their values at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+
+import numpy as np
+
+from cosim.components.component import Component
+from cosim.components.conversion import Conversion, convert_between, named_unit
+from cosim.systems.system import Scenario, System
+from eightpost.errors import WiringError
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """Contribution of one output to an input: `gain * conversion(output)`."""
+
+    source: str
+    gain: float
+    conversion: Conversion
+
+    def __call__(self, outputs: Mapping[str, float]) -> float:
+        """Return the contribution for the outputs' values."""
+        return self.gain * self.conversion(outputs[self.source])
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """All sources of one input: the terms of connections, a channel of the drive, a constant."""
+
+    target: str
+    terms: tuple[Term, ...]
+    drive: int | None
+    drive_conversion: Conversion
+    constant: float
+
+
+class Coupling:
+    """Sources of every input, and the values of all connections until the first step.
+
+    `now` holds the current outputs; `ahead` holds new outputs of components that were all evaluated with the values of
+    `now`.
+    """
+
+    def __init__(
+        self, system: System, scenario: Scenario, *, every_step: Sequence[str] = (), recorded: Sequence[str] = ()
+    ) -> None:
+        """Resolve every connection.
+
+        Args:
+            system: Components and connections.
+            scenario: Scenario with the drive.
+            every_step: Variables to read after every step besides the connected ones, as `component.variable`.
+            recorded: Variables to read at recorded points.
+
+        Raises:
+            WiringError: A drive channel has no input, an input has no source or two sources, or units do not fit.
+        """
+        self._first_drive: list[float] = []
+        if scenario.drive:
+            self._first_drive = scenario.drive.sample(np.array([scenario.drive_start]))[:, 0].tolist()
+        self.components: Mapping[str, Component] = system.components
+        self.feeds = _feeds(system, scenario)
+        connected = {term.source for feeds in self.feeds.values() for feed in feeds for term in feed.terms}
+        sources = connected | set(every_step)
+        self._connected = connected
+        self.outputs = {name: _names_of(name, sources) for name in self.components}
+        self.recorded = {name: _names_of(name, set(recorded) - sources) for name in self.components}
+        self.now: dict[str, float] = {}
+        self.ahead: dict[str, float] = {}
+
+    def feed_start(self, name: str) -> None:
+        """Set a component's inputs to their values at the start, from the known outputs (0 if not known yet)."""
+        known = {source: self.now.get(source, 0.0) for feed in self.feeds[name] for source in _sources(feed)}
+        drive = self._first_drive
+        feeds = self.feeds[name]
+        if feeds:
+            self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
+
+    def read(self, name: str) -> dict[str, float]:
+        """Return a component's connected outputs, and its other variables read in every step, by full name."""
+        return self._get(name, self.outputs[name])
+
+    def read_recorded(self) -> dict[str, float]:
+        """Return the current values of all connected and recorded variables, by full name."""
+        values = dict(self.now)
+        for name, names in self.recorded.items():
+            values.update(self._get(name, names))
+        return values
+
+    def _get(self, name: str, names: tuple[str, ...]) -> dict[str, float]:
+        if not names:
+            return {}
+        return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))
+
+    def accept(self) -> None:
+        """Make the values of `ahead` the current ones."""
+        self.now.update(self.ahead)
+        self.ahead.clear()
+
+    def order(self) -> tuple[tuple[str, ...], bool]:
+        """Return the components sorted by their direct dependencies, and whether there is no dependency loop."""
+        follows: dict[str, set[str]] = {name: set() for name in self.components}
+        for name, feeds in self.feeds.items():
+            direct = self.direct_inputs(name)
+            follows[name] = {
+                source.partition(".")[0] for feed in feeds if feed.target in direct for source in _sources(feed)
+            } - {name}
+        try:
+            return tuple(TopologicalSorter(follows).static_order()), True
+        except CycleError:
+            return tuple(self.components), False
+
+    def direct_inputs(self, name: str) -> frozenset[str]:
+        """Return the inputs that connected outputs follow without delay; if no output is connected, use all outputs."""
+        variables = self.components[name].variables
+        outputs = [v for v in variables.values() if f"{name}.{v.name}" in self._connected] or list(variables.values())
+        return frozenset().union(*(v.direct for v in outputs)) if outputs else frozenset()
+
+    def held_inputs(self) -> frozenset[str]:
+        """Return the inputs that change over a step but are held, because their component cannot ramp them."""
+        return frozenset(
+            f"{name}.{feed.target}"
+            for name, feeds in self.feeds.items()
+            if not self.components[name].capabilities.interpolates_inputs
+            for feed in feeds
+            if feed.terms or feed.drive is not None
+        )
+
+
+def _value(feed: Feed, outputs: Mapping[str, float], drive: Sequence[float]) -> float:
+    value = feed.constant
+    for term in feed.terms:
+        value += term(outputs)
+    if feed.drive is not None:
+        value += feed.drive_conversion(drive[feed.drive])
+    return float(value)
+
+
+def _sources(feed: Feed) -> tuple[str, ...]:
+    return tuple(term.source for term in feed.terms)
+
+
+def _names_of(component: str, full_names: set[str]) -> tuple[str, ...]:
+    prefix = f"{component}."
+    return tuple(sorted(name.removeprefix(prefix) for name in full_names if name.startswith(prefix)))
+
+
+def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
+    terms: dict[str, list[Term]] = {}
+    for connection in system.real_connections:
+        source, target = system.output(connection.source), system.input(connection.target)
+        what = f"{connection.source} -> {connection.target}"
+        conversion = convert_between(source.unit, target.unit, what)
+        # A term applies the gain last, so an offset that is added after the gain is divided by the gain here.
+        offset = conversion.offset + connection.offset / connection.gain
+        term = Term(connection.source, connection.gain, Conversion(conversion.factor, offset))
+        terms.setdefault(connection.target, []).append(term)
+    driven = _driven(system, scenario)
+    _check_drive(system, terms, driven)
+    feeds: dict[str, tuple[Feed, ...]] = {}
+    elsewhere = {connection.target for connection in system.discrete_connections}
+    for name, component in system.components.items():
+        inputs = [
+            v
+            for v in component.variables.values()
+            if v.causality == "input" and v.type == "Real" and f"{name}.{v.name}" not in elsewhere
+        ]
+        feeds[name] = tuple(_feed(f"{name}.{v.name}", terms, driven, system.constants) for v in inputs)
+    return feeds
+
+
+def _feed(
+    target: str,
+    terms: Mapping[str, list[Term]],
+    driven: Mapping[str, tuple[int, Conversion]],
+    constants: Mapping[str, float],
+) -> Feed:
+    if target not in terms and target not in driven and target not in constants:
+        raise WiringError(
+            f"{target} is an input without a source: connect it, give the drive file a channel for it, or give it a "
+            "constant value (constants in Python, [components.NAME.inputs] in the file)"
+        )
+    channel, conversion = driven.get(target, (None, Conversion()))
+    short = target.partition(".")[2]
+    return Feed(short, tuple(terms.get(target, ())), channel, conversion, constants.get(target, 0.0))
+
+
+def _driven(system: System, scenario: Scenario) -> dict[str, tuple[int, Conversion]]:
+    """Return, for each driven input, the channel of the drive and the conversion from its SI unit."""
+    if scenario.drive is None:
+        return {}
+    driven = {}
+    for target, index in targets_of(system, scenario).items():
+        channel, source = scenario.drive.names[index], named_unit(scenario.drive.units[index])
+        unit = system.input(target).unit
+        driven[target] = (index, convert_between(source, unit, f"drive file {channel} -> {target}"))
+    return driven
+
+
+def targets_of(system: System, scenario: Scenario) -> dict[str, int]:
+    """Return the index of the drive's channel for each input that it feeds.
+
+    Raises:
+        WiringError: A channel does not exist or does not match exactly one input, or two channels feed one input.
+    """
+    if scenario.drive is None:
+        return {}
+    targets = scenario.targets or {name: _only_input(system, name) for name in scenario.drive.names}
+    found: dict[str, int] = {}
+    for channel, target in targets.items():
+        if channel not in scenario.drive.names:
+            raise WiringError(f"the drive file has no channel {channel!r}; it has {', '.join(scenario.drive.names)}")
+        if target in found:
+            raise WiringError(f"two channels of the drive file feed {target}; keep one")
+        found[target] = scenario.drive.names.index(channel)
+    return found
+
+
+def _only_input(system: System, channel: str) -> str:
+    homes = [
+        f"{name}.{channel}"
+        for name, component in system.components.items()
+        if (variable := component.variables.get(channel)) is not None and variable.causality == "input"
+    ]
+    if len(homes) != 1:
+        found = " and ".join(homes) or "no input"
+        raise WiringError(
+            f"drive file channel {channel!r} matches {found}; name its input: under [scenario.targets], "
+            f'"{channel}" = "COMPONENT.INPUT"'
+        )
+    return homes[0]
+
+
+def _check_drive(system: System, terms: Mapping[str, object], driven: Mapping[str, object]) -> None:
+    discrete = {connection.target for connection in system.discrete_connections}
+    for target in driven:
+        if target in discrete or ((target in terms or target in system.constants) and target not in system.sums):
+            raise WiringError(
+                f'{target} has two sources (the drive file and another); remove one, or add "{target}" to sums'
+            )

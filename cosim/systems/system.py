@@ -1,0 +1,428 @@
+"""Systems: components, bonds and connections, and the scenario of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+
+from cosim.components.component import DISCRETE, Component, Variable
+from cosim.components.conversion import convert_between
+from cosim.components.fmu_component import FmuComponent
+from eightpost.errors import InputError, WiringError
+from eightpost.signals import Drivefile
+from eightpost.wiring import Wire, Wiring
+
+#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
+DEFAULT_STEP = 1e-3
+
+# ---- Scenario of a run ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A run of a system.
+
+    Args:
+        stop: Duration [s].
+        drive: Signals for the inputs that no component feeds.
+        drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
+        targets: Input that each channel of `drive` feeds: `{"lf.road": "car.lf.road"}`. Empty: every channel feeds the
+            only component input of that name.
+        record: Variables to record, as `component.variable`; empty: every output.
+        record_step: Time between recorded samples [s], a whole number of coupling steps; None: every step.
+        settling: Time at the start that is excluded from response measures [s].
+
+    Raises:
+        InputError: A time is not positive and finite, or the drive does not cover the run.
+    """
+
+    stop: float
+    drive: Drivefile | None = None
+    targets: Mapping[str, str] = field(default_factory=dict)
+    record: tuple[str, ...] = ()
+    record_step: float | None = None
+    settling: float = 0.0
+    drive_start: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.stop) and self.stop > 0.0):
+            raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
+        if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
+            raise InputError(f"scenario: record_step must be a positive time, not {self.record_step!r} s")
+        self._check_cover()
+        if not 0.0 <= self.settling < self.stop:
+            raise InputError(
+                f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
+            )
+
+    def _check_cover(self) -> None:
+        if self.drive is None:
+            return
+        first, last = float(self.drive.series.time[0]), float(self.drive.series.time[-1])
+        begin, end = self.drive_start, self.drive_start + self.stop
+        slack = 1e-9 * max(abs(last), 1.0)
+        if first > begin + slack or last < end - slack:
+            raise InputError(
+                f"scenario: the run takes {begin:g} to {end:g} s of the drive file, it holds {first:g} to {last:g} s: "
+                "change stop or drive_start"
+            )
+
+
+# ---- System of components and connections, checked when it is created -----------------------------------------------
+
+_DISCRETE = frozenset(DISCRETE)
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Connection from an output to an input, both as `component.variable`; units are converted, then `gain` applies.
+
+    A component that is positive in extension is connected with gain -1. `offset` is added last, in the input's own
+    unit. Both ends have the same type unless `convert` is set. Integer, Boolean and enumeration values are held over
+    each step; a value for an input of these types is rounded (a Boolean is true unless 0).
+    """
+
+    source: str
+    target: str
+    gain: float = 1.0
+    offset: float = 0.0
+    convert: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Bond:
+    """Velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+
+    name: str
+    velocity: Connection
+    force: Connection
+    displacement: Connection | None = None
+
+    @classmethod
+    def between(
+        cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
+    ) -> Bond:
+        """Connect a vehicle's port and a shock by the names of docs/ports.md.
+
+        Args:
+            vehicle: Component and port: `car.lf`; only `car` for a quarter car.
+            shock: Component of the shock.
+            gain: Gain on velocity, displacement and force; -1 for a shock that is positive in extension.
+            displacement: Whether to connect the displacement too.
+            name: Name of the bond; default the vehicle's port.
+        """
+        travel = Connection(f"{vehicle}.displacement", f"{shock}.displacement", gain) if displacement else None
+        return cls(
+            name=name or vehicle,
+            velocity=Connection(f"{vehicle}.velocity", f"{shock}.velocity", gain),
+            force=Connection(f"{shock}.force", f"{vehicle}.force", gain),
+            displacement=travel,
+        )
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """Two or three connections of the bond."""
+        return (self.velocity, self.force) + ((self.displacement,) if self.displacement else ())
+
+
+@dataclass(frozen=True)
+class System:
+    """Components and their connections; every rule that does not need a scenario is checked here.
+
+    Args:
+        components: Components by name; names have no dots.
+        bonds: Velocity/force ports.
+        connections: Any other connections.
+        sums: Inputs, as `component.variable`, that add up the values of several sources.
+        constants: Inputs with a constant value, in the component's own unit.
+        parameters: Values of parameters, and initial values of other variables with a start value, by component and in
+            the component's own units.
+
+    Raises:
+        WiringError: An unknown name, two sources for an input that is not declared a sum, incompatible units; the
+            message names the connection and what to do.
+    """
+
+    components: Mapping[str, Component]
+    bonds: tuple[Bond, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    sums: frozenset[str] = frozenset()
+    constants: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bonds", tuple(self.bonds))
+        object.__setattr__(self, "connections", tuple(self.connections))
+        object.__setattr__(self, "sums", frozenset(self.sums))
+        _check_component_names(self.components)
+        for connection in self.all_connections:
+            self._check_connection(connection)
+        for name in (*self.constants, *self.sums):
+            self.input(name)
+        self._check_sources()
+        self._check_bond_names()
+        self._check_parameters()
+        self._check_gas_springs()
+
+    @classmethod
+    def load(
+        cls,
+        fmus: Mapping[str, str | Path],
+        bonds: Iterable[Bond] = (),
+        *,
+        connections: Iterable[Connection] = (),
+        sums: Iterable[str] = (),
+        constants: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Mapping[str, float | bool | str]] | None = None,
+    ) -> System:
+        """Create a system from FMU files by component name; the other arguments are those of `System`."""
+        components = {name: FmuComponent(path, name) for name, path in fmus.items()}
+        return cls(
+            components,
+            tuple(bonds),
+            tuple(connections),
+            frozenset(sums),
+            dict(constants or {}),
+            dict(parameters or {}),
+        )
+
+    @property
+    def ramps(self) -> bool:
+        """Whether all components can ramp their inputs over a step."""
+        return all(c.capabilities.interpolates_inputs for c in self.components.values())
+
+    @property
+    def coupled_with_held(self) -> frozenset[str]:
+        """Components that hold their inputs over a step, and all components connected with them."""
+        found = {name for name, c in self.components.items() if not c.capabilities.interpolates_inputs}
+        links = [(c.source.partition(".")[0], c.target.partition(".")[0]) for c in self.all_connections]
+        while wider := {end for link in links if found & set(link) for end in link} - found:
+            found |= wider
+        return frozenset(found)
+
+    @property
+    def decisive(self) -> frozenset[str]:
+        """Outputs whose coupling error is judged: velocities and forces of bonds, tire forces."""
+        ends = {c.source for bond in self.bonds for c in (bond.velocity, bond.force)}
+        tires = {
+            f"{name}.{v.name}"
+            for name, component in self.components.items()
+            for v in component.variables.values()
+            if v.causality == "output" and v.name.endswith("tire_force")
+        }
+        return frozenset(ends | tires)
+
+    @property
+    def all_connections(self) -> tuple[Connection, ...]:
+        """All connections: those of the bonds, then the others."""
+        return tuple(c for bond in self.bonds for c in bond.connections) + self.connections
+
+    def wiring(
+        self, fmus: Mapping[str, str | Path], *, name: str = "system", step: float = DEFAULT_STEP, stop: float = 1.0
+    ) -> Wiring:
+        """Return what `builder.ssp.write_ssp` and `builder.assembly.assemble` need; a drive is left to the host.
+
+        Args:
+            fmus: FMU file of each component.
+            name: Name of the system.
+            step: Coupling step that a package proposes [s].
+            stop: Duration of a run that a package proposes [s].
+        """
+        wires = []
+        for c in self.all_connections:
+            source, target = self.output(c.source), self.input(c.target)
+            conversion = convert_between(source.unit, target.unit, f"{c.source} -> {c.target}")
+            wires.append(Wire(c.source, c.target, c.gain, conversion.factor, conversion.offset, c.offset, c.convert))
+        values = {component: dict(self.parameters.get(component, {})) for component in self.components}
+        for full_name, value in self.constants.items():
+            component, _, variable = full_name.partition(".")
+            values[component][variable] = value
+        files = {component: Path(fmus[component]) for component in self.components}
+        return Wiring(name, files, tuple(wires), step, stop, self.sums, values)
+
+    def start_values(self, component: str) -> dict[str, float | bool | str]:
+        """Return the values that a component gets before initialization: parameters and constant discrete inputs."""
+        constants = {
+            name.partition(".")[2]: value
+            for name, value in self.constants.items()
+            if name.partition(".")[0] == component and self.input(name).type in DISCRETE
+        }
+        return dict(self.parameters.get(component, {})) | constants
+
+    @property
+    def discrete_connections(self) -> tuple[Connection, ...]:
+        """Connections with an Integer, Boolean or enumeration end; they are exchanged outside the loop."""
+        return tuple(c for c in self.connections if _DISCRETE & {self.output(c.source).type, self.input(c.target).type})
+
+    @property
+    def real_connections(self) -> tuple[Connection, ...]:
+        """Connections from Real to Real: those of the bonds, then the others."""
+        discrete = set(self.discrete_connections)
+        return tuple(c for c in self.all_connections if c not in discrete)
+
+    def output(self, name: str) -> Variable:
+        """Return the variable `component.variable`, of any causality that can be read.
+
+        Raises:
+            WiringError: There is no such component or variable.
+        """
+        return find_variable(self.components, name)
+
+    def input(self, name: str) -> Variable:
+        """Return the input `component.variable`.
+
+        Raises:
+            WiringError: There is no such component or variable, or it is not an input for numbers.
+        """
+        variable = find_variable(self.components, name)
+        if variable.causality != "input" or variable.type not in ("Real", *DISCRETE):
+            raise WiringError(
+                f"{name} is a {variable.type} {variable.causality}, not an input for numbers; in a bond the vehicle "
+                "comes first"
+            )
+        return variable
+
+    def _check_bond_names(self) -> None:
+        names = [bond.name for bond in self.bonds]
+        if doubled := sorted({name for name in names if names.count(name) > 1}):
+            raise WiringError(
+                f"two bonds are named {doubled[0]!r}: give each its own name (name = ...), so that their energies can "
+                "be distinguished"
+            )
+
+    def _check_connection(self, connection: Connection) -> None:
+        what = f"{connection.source} -> {connection.target}"
+        source, target = self.output(connection.source), self.input(connection.target)
+        _check_types(connection, source, target, what)
+        if not (isfinite(connection.gain) and connection.gain != 0.0):
+            raise WiringError(f"{what}: the gain must be finite and not zero, not {connection.gain!r}")
+        if not isfinite(connection.offset):
+            raise WiringError(f"{what}: the offset must be finite, not {connection.offset!r}")
+        convert_between(source.unit, target.unit, what)
+        for bond in self.bonds:
+            if connection in bond.connections and {source.type, target.type} != {"Real"}:
+                raise WiringError(f"{what}: the ends of bond {bond.name} must be Real variables")
+
+    def _check_sources(self) -> None:
+        sources: dict[str, list[str]] = {}
+        for connection in self.all_connections:
+            sources.setdefault(connection.target, []).append(connection.source)
+        for target in self.constants:
+            sources.setdefault(target, []).append("a constant")
+        for target, fed_by in sources.items():
+            discrete = self.input(target).type in DISCRETE or any(c.target == target for c in self.discrete_connections)
+            if len(fed_by) > 1 and discrete:
+                raise WiringError(
+                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}), but Integer, Boolean and enumeration "
+                    "values cannot be added; remove all but one"
+                )
+            if len(fed_by) > 1 and target not in self.sums:
+                raise WiringError(
+                    f"{target} has {len(fed_by)} sources ({', '.join(fed_by)}); remove all but one, or add "
+                    f'"{target}" to sums if they add up'
+                )
+
+    def _check_parameters(self) -> None:
+        for component, values in self.parameters.items():
+            for name, value in values.items():
+                variable = find_variable(self.components, f"{component}.{name}")
+                if not can_be_set(variable):
+                    raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
+                _check_value(f"{component}.{name}", variable, value)
+        for name, constant in self.constants.items():
+            _check_value(name, find_variable(self.components, name), constant)
+
+    def _check_gas_springs(self) -> None:
+        """Refuse a constant displacement of a gas spring, which would give a wrong force silently (docs/ports.md)."""
+        for name, component in self.components.items():
+            if not {"gas_stiffness", "displacement"} <= set(component.variables):
+                continue
+            stiffness = self.parameters.get(name, {}).get("gas_stiffness", component.variables["gas_stiffness"].start)
+            if float(stiffness or 0.0) != 0.0 and f"{name}.displacement" in self.constants:
+                raise WiringError(
+                    f"{name} has a gas spring (gas_stiffness {stiffness}) but its displacement is a constant; "
+                    "connect it to the vehicle's displacement at that corner"
+                )
+
+
+def _check_types(connection: Connection, source: Variable, target: Variable, what: str) -> None:
+    """Refuse values that are not numbers, and connections of different types without `convert`."""
+    if source.type not in ("Real", *DISCRETE):
+        raise WiringError(f"{what}: {connection.source} is a {source.type}; connections carry numbers only")
+    if source.type != target.type and not connection.convert:
+        raise WiringError(
+            f"{what}: connects {_a(source.type)} to {_a(target.type)}; if this is intended, let the connection convert "
+            "the value (convert = true)"
+        )
+    if source.type == target.type != "Real" and (connection.gain, connection.offset) != (1.0, 0.0):
+        raise WiringError(
+            f"{what}: {_a(source.type)} is transferred unchanged, without gain and offset; remove them, or put a "
+            "component between"
+        )
+
+
+def _a(kind: str) -> str:
+    return f"{'an' if kind[0] in 'EI' else 'a'} {kind}"
+
+
+def find_variable(components: Mapping[str, Component], name: str) -> Variable:
+    """Return the variable `component.variable`.
+
+    Raises:
+        WiringError: There is no such component or variable; the message lists similar names.
+    """
+    component, _, variable = name.partition(".")
+    if component not in components:
+        raise WiringError(f"{name}: there is no component {component!r}{_advice(component, components)}")
+    variables = components[component].variables
+    if variable not in variables:
+        raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
+    return variables[variable]
+
+
+def can_be_set(variable: Variable) -> bool:
+    """Return whether a variable can be set before a run and keeps its value: a parameter, or an initial value.
+
+    In FMI 2.0 exactly the variables that can be set before initialization have a start value (2.2.7, `initial`).
+    Real inputs are excluded here, because they are connected, driven or constant.
+    """
+    if variable.causality == "input":
+        return variable.type != "Real"
+    return variable.causality == "parameter" or (variable.start is not None and variable.variability != "constant")
+
+
+_KINDS: Mapping[str, tuple[type, ...]] = {
+    "Real": (int, float),
+    "Integer": (int,),
+    "Boolean": (bool,),
+    "String": (str,),
+    "Enumeration": (int,),
+}
+
+
+def _check_value(name: str, variable: Variable, value: object) -> None:
+    """Refuse a value of the wrong type or outside the range that the component declares."""
+    if type(value) not in _KINDS.get(variable.type, (type(value),)):
+        raise WiringError(f"{name} = {value!r}: it is a {variable.type} variable and takes no {type(value).__name__}")
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return
+    low, high = variable.minimum, variable.maximum
+    if not isfinite(value) or (low is not None and value < low) or (high is not None and value > high):
+        unit = f" {variable.unit.name}" if variable.unit and variable.unit.name != "1" else ""
+        lowest, highest = ("any" if limit is None else f"{limit:g}" for limit in (low, high))
+        raise WiringError(f"{name} = {value!r}{unit} is outside its range, {lowest} to {highest}{unit}")
+
+
+def _check_component_names(names: Iterable[str]) -> None:
+    for name in names:
+        if not name or "." in name:
+            raise WiringError(f"component name {name!r}: give it a name without dots")
+
+
+def _advice(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    close = get_close_matches(name, known, n=3)
+    return f"; did you mean {', '.join(close)}?" if close else f"; there are: {', '.join(known[:12])}"
