@@ -31,10 +31,18 @@ _BEYOND_PYTHON = (("builder.native", "fmus"), ("cosim.engine", "fmus"))
 
 #: What can be added: the files to open, and the page that describes it.
 _RECIPES = (
-    ("law of a shock", ("eightpost/shock/lpf1.py", "fmus/shock_lpf1/model.c"), "add_a_law.md"),
+    (
+        "law of a shock",
+        ("eightpost/shock/lpf1.py", "fmus/shock_lpf1/model.c", "fmus/shock_lpf1/interface.toml"),
+        "add_a_law.md",
+    ),
     ("measure of a study", ("cosim/study/statistics.py", "cosim/study/families.py"), "study.md"),
-    ("static rule of `check`", ("builder/check/catalogue/description.py", "builder/check/static/units.py"), "check.md"),
-    ("dynamic rule of `check`", ("builder/check/catalogue/behaviour.py", "builder/check/probes/reset.py"), "check.md"),
+    (
+        "static rule of `check`",
+        ("builder/check/catalogue/static.py", "builder/check/static/description.py"),
+        "check.md",
+    ),
+    ("dynamic rule of `check`", ("builder/check/catalogue/behaviour.py", "builder/check/probes/states.py"), "check.md"),
     ("file format of signals", ("eightpost/signals/read.py", "eightpost/signals/csv_file.py"), "files.md"),
     (
         "coupling scheme",
@@ -137,7 +145,7 @@ def draw(below: Mapping[str, set[str]], path: Path) -> None:
 
 def _places(below: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
     """Return the place of each folder: packages side by side, rows by level."""
-    centre = {"builder": 0.12, "eightpost": 0.5, "cosim": 0.86, "fmus": 0.12}
+    centre = {"builder": 0.12, "eightpost": 0.5, "cosim": 0.86, "fmus": 0.0}
     rows: defaultdict[tuple[int, str], list[str]] = defaultdict(list)
     for name, level in sorted(levels(below).items()):
         rows[level, name.split(".")[0]].append(name)
